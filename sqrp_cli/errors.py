@@ -1,0 +1,84 @@
+"""What can go wrong, as values: exit codes, problems found in the input, and the error that carries them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Literal
+
+
+class ExitCode(IntEnum):
+    """Exit codes of the command line; scripts depend on them."""
+
+    OK = 0
+    NONE_FEASIBLE = 1
+    BAD_INPUT = 2
+    STOPPED_ON_FAULT = 3
+    INTERNAL_ERROR = 70
+    INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class Place:
+    """A position in an input file; line and column count from 1, None where the file as a whole is meant."""
+
+    file: Path
+    line: int | None = None
+    column: int | None = None
+
+    def __str__(self) -> str:
+        return ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One finding in the input.
+
+    code: stable kebab-case name of the kind of finding, such as `unknown-key`.
+    message: what was found and what was expected, in one sentence.
+    place: where; None for the command line itself.
+    mend: what the user can type or change to mend it, if one thing is known to.
+    excerpt: the offending line with a caret under it, for inputs that are written in a grammar.
+    """
+
+    code: str
+    message: str
+    place: Place | None = None
+    severity: Literal["error", "warning"] = "error"
+    mend: str | None = None
+    excerpt: str | None = None
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.message}" if self.place else self.message
+
+
+class SqrpError(Exception):
+    """Root of every error that SQRP raises on purpose."""
+
+
+class InputError(SqrpError):
+    """The input cannot be used; carries every problem that was found, most important first."""
+
+    def __init__(self, *problems: Problem) -> None:
+        super().__init__("\n".join(str(problem) for problem in problems))
+        self.problems = problems
+
+
+def nearest(name: str, valid: Iterable[str]) -> str | None:
+    """The valid name closest in spelling to `name`, or None when nothing is close."""
+    matches = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.5)
+    return matches[0] if matches else None
+
+
+def expected_names(name: str, valid: Iterable[str]) -> str:
+    """The second half of an "unknown name" message: the nearest valid name, or the valid names."""
+    names = sorted(valid)
+    close = nearest(name, names)
+    if close is not None:
+        return f"did you mean `{close}`?"
+    if not names:
+        return "none is defined"
+    return "expected one of " + ", ".join(f"`{valid_name}`" for valid_name in names)

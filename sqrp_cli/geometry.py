@@ -1,0 +1,101 @@
+"""Poses, rotations and boxes as NumPy arrays.
+
+`X_AB` is the pose of frame B in frame A, a 4x4 matrix that maps coordinates in B to coordinates in A. Quaternions are
+ordered x, y, z, w. Every function here broadcasts over leading dimensions.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+BOX_SIGNS: Array = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+"""Corners of the box [-1, 1]^3, shape (8, 3), x slowest and z fastest."""
+
+
+def read_only(array: ArrayLike) -> Array:
+    """A float copy of `array` that cannot be written to, for fields of frozen records."""
+    copy = np.array(array, dtype=float)
+    copy.setflags(write=False)
+    return copy
+
+
+def pose(rotation: ArrayLike | None = None, position: ArrayLike | None = None) -> Array:
+    """The 4x4 pose with a rotation matrix (3x3, default identity) and a position [m] (default origin)."""
+    X = np.eye(4)
+    if rotation is not None:
+        X[:3, :3] = rotation
+    if position is not None:
+        X[:3, 3] = position
+    return X
+
+
+def inverse(X_AB: Array) -> Array:
+    """X_BA of X_AB, shape (..., 4, 4)."""
+    R_BA = np.swapaxes(X_AB[..., :3, :3], -1, -2)
+    X_BA = np.zeros_like(X_AB)
+    X_BA[..., :3, :3] = R_BA
+    X_BA[..., :3, 3] = -(R_BA @ X_AB[..., :3, 3, None])[..., 0]
+    X_BA[..., 3, 3] = 1.0
+    return X_BA
+
+
+def transform(X_AB: Array, points_B: Array) -> Array:
+    """Coordinates in A of points given in B.
+
+    X_AB: poses, shape (..., 4, 4); points_B: shape (..., n, 3), leading dimensions broadcast against those of X_AB.
+    """
+    moved: Array = points_B @ np.swapaxes(X_AB[..., :3, :3], -1, -2) + X_AB[..., None, :3, 3]
+    return moved
+
+
+def quaternion_to_matrix(quaternion: ArrayLike) -> Array:
+    """Rotation matrix of a quaternion (x, y, z, w) of any non-zero length."""
+    x, y, z, w = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def axis_rotation(axis: int, angle: float) -> Array:
+    """Rotation matrix about coordinate axis 0, 1 or 2 by an angle [rad]."""
+    cosine, sine = np.cos(angle), np.sin(angle)
+    rotation = np.eye(3)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    rotation[first, first] = rotation[second, second] = cosine
+    rotation[second, first], rotation[first, second] = sine, -sine
+    return rotation
+
+
+def rpy_to_matrix(rpy: ArrayLike) -> Array:
+    """Rotation matrix of roll, pitch, yaw [rad] about the fixed axes x, y, z in this order (as in URDF)."""
+    roll, pitch, yaw = np.asarray(rpy, dtype=float)
+    return axis_rotation(2, yaw) @ axis_rotation(1, pitch) @ axis_rotation(0, roll)
+
+
+def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
+    """Pose of an optical frame (x right, y down, z forward) at `eye` [m] that looks at `target` [m].
+
+    The image's upward direction is as close to `up` as the viewing direction allows; when the two are parallel, the
+    image's upward direction is the world's x axis.
+    """
+    eye = np.asarray(eye, dtype=float)
+    forward = np.asarray(target, dtype=float) - eye
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, np.asarray(up, dtype=float))
+    if np.linalg.norm(right) < 1e-9:
+        right = np.cross(forward, (1.0, 0.0, 0.0))
+    right = right / np.linalg.norm(right)
+    return pose(np.column_stack([right, np.cross(forward, right), forward]), eye)
+
+
+def box_corners(size: ArrayLike) -> Array:
+    """The 8 corners [m] of a box of full extents `size` (..., 3) in its own frame, shape (..., 8, 3)."""
+    corners: Array = 0.5 * np.asarray(size, dtype=float)[..., None, :] * BOX_SIGNS
+    return corners

@@ -1,0 +1,190 @@
+"""Values that several of the YAML files have in common, as Pydantic types: names, quantities, vectors, poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    PlainSerializer,
+    StringConstraints,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.errors import expected_names
+from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, rpy_to_matrix
+from sqrp_cli.knowledge import units
+from sqrp_cli.knowledge.source import describe
+from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity, read_quantity
+
+
+class Entry(BaseModel):
+    """A mapping of a YAML file that accepts the keys it declares and no others."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=False, arbitrary_types_allowed=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _only_declared_keys(cls, data: Any) -> Any:  # noqa: ANN401 - runs before validation
+        if isinstance(data, dict):
+            valid = [field.alias or name for name, field in cls.model_fields.items()]
+            unknown = {str(key): expected_names(str(key), valid) for key in data if key not in valid}
+            if unknown:
+                raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
+        return data
+
+
+def one_of(*keys: str) -> Discriminator:
+    """Chooses the entry of a union by the key that only this entry has; the entry's tag is that key in `<...>`."""
+
+    def tag(data: object) -> str | None:
+        found = [key for key in keys if isinstance(data, dict) and key in data]
+        return f"<{found[0]}>" if len(found) == 1 else None
+
+    return Discriminator(
+        tag,
+        custom_error_type="ambiguous-entry",
+        custom_error_message="expected exactly one of the keys " + ", ".join(f"`{key}`" for key in keys),
+    )
+
+
+def mapping_or_else() -> Discriminator:
+    """Chooses between a mapping (tag `<mapping>`) and anything else (tag `<else>`)."""
+    return Discriminator(lambda data: "<mapping>" if isinstance(data, dict) else "<else>")
+
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+"""A name that logic formulas can use: letters, digits, `_` and `-`, starting with a letter."""
+
+Text = Annotated[str, StringConstraints(min_length=1)]
+
+
+def quantity(*dimensions: Dimension) -> Callable[[Any], float]:
+    """A validator that accepts a number in SI units, or text with a unit of one of the dimensions."""
+
+    def validate(value: object) -> float:
+        read = read_quantity(value)
+        if read is None or (read.dimension is not None and read.dimension not in dimensions):
+            message = f"found {describe(value)}, expected {expected_quantity(*dimensions)}"
+            raise PydanticCustomError("wrong-unit", "{message}", {"message": message})
+        return read.value
+
+    return validate
+
+
+def _schema(*dimensions: Dimension) -> WithJsonSchema:
+    described = f"A number in SI units and radians, or {expected_quantity(*dimensions)}."
+    return WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}], "description": described})
+
+
+Length = Annotated[float, BeforeValidator(quantity(units.LENGTH)), _schema(units.LENGTH)]
+Angle = Annotated[float, BeforeValidator(quantity(units.ANGLE)), _schema(units.ANGLE)]
+Time = Annotated[float, BeforeValidator(quantity(units.TIME)), Field(ge=0), _schema(units.TIME)]
+Frequency = Annotated[float, BeforeValidator(quantity(units.FREQUENCY)), Field(gt=0), _schema(units.FREQUENCY)]
+Pixels = Annotated[float, BeforeValidator(quantity(units.PIXELS)), Field(ge=0), _schema(units.PIXELS)]
+Share = Annotated[float, BeforeValidator(quantity(units.SHARE)), Field(ge=0, le=1), _schema(units.SHARE)]
+Distance = Annotated[float, BeforeValidator(quantity(units.LENGTH)), Field(ge=0), _schema(units.LENGTH)]
+Size = Annotated[float, BeforeValidator(quantity(units.LENGTH)), Field(gt=0), _schema(units.LENGTH)]
+Number = Annotated[float, BeforeValidator(quantity()), WithJsonSchema({"type": "number"})]
+
+
+def _joint_quantity(value: object) -> Quantity:
+    read = read_quantity(value)
+    if read is None:
+        expected = "a number, or one with a unit such as `60 deg/s`"
+        raise PydanticCustomError(
+            "wrong-unit", "{message}", {"message": f"found {describe(value)}, expected {expected}"}
+        )
+    return read
+
+
+AnyQuantity = Annotated[
+    Quantity,
+    BeforeValidator(_joint_quantity),
+    PlainSerializer(lambda quantity: quantity.value),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}], "description": "A number, or one with its unit."}),
+]
+"""A quantity whose dimension is checked later, against what it is used for."""
+
+
+def _of_length(*lengths: int) -> BeforeValidator:
+    def validate(value: object) -> object:
+        if not isinstance(value, list) or len(value) not in lengths:
+            expected = " or ".join(str(length) for length in lengths)
+            message = f"found {describe(value)}, expected a list of {expected} numbers"
+            raise PydanticCustomError("wrong-length", "{message}", {"message": message})
+        return value
+
+    return BeforeValidator(validate)
+
+
+Position = Annotated[tuple[Length, Length, Length], _of_length(3)]
+Extents = Annotated[tuple[Size, Size, Size], _of_length(3)]
+Direction = Annotated[tuple[Number, Number, Number], _of_length(3)]
+Rotation = Annotated[tuple[Angle, Angle, Angle], _of_length(3)]
+Quaternion = Annotated[tuple[Number, Number, Number, Number], _of_length(4)]
+Range = Annotated[tuple[Distance, Distance], _of_length(2)]
+Scale = Annotated[
+    tuple[Number, Number, Number],
+    BeforeValidator(lambda value: value if isinstance(value, list) else [value] * 3),
+    _of_length(3),
+    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}),
+]
+
+
+class Pose(Entry):
+    """A pose: a position, and an orientation in one of two notations."""
+
+    position: Position = Field((0.0, 0.0, 0.0), description="x, y, z.")
+    quaternion: Quaternion | None = Field(None, description="Orientation as x, y, z, w; of length 1.")
+    rpy: Rotation | None = Field(None, description="Orientation as roll, pitch, yaw about fixed x, y, z, as in URDF.")
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Pose:
+        if self.quaternion is not None and self.rpy is not None:
+            raise PydanticCustomError("conflicting-keys", "`quaternion` and `rpy` both give the orientation; keep one")
+        if self.quaternion is not None:
+            length = sum(value * value for value in self.quaternion) ** 0.5
+            if abs(length - 1.0) > 0.01:
+                message = f"`quaternion` has length {length:.3g}, expected 1 (order x, y, z, w)"
+                raise PydanticCustomError("not-a-rotation", "{message}", {"message": message})
+        return self
+
+    def matrix(self) -> Array:
+        """The 4x4 pose."""
+        if self.quaternion is not None:
+            return pose(quaternion_to_matrix(self.quaternion), self.position)
+        return pose(rpy_to_matrix(self.rpy or (0.0, 0.0, 0.0)), self.position)
+
+
+class CameraPose(Pose):
+    """The pose of a camera's optical frame (z forward, x right, y down)."""
+
+    look_at: Position | None = Field(None, description="The point in the middle of the image, instead of an orientation.")
+    up: Direction = Field((0.0, 0.0, 1.0), description="With look_at: the direction that is up in the image.")
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> CameraPose:
+        if self.look_at is None:
+            if "up" in self.model_fields_set:
+                raise PydanticCustomError("conflicting-keys", "`up` has a meaning only together with `look_at`")
+            return self
+        if self.quaternion is not None or self.rpy is not None:
+            raise PydanticCustomError("conflicting-keys", "`look_at` and an orientation are both given; keep one")
+        if max(abs(a - b) for a, b in zip(self.look_at, self.position, strict=True)) < 1e-6:
+            raise PydanticCustomError("not-a-rotation", "`look_at` is the position of the camera itself")
+        if not any(self.up):
+            raise PydanticCustomError("not-a-rotation", "`up` has length 0")
+        return self
+
+    def matrix(self) -> Array:
+        """The 4x4 pose."""
+        return super().matrix() if self.look_at is None else look_at(self.position, self.look_at, self.up)
+

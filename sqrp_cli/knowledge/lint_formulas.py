@@ -1,0 +1,134 @@
+"""Findings in the formulas of a skill, decided from the order of its primitive actions alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+from sqrp_cli.errors import Problem
+from sqrp_cli.knowledge.skill import Grasp, Requirement, Skill
+from sqrp_cli.logic.mtl import (
+    Always,
+    And,
+    Formula,
+    Implies,
+    Instant,
+    Interval,
+    Not,
+    Or,
+    Predicate,
+    argument_lists,
+    children,
+)
+
+_Claim = tuple[str, tuple[str, ...] | None]
+"""A predicate with the arguments that it has in the skill."""
+
+
+def predicates_of(formula: Formula) -> tuple[str, ...]:
+    """Names of the predicates in a formula, once each, from left to right."""
+    if isinstance(formula, Predicate):
+        return (formula.name,)
+    return tuple(dict.fromkeys(name for part in children(formula) for name in predicates_of(part)))
+
+
+def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
+    """Boxes of fault literals whose frame moves with an object that the skill grasps, and so with the object once lost."""
+    grasped = {primitive.object for primitive in skill.primitives if isinstance(primitive, Grasp)}
+    reported: set[tuple[str, str]] = set()
+    for requirement in skill.requirements:
+        if requirement.name is None:
+            continue
+        for predicate in predicates_of(requirement.formula):
+            boxes = skill.targets[predicate].boxes if predicate in skill.targets else ()
+            for box in boxes:
+                if box.frame not in grasped or (predicate, box.name) in reported:
+                    continue
+                reported.add((predicate, box.name))
+                message = (
+                    f"skill `{skill.name}`: fault `{requirement.name}` is seen by box `{box.name}` of `{predicate}`, which "
+                    f"moves with `{box.frame}`; once that is lost, the box is where it fell"
+                )
+                mend = f"give the box a frame that stays: `tool`, or `{box.frame}@start`"
+                yield Problem("box-moves-with-lost-object", message, box.place, mend=mend)
+
+
+def contradictions(skill: Skill) -> Iterator[Problem]:
+    """Pairs of `always` formulas that claim a literal and its negation over a common stretch of time.
+
+    Only what the order of the primitive actions decides is reported: intervals that merely touch do not contradict.
+    """
+    claims = [(requirement, claim) for requirement in skill.requirements for claim in _claims(skill, requirement)]
+    names = [primitive.name for primitive in skill.primitives]
+    for requirement, (interval, positive, negative) in claims:
+        both = positive & negative
+        if both and _before(interval.start, interval.end, names):
+            yield _contradiction(skill, requirement, requirement, min(both))
+    for (first, (one, yes, no)), (second, (other, also_yes, also_no)) in combinations(claims, 2):
+        both = (yes & also_no) | (no & also_yes)
+        starts, ends = (one.start, other.start), (one.end, other.end)
+        if both and all(_before(start, end, names) for start in starts for end in ends):
+            yield _contradiction(skill, second, first, min(both))
+
+
+def _contradiction(skill: Skill, requirement: Requirement, other: Requirement, claim: _Claim) -> Problem:
+    message = f"skill `{skill.name}`: `{requirement.formula}` demands `{claim[0]}` and `not {claim[0]}` at the same time"
+    if other is not requirement:
+        message = (
+            f"skill `{skill.name}`: `{requirement.formula}` and `{other.formula}` (line {other.place.line}) demand "
+            f"`{claim[0]}` and `not {claim[0]}` over a common stretch"
+        )
+    mend = "let one interval end where the other starts, or correct the literal"
+    return Problem("contradictory-formulas", message, requirement.place, mend=mend)
+
+
+def _claims(skill: Skill, requirement: Requirement) -> Iterator[tuple[Interval, set[_Claim], set[_Claim]]]:
+    """The `always` operators that must hold, each with the claims that it makes true and false."""
+    lists = argument_lists(skill.action)
+
+    def claim(predicate: Predicate) -> _Claim:
+        known = lists.get(predicate.name, ())
+        arguments = known[0] if predicate.arguments is None and len(known) == 1 else predicate.arguments
+        return predicate.name, arguments
+
+    def demanded(formula: Formula, truth: bool) -> Iterator[tuple[_Claim, bool]]:
+        match formula:
+            case Predicate():
+                yield claim(formula), truth
+            case Not(operand):
+                yield from demanded(operand, not truth)
+            case And(operands) if truth:
+                for operand in operands:
+                    yield from demanded(operand, True)
+            case Or(operands) if not truth:
+                for operand in operands:
+                    yield from demanded(operand, False)
+            case Implies(premise, conclusion) if not truth:
+                yield from demanded(premise, True)
+                yield from demanded(conclusion, False)
+
+    def operators(formula: Formula) -> Iterator[Always]:
+        if isinstance(formula, Always):
+            yield formula
+        elif isinstance(formula, And):
+            for operand in formula.operands:
+                yield from operators(operand)
+
+    if requirement.name is not None:
+        return
+    for operator in operators(requirement.formula):
+        literals = list(demanded(operator.operand, True))
+        yield operator.interval, {c for c, truth in literals if truth}, {c for c, truth in literals if not truth}
+
+
+def _before(first: Instant, second: Instant, primitives: list[str]) -> bool:
+    """Whether `first` surely comes before `second`, however long the primitive actions take."""
+    start, end = _boundary(first, primitives), _boundary(second, primitives)
+    return (start < end and first.offset <= second.offset) or (start == end and first.offset < second.offset)
+
+
+def _boundary(instant: Instant, primitives: list[str]) -> int:
+    """Number of primitive actions that are over at an instant without its offset."""
+    if instant.primitive is None:
+        return 0
+    return primitives.index(instant.primitive) + (instant.edge == "end")

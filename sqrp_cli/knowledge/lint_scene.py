@@ -1,0 +1,159 @@
+"""Findings in the geometry of a cell: boxes too small to see, cameras that see nothing, objects in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from sqrp_cli.errors import Problem
+from sqrp_cli.geometry import Array, box_corners, inverse, transform
+from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.overlap import box_penetration
+from sqrp_cli.knowledge.read_cell import WORLD, camera_axes_as_body, is_a
+from sqrp_cli.knowledge.scene import Box, SceneObject
+from sqrp_cli.knowledge.skill import BoxSpec, Skill
+from sqrp_cli.knowledge.workspace import Workspace
+
+MIN_OVERLAP = 1e-3
+"""Depth [m] from which two objects count as being in one place."""
+
+START = "@start"
+
+
+def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
+    """Boxes that no camera sees as large as their detector needs, even from the nearest possible place."""
+    for target in skill.targets.values():
+        for box in target.boxes:
+            detector = workspace.detectors[box.detector]
+            sizes = [
+                _largest_in_image(workspace, box, camera, thing)
+                for camera in workspace.cameras.values()
+                for thing in _objects_meant(workspace, skill, box)
+            ]
+            if sizes and max(sizes) < detector.min_pixels:
+                message = (
+                    f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}` measures at most {max(sizes):.1f} pixels "
+                    f"in any camera, detector `{detector.name}` needs {detector.min_pixels:g}"
+                )
+                mend = "use a larger box or marker, a nearer camera or a longer lens"
+                yield Problem("too-small-for-every-camera", message, box.place, mend=mend)
+
+
+def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
+    """Cameras in the world in whose image no object is: usually the axes of body and optical frame are mixed up."""
+    things = [thing for thing in workspace.objects.values() if thing.X_WO is not None]
+    points = [_points(thing) for thing in things if not thing.fixed] or [_points(thing) for thing in things]
+    if not points:
+        return
+    for camera in workspace.cameras.values():
+        if camera.frame != WORLD or _sees_any(camera, camera.X_FC, np.concatenate(points)):
+            continue
+        place = workspace.places.get(f"cameras.{camera.name}")
+        mend = "check its pose; axes of an optical frame: z forward, x right, y down"
+        convention = f"cameras.{camera.name}.convention"
+        if convention not in workspace.places and _sees_any(camera, camera_axes_as_body(camera.X_FC), np.concatenate(points)):
+            mend = "add `convention: body` to the camera: with x forward, y left, z up it sees them"
+        message = f"camera `{camera.name}` sees none of the objects"
+        yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+
+
+def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
+    """Pairs of objects whose boxes are more than 1 mm deep in each other."""
+    things = [thing for thing in workspace.objects.values() if thing.X_WO is not None]
+    boxes = {thing.name: _solid_boxes(thing) for thing in things}
+    centers = np.array([thing.X_WO[:3, 3] for thing in things if thing.X_WO is not None]).reshape(-1, 3)
+    reaches = np.array(
+        [max((_reach(thing, X_WG, size) for X_WG, size in boxes[thing.name]), default=-np.inf) for thing in things]
+    )
+    distances = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
+    close = np.triu(distances <= reaches[:, None] + reaches[None], k=1)
+    for first, second in np.argwhere(close):
+        one, other = things[first], things[second]
+        depth = max(box_penetration(*a, *b) for a in boxes[one.name] for b in boxes[other.name])
+        if depth > MIN_OVERLAP:
+            message = f"objects `{one.name}` and `{other.name}` are in one place: {1e3 * depth:.1f} mm deep in each other"
+            place = workspace.places.get(f"objects.{other.name}.pose")
+            yield Problem("overlapping-objects", message, place, mend=f"move one of them by {1e3 * depth:.1f} mm")
+
+
+def _objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
+    """The objects that a box may belong to; only None for a box of its own in a frame without an object."""
+    name = box.fits or box.frame.removesuffix(START)
+    if name in workspace.objects:
+        return [workspace.objects[name]]
+    for parameter in skill.action.parameters:
+        if parameter.name == name:
+            things = workspace.objects.values()
+            return [thing for thing in things if is_a(thing.type, parameter.type, workspace.types)]
+    return [None]
+
+
+def _largest_in_image(workspace: Workspace, box: BoxSpec, camera: Camera, thing: SceneObject | None) -> float:
+    """An upper bound of a box's size in an image [pixels]: square root of its area.
+
+    The largest silhouette of a box has the norm of its three face areas as area; at distance r, perspective enlarges it by
+    at most (f / (r - half a diagonal))^2 / cos^3 of the angle to the optical axis, which is widest at the image's corners.
+    """
+    enlarged = np.add(thing.size, 2 * box.margin) if thing is not None else (0.0, 0.0, 0.0)
+    size = np.asarray(box.size if box.size is not None else enlarged)
+    detector = workspace.detectors[box.detector]
+    distance = max(detector.distance[0], _known_distance(box, camera, thing))
+    nearest = max(distance - 0.5 * float(np.linalg.norm(size)), camera.near)
+    area = float(np.linalg.norm([size[1] * size[2], size[0] * size[2], size[0] * size[1]]))
+    fx, fy = camera.matrix[0, 0], camera.matrix[1, 1]
+    tangent = np.hypot(
+        max(camera.matrix[0, 2], camera.width - camera.matrix[0, 2]) / fx,
+        max(camera.matrix[1, 2], camera.height - camera.matrix[1, 2]) / fy,
+    )
+    stretch = (1.0 + tangent**2) ** 0.75
+    return float(np.sqrt(fx * fy * area) / nearest * stretch)
+
+
+def _known_distance(box: BoxSpec, camera: Camera, thing: SceneObject | None) -> float:
+    """Distance from camera to box where both stay where they are [m], else 0."""
+    if camera.frame != WORLD:
+        return 0.0
+    if box.frame == WORLD:
+        X_WF = np.eye(4)
+    elif thing is not None and thing.X_WO is not None and (box.frame.endswith(START) or thing.fixed):
+        X_WF = thing.X_WO
+    else:
+        return 0.0
+    return float(np.linalg.norm((X_WF @ box.X_FB)[:3, 3] - camera.X_FC[:3, 3]))
+
+
+def _points(thing: SceneObject) -> Array:
+    """Centre and corners of an object's box in the world, shape (9, 3)."""
+    assert thing.X_WO is not None  # noqa: S101 - callers choose objects of known pose
+    return transform(thing.X_WO, np.concatenate([np.zeros((1, 3)), box_corners(thing.size)]))
+
+
+def _sees_any(camera: Camera, X_WC: Array, points: Array) -> bool:
+    """Whether one of the points (n, 3) is within range and image, lens distortion aside."""
+    x, y, z = transform(inverse(X_WC), points).T
+    in_range = (z >= camera.near) & (z <= camera.far)
+    depth = np.where(in_range, z, 1.0)
+    x, y = x / depth, y / depth
+    if camera.distortion_model == "equidistant":
+        radius = np.maximum(np.hypot(x, y), 1e-12)
+        x, y = x * np.arctan(radius) / radius, y * np.arctan(radius) / radius
+    u = camera.matrix[0, 0] * x + camera.matrix[0, 2]
+    v = camera.matrix[1, 1] * y + camera.matrix[1, 2]
+    in_image = (u >= -0.5) & (u <= camera.width - 0.5) & (v >= -0.5) & (v <= camera.height - 0.5)
+    return bool((in_range & in_image).any())
+
+
+def _solid_boxes(thing: SceneObject) -> list[tuple[Array, Array]]:
+    """Pose in the world and full extents of each box of an object; pieces of other shapes are left out."""
+    return [
+        (thing.X_WO @ part.X_PG, np.asarray(part.shape.size))
+        for part in thing.parts
+        if isinstance(part.shape, Box) and thing.X_WO is not None
+    ]
+
+
+def _reach(thing: SceneObject, X_WG: Array, size: Array) -> float:
+    """Distance from the object's centre to the farthest corner of one of its boxes, at most [m]."""
+    assert thing.X_WO is not None  # noqa: S101 - callers choose objects of known pose
+    return float(np.linalg.norm(X_WG[:3, 3] - thing.X_WO[:3, 3]) + 0.5 * np.linalg.norm(size))

@@ -1,0 +1,182 @@
+"""Phase 1 in one call: a workspace folder becomes a validated `Workspace`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
+from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.read_cell import WORLD, CellReader
+from sqrp_cli.knowledge.read_robot import RobotReader
+from sqrp_cli.knowledge.read_skill import read_skill
+from sqrp_cli.knowledge.skill import BoxSpec, Skill
+from sqrp_cli.knowledge.source import Document, read_document
+from sqrp_cli.knowledge.validation import validate
+from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
+from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
+
+WORKSPACE_FILE = "workspace.yaml"
+
+TOOL = "tool"
+"""In a skill: the tool frame, or all parts of the tool."""
+START = "@start"
+"""In a skill: behind an object, where it was when the skill began."""
+
+
+def load_workspace(path: Path) -> Workspace:
+    """Read and validate the workspace in a folder (its `workspace.yaml`) or in a file.
+
+    Raises InputError with every problem that was found, each with its place.
+    """
+    file_path = _workspace_file(path)
+    document = read_document(file_path)
+    file = validate(document, WorkspaceFile)
+    digest = ContentDigest()
+    digest.add("workspace", document.content)
+    robot_reader = RobotReader(document, file.robot, digest)
+    robot = robot_reader.read()
+    cell = CellReader(document, file, robot_reader.links, robot_reader.roots, digest)
+    skills, problems = _skills(document, file, digest)
+    problems = [*robot_reader.problems, *problems]
+    detectors, cameras, objects = cell.detectors(), cell.cameras(), cell.objects()
+    types = cell.types(skills)
+    state = cell.facts(skills, types)
+    problems += cell.problems
+    for skill in skills.values():
+        problems += _check_skill(skill, robot_reader.links, list(objects), list(detectors))
+    tasks = tuple(_task(entry) for entry in file.tasks)
+    problems += _check_tasks(document, tasks, list(skills), list(objects))
+    if problems:
+        raise InputError(*problems)
+    return Workspace(
+        name=file_path.parent.name if file_path.name == WORKSPACE_FILE else file_path.stem,
+        path=file_path,
+        robot=robot,
+        cameras=cameras,
+        detectors=detectors,
+        objects=objects,
+        types=types,
+        state=state,
+        skills=skills,
+        tasks=tasks,
+        padding=file.padding,
+        digest=digest.hexdigest(),
+        warnings=(),
+        places=document.places,
+    )
+
+
+def _workspace_file(path: Path) -> Path:
+    path = Path(os.path.abspath(path))
+    if path.is_dir():
+        if (path / WORKSPACE_FILE).exists():
+            return path / WORKSPACE_FILE
+        entries = sorted(path.iterdir())
+        inside = [entry.name for entry in entries if (entry / WORKSPACE_FILE).is_file()]
+        files = [entry.name for entry in entries if entry.suffix in (".yaml", ".yml")]
+        hint = "the folder is empty" if not entries else "it has neither YAML files nor workspaces"
+        if inside:
+            hint = "it has the workspaces " + ", ".join(f"`{name}`" for name in inside)
+        elif files:
+            hint = "it has " + ", ".join(f"`{name}`" for name in files)
+        raise InputError(Problem("no-workspace", f"the folder has no {WORKSPACE_FILE}; {hint}", Place(path)))
+    if not path.exists():
+        folder = path.parent
+        while not folder.is_dir():
+            folder = folder.parent
+        wanted = path.relative_to(folder).parts[0]
+        close = nearest(wanted, (entry.name for entry in folder.iterdir()))
+        hint = f"; did you mean `{folder / close}`?" if close else f"; {folder} has no `{wanted}`"
+        raise InputError(Problem("missing-file", f"no such file or folder{hint}", Place(path)))
+    return path
+
+
+def _skills(document: Document, file: WorkspaceFile, digest: ContentDigest) -> tuple[dict[str, Skill], list[Problem]]:
+    skills: dict[str, Skill] = {}
+    problems: list[Problem] = []
+    for index, name in enumerate(file.skills):
+        place = document.value_place(("skills", index))
+        folder = Path(os.path.normpath(document.path.parent / name))
+        if folder.name in skills:
+            problems.append(Problem("duplicate-name", f"skill `{folder.name}` is listed twice", place))
+            continue
+        try:
+            skills[folder.name] = read_skill(folder, place, digest)
+        except InputError as error:
+            problems.extend(error.problems)
+    problems.extend(_conflicting_predicates(skills))
+    return skills, problems
+
+
+def _conflicting_predicates(skills: dict[str, Skill]) -> Iterator[Problem]:
+    """Predicates that two skills declare with different types: a fact could not mean the same for both."""
+    declared: dict[str, tuple[Skill, tuple[str, ...]]] = {}
+    for skill in skills.values():
+        for name, signature in skill.domain.predicates.items():
+            types = tuple(parameter.type for parameter in signature.parameters)
+            other, known = declared.setdefault(name, (skill, types))
+            if types != known:
+                message = f"skill `{skill.name}` declares `{signature}`, skill `{other.name}` declares it with ({', '.join(known)})"
+                yield Problem("conflicting-predicates", message, Place(skill.domain.path))
+
+
+def _check_skill(
+    skill: Skill, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
+) -> Iterator[Problem]:
+    """Names in a skill that only the workspace knows: frames, enclosed things, detectors, constants."""
+    for constant in skill.domain.constants:
+        if constant not in objects:
+            message = f"skill `{skill.name}` has the constant `{constant}`, which is no object; {expected_names(constant, objects)}"
+            yield Problem("unknown-object", message, Place(skill.domain.path))
+    for target in skill.targets.values():
+        for index, box in enumerate(target.boxes):
+            path = f"targets.{target.predicate}.boxes.{index}"
+            yield from _check_box(skill, box, path, links, objects, detectors)
+
+
+def _check_box(
+    skill: Skill, box: BoxSpec, path: str, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
+) -> Iterator[Problem]:
+    parameters = [parameter.name for parameter in skill.action.parameters]
+    things = [*parameters, *objects]
+
+    def unknown(code: str, key: str, name: str, what: str, valid: Sequence[str]) -> Iterator[Problem]:
+        if name not in valid:
+            place = skill.places.get(f"{path}.{key}", box.place)
+            yield Problem(code, f"`{path}.{key}`: found `{name}`, expected {what}; {expected_names(name, valid)}", place)
+
+    if box.frame.endswith(START):
+        what = "a skill parameter or object before `@start`"
+        yield from unknown("unknown-frame", "frame", box.frame.removesuffix(START), what, things)
+    else:
+        what = "`world`, `tool`, a link, a skill parameter or an object"
+        yield from unknown("unknown-frame", "frame", box.frame, what, [WORLD, TOOL, *things, *links])
+    if box.fits is not None:
+        yield from unknown("unknown-object", "fits", box.fits, "a skill parameter or an object", things)
+    for index, name in enumerate(box.encloses or ()):
+        what = "a link, an object, a skill parameter or `tool`"
+        yield from unknown("unknown-enclosed", f"encloses.{index}", name, what, [TOOL, *things, *links])
+    yield from unknown("unknown-detector", "detector", box.detector, "a detector of the workspace", detectors)
+
+
+def _task(entry: TaskEntry) -> ExpectedTask:
+    thresholds = Thresholds(
+        entry.min_q_avg, entry.min_q_eoi, entry.max_time, entry.max_delay, entry.feasible, entry.winner
+    )
+    return ExpectedTask(entry.task, thresholds)
+
+
+def _check_tasks(
+    document: Document, tasks: Sequence[ExpectedTask], skills: Sequence[str], objects: Sequence[str]
+) -> Iterator[Problem]:
+    for index, task in enumerate(tasks):
+        skill = task.task.split()[0] if task.task.split() else ""
+        if skill not in skills:
+            message = f"found `{skill}`, which is no skill of this workspace; {expected_names(skill, skills)}"
+            yield document.problem("unknown-skill", ("tasks", index, "task"), message)
+        winner = task.thresholds.winner
+        if winner is not None and winner not in objects:
+            message = f"found `{winner}`; {expected_names(winner, objects)}"
+            yield document.problem("unknown-object", ("tasks", index, "winner"), message)

@@ -1,0 +1,254 @@
+"""Cameras, detectors, objects and facts: the entries of a workspace file as records."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.geometry import Array, pose, read_only
+from sqrp_cli.knowledge import packages
+from sqrp_cli.knowledge.calibration import image_intrinsics, read_calibration
+from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.detector import Detector
+from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere
+from sqrp_cli.knowledge.skill import Skill
+from sqrp_cli.knowledge.source import Document, KeyPath
+from sqrp_cli.knowledge.workspace_file import CameraEntry, ObjectEntry, PartEntry, WorkspaceFile
+from sqrp_cli.logic.literal import Atom
+
+WORLD = "world"
+UNKNOWN = "unknown"
+
+R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+"""Axes of an optical frame (x right, y down, z forward) in a body frame (x forward, y left, z up); REP 103."""
+
+MAX_MESH_BYTES = 200_000_000
+"""Largest mesh file that is read."""
+
+_FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
+
+
+@dataclass
+class CellReader:
+    """Reads the parts of a workspace file that are not the robot or a skill, and collects every problem on the way.
+
+    links: of robot and tool. roots: folders for `package://`.
+    """
+
+    document: Document
+    file: WorkspaceFile
+    links: Sequence[str]
+    roots: Sequence[Path]
+    digest: ContentDigest
+    problems: list[Problem] = field(default_factory=list)
+
+    def detectors(self) -> dict[str, Detector]:
+        """The detectors by name."""
+        return {
+            name: Detector(
+                name, entry.kind, entry.distance, entry.max_incidence, entry.min_pixels, entry.min_visible
+            )
+            for name, entry in self.file.detectors.items()
+        }
+
+    def cameras(self) -> dict[str, Camera]:
+        """The cameras by name; those with problems are left out."""
+        cameras = {}
+        for name, entry in self.file.cameras.items():
+            try:
+                cameras[name] = self._camera(name, entry)
+            except InputError as error:
+                self.problems.extend(error.problems)
+        return cameras
+
+    def objects(self) -> dict[str, SceneObject]:
+        """The objects by name."""
+        for name, entry in self.file.objects.items():
+            self._check_object(name, entry)
+        return {name: self._object(name, entry) for name, entry in self.file.objects.items()}
+
+    def types(self, skills: Mapping[str, Skill]) -> dict[str, str]:
+        """Every type of the skills and of the file, with the type above it."""
+        types: dict[str, str] = {}
+        for skill in skills.values():
+            for name, parent in skill.domain.types.items():
+                if types.setdefault(name, parent) != parent:
+                    message = f"skill `{skill.name}` makes type `{name}` a kind of `{parent}`, another skill of `{types[name]}`"
+                    self.problems.append(Problem("conflicting-types", message, Place(skill.domain.path)))
+        known = {*types, *self.file.types, "object"}
+        for name, parent in self.file.types.items():
+            if parent not in known:
+                self._report("unknown-type", ("types", name), f"found `{parent}`; {expected_names(parent, known)}")
+            if types.get(name, parent) != parent:
+                message = f"the skills already define this type, as a kind of `{types[name]}`"
+                self._report("conflicting-types", ("types", name), message)
+        types.update(self.file.types)
+        for name in self.file.types:
+            seen = [name]
+            while (above := types.get(seen[-1])) is not None and above not in seen:
+                seen.append(above)
+            if above == name:
+                self._report("cyclic-type", ("types", name), f"leads back to itself: {' - '.join([*seen, name])}")
+        for name, entry in self.file.objects.items():
+            if entry.type not in known:
+                message = f"found `{entry.type}`, which is a type neither of a skill nor under `types`; "
+                message += expected_names(entry.type, known)
+                self._report("unknown-type", ("objects", name, "type"), message)
+        return types
+
+    def facts(self, skills: Mapping[str, Skill], types: Mapping[str, str]) -> frozenset[Atom]:
+        """The facts of `state`, checked against the predicates of the skills."""
+        facts: dict[Atom, None] = {}
+        for index, text in enumerate(self.file.state):
+            fact = self._fact(("state", index), text, skills, types)
+            if fact is not None:
+                if fact in facts:
+                    self._report("repeated-value", ("state", index), f"`{fact}` is stated twice")
+                facts[fact] = None
+        return frozenset(facts)
+
+    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
+        self.problems.append(self.document.problem(code, path, message, mend))
+
+    def _camera(self, name: str, entry: CameraEntry) -> Camera:
+        path: KeyPath = ("cameras", name)
+        if entry.frame != WORLD and entry.frame not in self.links:
+            message = f"found `{entry.frame}`, expected `world` or a link; {expected_names(entry.frame, [WORLD, *self.links])}"
+            self._report("unknown-frame", (*path, "frame"), message)
+        if entry.calibration is not None:
+            place = self.document.value_place((*path, "calibration"))
+            calibration = packages.resolve(entry.calibration, self.document.path.parent, self.roots, place)
+            intrinsics, calibration_document = read_calibration(calibration)
+            self.digest.add(f"cameras.{name}.calibration", calibration_document.content)
+        else:
+            assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
+            intrinsics = image_intrinsics(self.document, (*path, "image"), entry.image)
+        X_FC = entry.pose.matrix()
+        if entry.convention == "body":
+            X_FC = X_FC @ pose(R_BODY_OPTICAL)
+        return Camera(
+            name=name,
+            width=intrinsics.width,
+            height=intrinsics.height,
+            matrix=intrinsics.matrix,
+            distortion_model=intrinsics.distortion_model,
+            distortion=intrinsics.distortion,
+            frame=entry.frame,
+            X_FC=read_only(X_FC),
+            near=entry.near,
+            far=entry.far,
+            rate=entry.rate,
+            latency=entry.latency,
+        )
+
+    def _check_object(self, name: str, entry: ObjectEntry) -> None:
+        path: KeyPath = ("objects", name)
+        if name in (*self.links, WORLD, "tool", "home"):
+            what = "a link of the robot" if name in self.links else "a word with a meaning of its own"
+            problem = Problem("ambiguous-name", f"`{name}` is {what}; take another name", self.document.key_place(path))
+            self.problems.append(problem)
+        if entry.on is not None and (entry.on == name or entry.on not in self.file.objects):
+            others = [other for other in self.file.objects if other != name]
+            self._report("unknown-object", (*path, "on"), f"found `{entry.on}`; {expected_names(entry.on, others)}")
+        if entry.fixed and entry.pose == UNKNOWN:
+            self._report("wrong-value", (*path, "pose"), "found `unknown`, expected a pose, because the object is fixed")
+
+    def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
+        X_WO = None if isinstance(entry.pose, str) else read_only(entry.pose.matrix())
+        parts = [Part(name, name, Box(entry.size), read_only(pose()))] if not entry.parts else []
+        for index, part in enumerate(entry.parts):
+            shape = self._shape(("objects", name, "parts", index), part)
+            if shape is not None:
+                part_name = f"{name}/{part.name or index}"
+                parts.append(Part(part_name, name, shape, read_only(part.pose.matrix())))
+        return SceneObject(
+            name=name,
+            type=entry.type,
+            color=entry.color,
+            attributes=tuple(entry.attributes),
+            size=entry.size,
+            X_WO=X_WO,
+            fixed=entry.fixed,
+            on=entry.on,
+            marker=entry.marker,
+            parts=tuple(parts),
+        )
+
+    def _shape(self, path: KeyPath, entry: PartEntry) -> Shape | None:
+        if entry.box is not None:
+            return Box(entry.box)
+        if entry.sphere is not None:
+            return Sphere(entry.sphere)
+        if entry.cylinder is not None:
+            return Cylinder(entry.cylinder.radius, entry.cylinder.length)
+        if entry.capsule is not None:
+            return Capsule(entry.capsule.radius, entry.capsule.length)
+        assert entry.mesh is not None  # noqa: S101 - PartEntry accepts exactly one shape
+        place = self.document.value_place((*path, "mesh"))
+        try:
+            mesh = packages.resolve(entry.mesh, self.document.path.parent, self.roots, place)
+            add_mesh(self.digest, ".".join(map(str, path)), mesh, place)
+        except InputError as error:
+            self.problems.extend(error.problems)
+            return None
+        return Mesh(mesh, entry.scale)
+
+    def _fact(
+        self, path: KeyPath, text: str, skills: Mapping[str, Skill], types: Mapping[str, str]
+    ) -> Atom | None:
+        match = _FACT.fullmatch(text)
+        if match is None:
+            self._report("wrong-fact", path, f"found `{text}`, expected a fact such as `hand_empty` or `on(g1, table)`")
+            return None
+        predicate = match[1].lower()
+        arguments = tuple(word.strip() for word in match[2].split(",")) if match[2] else ()
+        signatures = {name: sign for skill in skills.values() for name, sign in skill.domain.predicates.items()}
+        if predicate not in signatures:
+            message = f"found `{match[1]}`, which is no predicate of a skill; {expected_names(predicate, signatures)}"
+            self._report("unknown-predicate", path, message)
+            return None
+        parameters = signatures[predicate].parameters
+        if len(arguments) != len(parameters):
+            message = f"`{predicate}` has {len(arguments)} arguments, expected {len(parameters)}: {signatures[predicate]}"
+            self._report("wrong-arity", path, message)
+            return None
+        for argument, parameter in zip(arguments, parameters, strict=True):
+            thing = self.file.objects.get(argument)
+            if thing is None:
+                self._report("unknown-object", path, f"found `{argument}`; {expected_names(argument, self.file.objects)}")
+            elif not is_a(thing.type, parameter.type, types):
+                message = f"`{argument}` is of type `{thing.type}`, expected `{parameter.type}`: {signatures[predicate]}"
+                self._report("wrong-object-type", path, message)
+        return Atom(predicate, arguments)
+
+
+def is_a(type_name: str, other: str, types: Mapping[str, str]) -> bool:
+    """Whether a type is another one or, through the types above it, a kind of it. types: each with the type above it."""
+    seen: set[str] = set()
+    while type_name not in seen:
+        if other in (type_name, "object"):
+            return True
+        seen.add(type_name)
+        type_name = types.get(type_name, "object")
+    return False
+
+
+def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:
+    """Add a mesh file to the digest. Raises InputError if it is too large or cannot be read."""
+    try:
+        size = path.stat().st_size
+        if size > MAX_MESH_BYTES:
+            message = f"the mesh {path} has {size:,} bytes, the limit is {MAX_MESH_BYTES:,}"
+            raise InputError(Problem("file-too-large", message, place, mend="simplify the mesh"))
+        digest.add_file(role, path)
+    except OSError as error:
+        raise InputError(Problem("unreadable-file", f"{path}: {error.strerror}", place)) from error
+
+
+def camera_axes_as_body(X_FC: Array) -> Array:
+    """The optical pose that results if the axes of `X_FC` were meant as a body frame, shape (4, 4)."""
+    return X_FC @ pose(R_BODY_OPTICAL)

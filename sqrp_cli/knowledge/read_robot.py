@@ -1,0 +1,225 @@
+"""Reading the robot of a cell: URDF, SRDF, tool, home, limits."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from sqrp_cli.errors import Place, Problem, expected_names
+from sqrp_cli.geometry import read_only
+from sqrp_cli.knowledge import packages, units
+from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.read_cell import add_mesh
+from sqrp_cli.knowledge.robot import JointLimits, Robot, Tool
+from sqrp_cli.knowledge.scene import Mesh
+from sqrp_cli.knowledge.source import Document, KeyPath
+from sqrp_cli.knowledge.srdf import SrdfModel, read_srdf
+from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
+from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
+from sqrp_cli.knowledge.workspace_file import RobotEntry
+
+DEFAULT_VELOCITY = 1.0
+"""Limit of a joint's velocity where neither the workspace nor the URDF states one [rad/s or m/s]."""
+DEFAULT_ACCELERATION = 5.0
+"""Limit of a joint's acceleration where none is stated [rad/s^2 or m/s^2]."""
+DEFAULT_JERK = 50.0
+"""Limit of a joint's jerk where none is stated [rad/s^3 or m/s^3]."""
+
+_LIMIT_DIMENSIONS: Mapping[str, tuple[Dimension, Dimension]] = {
+    "velocity": (units.ANGULAR_SPEED, units.SPEED),
+    "acceleration": (units.ANGULAR_ACCELERATION, units.ACCELERATION),
+    "jerk": (units.ANGULAR_JERK, units.JERK),
+}
+"""Dimension of each limit of a joint that turns, and of one that slides."""
+
+
+@dataclass
+class RobotReader:
+    """Reads the `robot` entry of a workspace file and collects every problem on the way.
+
+    The files themselves are read first: an InputError for them is raised at once, since nothing can be checked without.
+    """
+
+    document: Document
+    entry: RobotEntry
+    digest: ContentDigest
+    problems: list[Problem] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        folder = self.document.path.parent
+        stated = [folder / root for root in self.entry.package_roots]
+        self.roots = packages.package_roots(stated)
+        for index, root in enumerate(stated):
+            if not root.is_dir():
+                self._report("missing-folder", ("robot", "package_roots", index), f"there is no folder {root}")
+        self.urdf = self._read_urdf(self.entry.urdf, ("robot", "urdf"))
+        self.srdf: SrdfModel | None = None
+        if self.entry.srdf is not None:
+            self.srdf_path = self._resolve(self.entry.srdf, ("robot", "srdf"))
+            self.digest.add_file("robot.srdf", self.srdf_path)
+            self.srdf = read_srdf(self.srdf_path, self.urdf)
+        self.tool = None if self.entry.tool is None else self._read_urdf(self.entry.tool.urdf, ("robot", "tool", "urdf"))
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The links of robot and tool."""
+        return (*self.urdf.links, *(self.tool.links if self.tool else ()))
+
+    def read(self) -> Robot:
+        """The robot; meaningful only if `problems` is empty afterwards."""
+        tool = self._tool()
+        arm = self._arm()
+        joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
+        return Robot(
+            urdf=self.urdf.path,
+            srdf=self.srdf_path if self.srdf is not None else None,
+            package_roots=self.roots,
+            X_WB=read_only(self.entry.base.matrix()),
+            tool=tool,
+            tool_frame=self.entry.tool_frame,
+            home=self._home(arm),
+            limits=self._limits(joints),
+            geometry=self.entry.geometry,
+            disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
+        )
+
+    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
+        self.problems.append(self.document.problem(code, path, message, mend))
+
+    def _resolve(self, reference: str, path: KeyPath) -> Path:
+        return packages.resolve(reference, self.document.path.parent, self.roots, self.document.value_place(path))
+
+    def _read_urdf(self, reference: str, path: KeyPath) -> UrdfModel:
+        urdf = read_urdf(self._resolve(reference, path))
+        role = ".".join(map(str, path))
+        self.digest.add_file(role, urdf.path)
+        for part in link_parts(urdf, self.entry.geometry, partial(resolve_mesh, self.roots)):
+            if isinstance(part.shape, Mesh):
+                add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, urdf.links[part.parent].place)
+        return urdf
+
+    def _tool(self) -> Tool | None:
+        if self.entry.tool is None or self.tool is None:
+            return None
+        link = self.entry.tool.link
+        if link not in self.urdf.links:
+            expected = expected_names(link, self.urdf.links)
+            self._report("unknown-link", ("robot", "tool", "link"), f"found `{link}`, which is no link; {expected}")
+        for name in self.tool.links:
+            if name in self.urdf.links:
+                message = f"robot and tool both have a link `{name}`"
+                self._report("ambiguous-name", ("robot", "tool", "urdf"), message, "rename the link of the tool")
+        return Tool(self.tool.path, link, read_only(self.entry.tool.pose.matrix()))
+
+    def _arm(self) -> list[UrdfJoint]:
+        """The joints that move by themselves on the way from the root to the tool frame, in order."""
+        frame = self.entry.tool_frame
+        if frame not in self.links:
+            expected = expected_names(frame, self.links)
+            self._report("unknown-link", ("robot", "tool_frame"), f"found `{frame}`, which is no link; {expected}")
+            return []
+        carriers = {joint.child: joint for model in (self.tool, self.urdf) if model for joint in model.joints.values()}
+        joints: list[UrdfJoint] = []
+        while True:
+            if frame in carriers:
+                joints.insert(0, carriers[frame])
+                frame = carriers[frame].parent
+            elif self.tool is not None and self.entry.tool is not None and frame == self.tool.root:
+                frame = self.entry.tool.link
+            else:
+                break
+        arm = [joint for joint in joints if joint.movable and joint.mimic is None]
+        if not arm:
+            message = f"no joint moves `{self.entry.tool_frame}`; expected a link at the end of the arm"
+            self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
+        return arm
+
+    def _home(self, arm: Sequence[UrdfJoint]) -> dict[str, float]:
+        path = ("robot", "home")
+        home = self.entry.home
+        if isinstance(home, str):
+            states = self.srdf.states if self.srdf else {}
+            if home not in states:
+                expected = expected_names(home, states)
+                self._report("unknown-state", path, f"found `{home}`, which is no named state of an SRDF; {expected}")
+                return {}
+            positions = dict(states[home])
+        else:
+            positions = self._positions(home, arm)
+        missing = [joint.name for joint in arm if joint.name not in positions]
+        if missing:
+            names = ", ".join(f"`{name}`" for name in missing)
+            self._report("missing-joint", path, f"lacks a position for {names}")
+        for joint in arm:
+            position = positions.get(joint.name, joint.lower)
+            if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
+                message = f"{position:.4g} is outside the joint's limits, {joint.lower:.4g} to {joint.upper:.4g}"
+                self._report("outside-limits", (*path, joint.name), message)
+        return {joint.name: positions[joint.name] for joint in arm if joint.name in positions}
+
+    def _positions(self, entries: Mapping[str, Quantity], arm: Sequence[UrdfJoint]) -> dict[str, float]:
+        joints = {joint.name: joint for joint in arm}
+        positions = {}
+        for name, quantity in entries.items():
+            path = ("robot", "home", name)
+            if name not in joints:
+                message = f"is no joint that moves the tool frame; {expected_names(name, joints)}"
+                self._report("unknown-joint", path, message)
+                continue
+            dimension = units.LENGTH if joints[name].type == "prismatic" else units.ANGLE
+            if quantity.dimension not in (None, dimension):
+                self._wrong_unit(path, quantity, dimension)
+            positions[name] = quantity.value
+        return positions
+
+    def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, JointLimits]:
+        velocity = self._values("velocity", joints)
+        acceleration = self._values("acceleration", joints)
+        jerk = self._values("jerk", joints)
+        return {
+            joint.name: JointLimits(
+                joint.lower,
+                joint.upper,
+                velocity.get(joint.name, joint.velocity or DEFAULT_VELOCITY),
+                acceleration.get(joint.name, DEFAULT_ACCELERATION),
+                jerk.get(joint.name, DEFAULT_JERK),
+            )
+            for joint in joints
+        }
+
+    def _values(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
+        """The stated values of one limit by joint. One value for all goes to every joint that its unit fits."""
+        entry: Quantity | Mapping[str, Quantity] | None = getattr(self.entry.limits, limit)
+        path: KeyPath = ("robot", "limits", limit)
+        turning, sliding = _LIMIT_DIMENSIONS[limit]
+        dimensions = {joint.name: sliding if joint.type == "prismatic" else turning for joint in joints}
+        if entry is None:
+            return {}
+        if isinstance(entry, Quantity):
+            values = {name: entry for name, dimension in dimensions.items() if entry.dimension in (None, dimension)}
+            if not values:
+                self._wrong_unit(path, entry, *dict.fromkeys(dimensions.values()))
+            paths = dict.fromkeys(values, path)
+        else:
+            values = dict(entry)
+            paths = {name: (*path, name) for name in values}
+        for name, quantity in values.items():
+            if name not in dimensions:
+                self._report("unknown-joint", paths[name], f"is no movable joint; {expected_names(name, dimensions)}")
+            elif quantity.dimension not in (None, dimensions[name]):
+                self._wrong_unit(paths[name], quantity, dimensions[name])
+        if any(quantity.value <= 0.0 for quantity in values.values()):
+            wrong = next(name for name, quantity in values.items() if quantity.value <= 0.0)
+            self._report("wrong-value", paths[wrong], f"found {values[wrong].value:g}, expected a value above 0")
+        return {name: quantity.value for name, quantity in values.items()}
+
+    def _wrong_unit(self, path: KeyPath, quantity: Quantity, *dimensions: Dimension) -> None:
+        found = quantity.dimension.name if quantity.dimension else f"{quantity.value:g}"
+        self._report("wrong-unit", path, f"found {found}, expected {expected_quantity(*dimensions)}")
+
+
+def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
+    """The mesh file that a URDF names, for `link_parts`; roots: `Robot.package_roots`. Raises as `packages.resolve`."""
+    return packages.resolve(reference, urdf.parent, roots, Place(urdf))

@@ -1,0 +1,60 @@
+"""The robot of a cell, as files and settings; `programming.kinematics` makes a moving model of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sqrp_cli.geometry import Array
+
+Geometry = Literal["collision", "visual"]
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of one joint in rad (or m for a prismatic joint) and seconds; position limits may be infinite."""
+
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float
+    jerk: float
+
+
+@dataclass(frozen=True, eq=False)
+class Tool:
+    """A tool description, a URDF of its own, whose root link is fixed to a link of the robot.
+
+    X_LT: pose of the tool's root link in `link`, shape (4, 4).
+    """
+
+    urdf: Path
+    link: str
+    X_LT: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """The robot of a cell.
+
+    urdf, srdf: resolved paths. package_roots: folders that `package://NAME/` is looked up in, first hit wins.
+    X_WB: pose of the robot's root link in the world, shape (4, 4).
+    tool_frame: the link of robot or tool that grasps: its z axis points out of the tool, into the object.
+    home: position of each arm joint at the start of a program [rad or m]. Other joints rest at 0, or at the nearest limit.
+    limits: of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say).
+    geometry: which geometry of the links is solid and opaque; a link without collision geometry uses its visual one.
+    disabled_pairs: pairs of links whose contact is not checked, each pair in alphabetical order.
+    """
+
+    urdf: Path
+    srdf: Path | None
+    package_roots: tuple[Path, ...]
+    X_WB: Array
+    tool: Tool | None
+    tool_frame: str
+    home: Mapping[str, float]
+    limits: Mapping[str, JointLimits]
+    geometry: Geometry
+    disabled_pairs: frozenset[tuple[str, str]]

@@ -1,0 +1,306 @@
+"""Reading YAML files safely, with the position of every key and value.
+
+Scalars follow the core schema of YAML 1.2: `1e-3` is a number, `on` and `no` are text, octal and sexagesimal numbers do
+not exist. Keys are always text. Numbers must be finite.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sqrp_cli.errors import InputError, Place, Problem, nearest
+
+MAX_BYTES = 1_000_000
+"""Largest YAML file that is read."""
+MAX_VALUES = 100_000
+"""Most values in a file, aliases counted as often as they are used."""
+MAX_DEPTH = 32
+"""Deepest nesting of mappings and lists."""
+
+KeyPath = tuple[str | int, ...]
+"""Keys and list indices from the top of a document to a value."""
+
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN|Nan)")
+_WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
+
+_SYNTAX_HINTS = {
+    "mapping values are not allowed here": "a second `: ` on one line; put text that contains `: ` in quotes",
+    "expected <block end>": "this line does not fit the lines above: check its indentation and that every key ends in `:`",
+    "could not find expected ':'": "a key without `:`",
+    "cannot start any token": "a character that cannot start a value; indent with spaces, quote text that starts with it",
+    "expected ',' or ']'": "a list `[` that is not closed with `]`, or a missing `,`",
+    "expected ',' or '}'": "a mapping `{` that is not closed with `}`, or a missing `,`",
+    "expected a single document": "a second document (`---`); one file holds one document",
+    "found undefined alias": "an alias (`*name`) without an anchor (`&name`) before it",
+    "unexpected end of stream": "text in quotes that is not closed",
+}
+
+
+def dotted(path: KeyPath) -> str:
+    """How messages name a key: `cameras.cam1.rate`."""
+    return ".".join(str(part) for part in path)
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """The content of a YAML file.
+
+    data: nested dicts, lists, text, numbers, booleans and None. content: the file's bytes.
+    keys: where each key (for list items: the item) stands. values: where each value's text starts.
+    """
+
+    path: Path
+    content: bytes
+    data: dict[str, Any]
+    keys: Mapping[KeyPath, Place]
+    values: Mapping[KeyPath, Place]
+
+    @cached_property
+    def places(self) -> Mapping[str, Place]:
+        """Position of every key by its dotted path."""
+        return {dotted(path): place for path, place in self.keys.items()}
+
+    def key_place(self, path: KeyPath) -> Place:
+        """Where a key stands; for a key that is missing, where the mapping that should have it stands."""
+        while path and path not in self.keys:
+            path = path[:-1]
+        return self.keys.get(path, Place(self.path))
+
+    def value_place(self, path: KeyPath) -> Place:
+        """Where a value stands; for one that is missing, as `key_place`."""
+        return self.values.get(path) or self.key_place(path)
+
+    def problem(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> Problem:
+        """A problem with the value at `path`; the message is prefixed with its dotted path."""
+        return Problem(code, f"`{dotted(path)}`: {message}", self.value_place(path), mend=mend)
+
+
+def read_document(path: Path, tags: frozenset[str] = frozenset()) -> Document:
+    """The YAML file at `path`, which must hold a mapping.
+
+    tags: explicit tags (such as `!!opencv-matrix`) that are accepted and ignored; every other one is refused.
+
+    Raises InputError for a file that is missing, too large, not UTF-8, empty, not a mapping, breaks YAML's syntax,
+    repeats a key, or exceeds a limit of this module.
+    """
+    content = read_bytes(path, MAX_BYTES)
+    text = _decode(path, content)
+    root = _compose(path, text)
+    if root is None:
+        raise InputError(Problem("empty-file", "the file is empty, expected a mapping of keys to values", Place(path)))
+    builder = _Builder(path, text.splitlines(), tags)
+    data = builder.build(root, ())
+    if not isinstance(data, dict):
+        place = builder.values[()]
+        raise InputError(Problem("not-a-mapping", f"found {describe(data)}, expected a mapping of keys to values", place))
+    return Document(path, content, data, builder.keys, builder.values)
+
+
+def read_bytes(path: Path, limit: int) -> bytes:
+    """Content of a file of at most `limit` bytes.
+
+    Raises InputError if it is missing (naming the file nearest in spelling), larger, or cannot be read.
+    """
+    if not path.is_file():
+        raise InputError(missing_file(path))
+    try:
+        size = path.stat().st_size
+        if size > limit:
+            raise InputError(
+                Problem("file-too-large", f"the file has {size:,} bytes, the limit is {limit:,}", Place(path))
+            )
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(Problem("unreadable-file", f"cannot be read: {error.strerror}", Place(path))) from error
+
+
+def missing_file(path: Path) -> Problem:
+    """The problem of a file that does not exist, with what is nearest to it."""
+    if path.is_dir():
+        return Problem("missing-file", "found a folder, expected a file", Place(path))
+    folder = path.parent
+    if not folder.is_dir():
+        return Problem("missing-file", f"file not found: there is no folder {folder}", Place(path))
+    try:
+        close = nearest(path.name, (entry.name for entry in folder.iterdir()))
+    except OSError:
+        close = None
+    return Problem("missing-file", "file not found" + (f"; did you mean `{close}`?" if close else ""), Place(path))
+
+
+def describe(value: object) -> str:
+    """How messages name a value that was found."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "`true`" if value else "`false`"
+    if isinstance(value, dict):
+        return "a mapping" if value else "an empty mapping"
+    if isinstance(value, list | tuple):
+        return f"a list of {len(value)}"
+    text = str(value)
+    return f"`{text if len(text) <= 60 else text[:57] + '...'}`"
+
+
+def excerpt(line: str, column: int) -> str:
+    """A line of text with a caret under `column` (from 1), shortened around it if it is long."""
+    start = max(0, column - 60)
+    shown = line[start : start + 100].replace("\t", " ")
+    return f"{shown}\n{' ' * (column - 1 - start)}^"
+
+
+def _decode(path: Path, content: bytes) -> str:
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        message = f"byte 0x{content[error.start]:02x} is not UTF-8 text"
+        raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
+    if text.startswith("%YAML:"):  # OpenCV's header, which YAML itself does not know
+        text = "#" + text[1:]
+    return text
+
+
+class _DepthLimitedLoader(yaml.SafeLoader):
+    """A loader that refuses deep nesting before Python's own stack does."""
+
+    depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self.depth += 1
+        if self.depth > MAX_DEPTH:
+            problem = f"nested deeper than {MAX_DEPTH} levels"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.peek_event().start_mark)
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+
+def _compose(path: Path, text: str) -> yaml.Node | None:
+    try:
+        return _DepthLimitedLoader(text).get_single_node()
+    except yaml.MarkedYAMLError as error:
+        raise InputError(_syntax_problem(path, text, error)) from error
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        column = error.position - text.rfind("\n", 0, error.position)
+        message = f"character U+{ord(str(error.character)):04X} is not allowed in YAML"
+        raise InputError(Problem("yaml-syntax", message, Place(path, line, column))) from error
+
+
+def _syntax_problem(path: Path, text: str, error: yaml.MarkedYAMLError) -> Problem:
+    mark = error.problem_mark or error.context_mark
+    problem = error.problem or error.context or "not YAML"
+    code = "nesting-too-deep" if problem.startswith("nested deeper") else "yaml-syntax"
+    hint = next((hint for fragment, hint in _SYNTAX_HINTS.items() if fragment in problem), problem)
+    if mark is None:
+        return Problem(code, hint, Place(path))
+    lines = text.splitlines()
+    line = lines[mark.line] if mark.line < len(lines) else ""
+    return Problem(code, hint, Place(path, mark.line + 1, mark.column + 1), excerpt=excerpt(line, mark.column + 1))
+
+
+class _Builder:
+    """Turns YAML nodes into plain values and notes where they stand."""
+
+    def __init__(self, path: Path, lines: list[str], tags: frozenset[str]) -> None:
+        self.path = path
+        self.lines = lines
+        self.tags = tags
+        self.keys: dict[KeyPath, Place] = {}
+        self.values: dict[KeyPath, Place] = {}
+
+    def build(self, node: yaml.Node, path: KeyPath) -> Any:  # noqa: ANN401 - YAML holds anything
+        if len(self.values) >= MAX_VALUES:
+            message = f"more than {MAX_VALUES:,} values (an alias counts as often as it is used)"
+            raise InputError(Problem("too-many-values", message, self._place(node)))
+        if len(path) > MAX_DEPTH:
+            message = f"nested deeper than {MAX_DEPTH} levels (an alias inside its own anchor?)"
+            raise InputError(Problem("nesting-too-deep", message, self._place(node)))
+        self.values[path] = self._text_place(node)
+        explicit_tag = node.tag not in _IMPLICIT_TAGS and node.tag.replace("tag:yaml.org,2002:", "!!")
+        if explicit_tag and explicit_tag not in self.tags:
+            raise InputError(Problem("yaml-tag", f"the tag `{explicit_tag}` is not accepted", self._place(node)))
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, path)
+        if isinstance(node, yaml.SequenceNode):
+            return [self._item(child, (*path, index)) for index, child in enumerate(node.value)]
+        return self._scalar(node)
+
+    def _item(self, node: yaml.Node, path: KeyPath) -> Any:  # noqa: ANN401
+        self.keys[path] = self._place(node)
+        return self.build(node, path)
+
+    def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for key_node, value_node in self._pairs(node):
+            key, place = str(key_node.value), self._place(key_node)
+            if key in data:
+                first = self.keys[(*path, key)]
+                message = f"`{dotted((*path, key))}` is given twice, first in line {first.line}"
+                raise InputError(Problem("duplicate-key", message, place))
+            self.keys[(*path, key)] = place
+            data[key] = self.build(value_node, (*path, key))
+        return data
+
+    def _pairs(self, node: yaml.MappingNode) -> Iterator[tuple[yaml.Node, yaml.Node]]:
+        """Keys and values of a mapping, those merged with `<<: *anchor` after its own, which take precedence."""
+        own: set[str] = set()
+        merged: list[yaml.Node] = []
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise InputError(Problem("yaml-key", "a key must be a word, not a list or mapping", self._place(key_node)))
+            if key_node.value == "<<":
+                merged.append(value_node)
+            else:
+                own.add(key_node.value)
+                yield key_node, value_node
+        for value_node in merged:
+            if not isinstance(value_node, yaml.MappingNode) or value_node is node:
+                raise InputError(Problem("yaml-key", "`<<` merges one mapping, such as `*base`", self._place(value_node)))
+            for pair in value_node.value:
+                if pair[0].value not in own:
+                    yield pair
+
+    def _scalar(self, node: yaml.Node) -> str | float | int | bool | None:
+        text = str(node.value)
+        if node.style is not None:
+            return text
+        if text.lower() in _WORDS:
+            return _WORDS[text.lower()]
+        if _INTEGER.fullmatch(text) and len(text) < 20:
+            return int(text)
+        if _NOT_FINITE.fullmatch(text) or (_FLOAT.fullmatch(text) and abs(float(text)) == float("inf")):
+            raise InputError(Problem("not-finite", f"found `{text}`, expected a finite number", self._place(node)))
+        return float(text) if _FLOAT.fullmatch(text) else text
+
+    def _place(self, node: yaml.Node) -> Place:
+        return Place(self.path, node.start_mark.line + 1, node.start_mark.column + 1)
+
+    def _text_place(self, node: yaml.Node) -> Place:
+        """Where a scalar's text starts, behind its quote or block sign."""
+        place = self._place(node)
+        if not isinstance(node, yaml.ScalarNode) or node.style is None:
+            return place
+        if node.style in "'\"":
+            return Place(self.path, place.line, node.start_mark.column + 2)
+        for number in range(node.start_mark.line + 1, len(self.lines)):
+            if self.lines[number].strip():
+                indentation = len(self.lines[number]) - len(self.lines[number].lstrip())
+                return Place(self.path, number + 1, indentation + 1)
+        return place
+
+
+_IMPLICIT_TAGS = frozenset(
+    f"tag:yaml.org,2002:{name}"
+    for name in ("map", "seq", "str", "int", "float", "bool", "null", "merge", "timestamp", "value")
+)

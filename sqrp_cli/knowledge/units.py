@@ -1,0 +1,92 @@
+"""Numbers with units: `30 deg`, `20 mm`, `5 cm/s`; a plain number is in SI units and radians."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from math import pi
+
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
+_QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(\S.*?)?\s*")
+
+_LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+_ANGLES = {"rad": 1.0, "deg": pi / 180, "°": pi / 180}
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A kind of quantity, with its units and their values in SI units. example: how messages show one."""
+
+    name: str
+    units: dict[str, float]
+    example: str
+
+
+def _per(base: dict[str, float], power: str, name: str, example: str) -> Dimension:
+    return Dimension(name, {f"{unit}/s{power}": factor for unit, factor in base.items()}, example)
+
+
+LENGTH = Dimension("a length", _LENGTHS, "20 mm")
+ANGLE = Dimension("an angle", _ANGLES, "30 deg")
+TIME = Dimension("a time", {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}, "50 ms")
+FREQUENCY = Dimension("a frequency", {"Hz": 1.0, "kHz": 1e3, "fps": 1.0}, "10 Hz")
+SPEED = _per(_LENGTHS, "", "a speed", "5 cm/s")
+ACCELERATION = _per(_LENGTHS, "^2", "an acceleration", "0.5 m/s^2")
+JERK = _per(_LENGTHS, "^3", "a jerk", "5 m/s^3")
+ANGULAR_SPEED = _per(_ANGLES, "", "an angular speed", "60 deg/s")
+ANGULAR_ACCELERATION = _per(_ANGLES, "^2", "an angular acceleration", "120 deg/s^2")
+ANGULAR_JERK = _per(_ANGLES, "^3", "an angular jerk", "600 deg/s^3")
+PIXELS = Dimension("a number of pixels", {"px": 1.0}, "20 px")
+SHARE = Dimension("a share", {"%": 0.01}, "50 %")
+
+DIMENSIONS = (
+    LENGTH,
+    ANGLE,
+    TIME,
+    FREQUENCY,
+    SPEED,
+    ACCELERATION,
+    JERK,
+    ANGULAR_SPEED,
+    ANGULAR_ACCELERATION,
+    ANGULAR_JERK,
+    PIXELS,
+    SHARE,
+)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number in SI units and its dimension, which is None for a plain number (it fits every dimension)."""
+
+    value: float
+    dimension: Dimension | None
+
+
+def read_quantity(value: object) -> Quantity | None:
+    """A finite number, or text of a number and a known unit, as a quantity; None for anything else."""
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, int | float):
+        return Quantity(float(value), None) if math.isfinite(value) else None
+    match = _QUANTITY.fullmatch(value) if isinstance(value, str) and len(value) < 100 else None
+    if match is None or not math.isfinite(float(match[1])):
+        return None
+    if match[2] is None:
+        return Quantity(float(match[1]), None)
+    unit = re.sub(r"\s*/\s*", "/", match[2]).replace("**", "^").replace("²", "^2").replace("³", "^3")
+    unit = re.sub(r"/s([23])$", r"/s^\1", unit)
+    for dimension in DIMENSIONS:
+        if unit in dimension.units:
+            return Quantity(float(match[1]) * dimension.units[unit], dimension)
+    return None
+
+
+def expected_quantity(*dimensions: Dimension) -> str:
+    """How a message names what was expected: "a length such as `20 mm` (units m, cm, mm, um)"."""
+    if not dimensions:
+        return "a number"
+    return " or ".join(
+        f"{dimension.name} such as `{dimension.example}` (units {', '.join(dimension.units)})" for dimension in dimensions
+    )

@@ -1,0 +1,363 @@
+"""Robot descriptions in URDF: links with their solid geometry, and the joints between them.
+
+The format: http://wiki.ros.org/urdf/XML. Inertias, transmissions, sensors, materials and simulator extensions are not
+read. A `<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
+from sqrp_cli.knowledge.robot import Geometry
+from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from sqrp_cli.knowledge.xml_file import Element, read_xml
+
+JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
+
+_JOINT_TYPES: tuple[JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
+_OTHER_JOINT_TYPES = ("floating", "planar")
+
+_Named = TypeVar("_Named", "UrdfLink", "UrdfJoint")
+
+Resolve = Callable[[str, Path], Path]
+"""Finds the file of a mesh reference: (reference, URDF that has it) -> path; raises InputError if there is none."""
+
+
+@dataclass(frozen=True)
+class MeshReference:
+    """A mesh as the URDF names it: `package://...`, `file://...` or a path relative to it; scale along x, y, z."""
+
+    reference: str
+    scale: tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class LinkGeometry:
+    """One solid piece of a link; name is None where the URDF gives none. X_LG: its pose in the link, shape (4, 4)."""
+
+    name: str | None
+    shape: Box | Sphere | Cylinder | Capsule | MeshReference
+    X_LG: Array
+    place: Place
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfLink:
+    """A link with everything solid on it, in file order."""
+
+    name: str
+    collision: tuple[LinkGeometry, ...]
+    visual: tuple[LinkGeometry, ...]
+    place: Place
+
+    def geometry(self, preferred: Geometry) -> tuple[LinkGeometry, ...]:
+        """The preferred geometry, or the other one if the link has none of it."""
+        pair = (self.collision, self.visual) if preferred == "collision" else (self.visual, self.collision)
+        return pair[0] or pair[1]
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another one: position = multiplier * position of `joint` + offset [rad or m]."""
+
+    joint: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfJoint:
+    """A joint between two links.
+
+    X_PJ: pose of the joint, and of the child link when the joint is at 0, in the parent link, shape (4, 4).
+    axis: unit vector in the joint's frame, shape (3,); of no meaning for a fixed joint.
+    lower, upper: position limits [rad or m], infinite for a continuous joint. velocity: limit [rad/s or m/s], None if
+    the URDF gives none (0 means the same). mimic: never set for a fixed joint.
+    """
+
+    name: str
+    type: JointType
+    parent: str
+    child: str
+    X_PJ: Array
+    axis: Array
+    lower: float
+    upper: float
+    velocity: float | None
+    mimic: Mimic | None
+    place: Place
+
+    @property
+    def movable(self) -> bool:
+        """Whether the joint moves, by itself or by following another one."""
+        return self.type != "fixed"
+
+
+@dataclass(frozen=True, eq=False)
+class UrdfModel:
+    """A robot description: a tree of links. `links` in file order, `joints` from the root outwards, parents first."""
+
+    name: str
+    path: Path
+    links: Mapping[str, UrdfLink]
+    joints: Mapping[str, UrdfJoint]
+    root: str
+
+    @property
+    def movable_joints(self) -> tuple[UrdfJoint, ...]:
+        """Every joint that is not fixed, parents first."""
+        return tuple(joint for joint in self.joints.values() if joint.movable)
+
+
+def read_urdf(path: Path) -> UrdfModel:
+    """Read and validate a URDF.
+
+    Raises InputError, with file and line, for XML that cannot be read (see `read_xml`), missing or malformed values, a
+    repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type that is not
+    supported (floating, planar), and links that do not form one tree.
+    """
+    robot = read_xml(path, "robot")
+    links = _unique(_link(element) for element in robot.all("link"))
+    if not links:
+        raise robot.error("no-links", "the robot has no <link>")
+    joints = _unique(_joint(element) for element in robot.all("joint"))
+    for joint in joints.values():
+        _check_references(joint, links, joints)
+    root = _root(links, joints, robot.place)
+    return UrdfModel(robot.attributes.get("name", path.stem), path, links, _outwards(root, joints), root)
+
+
+def link_parts(model: UrdfModel, geometry: Geometry, resolve: Resolve) -> tuple[Part, ...]:
+    """The solid parts of every link, in file order.
+
+    A link's first part has the link's name, further ones the name that the URDF gives them if no other part or link has
+    it, else the link's name with a number. A link without the chosen geometry uses the other one.
+
+    Raises InputError if `resolve` does not find a mesh, at the line that names it.
+    """
+    named = Counter(piece.name for link in model.links.values() for piece in link.geometry(geometry))
+    taken = set(model.links)
+    parts = []
+    for link in model.links.values():
+        for index, piece in enumerate(link.geometry(geometry)):
+            name = link.name
+            if index > 0:
+                unique = piece.name is not None and named[piece.name] == 1 and piece.name not in taken
+                name = piece.name if unique and piece.name else _numbered(link.name, index + 1, taken)
+            taken.add(name)
+            parts.append(Part(name, link.name, _resolved(piece, model.path, resolve), piece.X_LG))
+    return tuple(parts)
+
+
+def _numbered(name: str, number: int, taken: set[str]) -> str:
+    while f"{name}_{number}" in taken:
+        number += 1
+    return f"{name}_{number}"
+
+
+def _resolved(piece: LinkGeometry, urdf: Path, resolve: Resolve) -> Shape:
+    if not isinstance(piece.shape, MeshReference):
+        return piece.shape
+    try:
+        return Mesh(resolve(piece.shape.reference, urdf), piece.shape.scale)
+    except InputError as error:
+        first = error.problems[0]
+        raise InputError(Problem(first.code, first.message, piece.place, mend=first.mend)) from error
+
+
+def _unique(items: Iterable[_Named]) -> dict[str, _Named]:
+    named: dict[str, _Named] = {}
+    for item in items:
+        if item.name in named:
+            kind = "link" if isinstance(item, UrdfLink) else "joint"
+            message = f"{kind} `{item.name}` is defined twice, first at line {named[item.name].place.line}"
+            raise InputError(Problem("duplicate-name", message, item.place))
+        named[item.name] = item
+    return named
+
+
+def _link(element: Element) -> UrdfLink:
+    collision = tuple(_geometry(child) for child in element.all("collision"))
+    visual = tuple(_geometry(child) for child in element.all("visual"))
+    return UrdfLink(element.text("name"), collision, visual, element.place)
+
+
+def _geometry(element: Element) -> LinkGeometry:
+    holder = element.need("geometry")
+    if len(holder.children) != 1:
+        raise holder.error("wrong-geometry", f"<geometry> has {len(holder.children)} shapes, expected one")
+    shape = holder.children[0]
+    return LinkGeometry(element.attributes.get("name"), _shape(shape), _origin(element), shape.place)
+
+
+def _shape(element: Element) -> Box | Sphere | Cylinder | Capsule | MeshReference:
+    match element.tag:
+        case "box":
+            return Box(_triple(_positive(element, "size", 3)))
+        case "sphere":
+            return Sphere(_positive(element, "radius", 1)[0])
+        case "cylinder":
+            return Cylinder(_positive(element, "radius", 1)[0], _positive(element, "length", 1)[0])
+        case "capsule":
+            return Capsule(_positive(element, "radius", 1)[0], _positive(element, "length", 1)[0])
+        case "mesh":
+            scale = _triple(element.numbers("scale", 3, (1.0, 1.0, 1.0)))
+            if 0.0 in scale:
+                raise element.error("wrong-value", "the mesh's `scale` has a zero, which would flatten it")
+            return MeshReference(element.text("filename"), scale)
+    expected = expected_names(element.tag, ("box", "sphere", "cylinder", "capsule", "mesh"))
+    raise element.error("unknown-shape", f"unknown shape {element}; {expected}")
+
+
+def _joint(element: Element) -> UrdfJoint:
+    name, kind = element.text("name"), element.text("type")
+    if kind not in _JOINT_TYPES:
+        if kind in _OTHER_JOINT_TYPES:
+            raise element.error(
+                "unsupported-joint", f"joint `{name}` is {kind}; only {', '.join(_JOINT_TYPES)} are supported"
+            )
+        expected = expected_names(kind, _JOINT_TYPES)
+        raise element.error("unknown-joint-type", f"joint `{name}` has the unknown type `{kind}`; {expected}")
+    joint_type = _JOINT_TYPES[_JOINT_TYPES.index(kind)]
+    lower, upper, velocity = _limits(element, name, joint_type)
+    return UrdfJoint(
+        name=name,
+        type=joint_type,
+        parent=element.need("parent").text("link"),
+        child=element.need("child").text("link"),
+        X_PJ=_origin(element),
+        axis=_axis(element, joint_type),
+        lower=lower,
+        upper=upper,
+        velocity=velocity,
+        mimic=None if joint_type == "fixed" else _mimic(element),
+        place=element.place,
+    )
+
+
+def _axis(element: Element, joint_type: JointType) -> Array:
+    axis = element.first("axis")
+    if axis is None or joint_type == "fixed":
+        return read_only([1.0, 0.0, 0.0])
+    direction = np.array(axis.numbers("xyz", 3))
+    length = np.linalg.norm(direction)
+    if length < 1e-9:
+        raise axis.error("zero-axis", f"the axis of joint `{element.text('name')}` has length zero")
+    return read_only(direction / length)
+
+
+def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, float, float | None]:
+    limit = element.first("limit")
+    if joint_type == "fixed":
+        return 0.0, 0.0, None
+    if limit is None:
+        if joint_type == "continuous":
+            return -math.inf, math.inf, None
+        raise element.error("missing-limit", f"joint `{name}` is {joint_type} but has no <limit>")
+    velocity = limit.number("velocity", 0.0)
+    if velocity < 0.0:
+        raise limit.error("wrong-value", f"`velocity` is {velocity:g}, expected a positive number")
+    if joint_type == "continuous":
+        return -math.inf, math.inf, velocity or None
+    lower, upper = (limit.number(bound, 0.0) for bound in ("lower", "upper"))
+    if lower > upper:
+        message = f"joint `{name}` has a lower limit of {lower:g}, above its upper limit of {upper:g}"
+        raise limit.error("wrong-value", message)
+    return lower, upper, velocity or None
+
+
+def _mimic(element: Element) -> Mimic | None:
+    mimic = element.first("mimic")
+    if mimic is None:
+        return None
+    multiplier, offset = mimic.number("multiplier", 1.0), mimic.number("offset", 0.0)
+    return Mimic(mimic.text("joint"), multiplier, offset)
+
+
+def _origin(element: Element) -> Array:
+    origin = element.first("origin")
+    if origin is None:
+        return read_only(np.eye(4))
+    xyz, rpy = (origin.numbers(key, 3, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
+    return read_only(pose(rpy_to_matrix(rpy), xyz))
+
+
+def _positive(element: Element, attribute: str, count: int) -> tuple[float, ...]:
+    numbers = element.numbers(attribute, count)
+    if min(numbers) <= 0.0:
+        raise element.error(
+            "wrong-value", f"{element}: `{attribute}` is `{element.text(attribute)}`, expected it above 0"
+        )
+    return numbers
+
+
+def _triple(numbers: tuple[float, ...]) -> tuple[float, float, float]:
+    x, y, z = numbers
+    return x, y, z
+
+
+def _check_references(joint: UrdfJoint, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> None:
+    for role, link in (("parent", joint.parent), ("child", joint.child)):
+        if link not in links:
+            message = f"joint `{joint.name}` has the unknown {role} link `{link}`; {expected_names(link, links)}"
+            raise InputError(Problem("unknown-link", message, joint.place))
+    if joint.mimic is None:
+        return
+    movable = {name: other for name, other in joints.items() if other.movable and name != joint.name}
+    leader = movable.get(joint.mimic.joint)
+    if leader is None:
+        expected = expected_names(joint.mimic.joint, movable)
+        message = f"joint `{joint.name}` follows `{joint.mimic.joint}`, which is no other movable joint; {expected}"
+        raise InputError(Problem("unknown-joint", message, joint.place))
+    if leader.mimic is not None:
+        message = f"joint `{joint.name}` follows `{leader.name}`, which follows `{leader.mimic.joint}` itself"
+        raise InputError(Problem("wrong-mimic", message, joint.place, mend=f"let it follow `{leader.mimic.joint}`"))
+
+
+def _root(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], place: Place) -> str:
+    """The one link that no joint carries, after a check that every link is reached from it once."""
+    carriers: dict[str, UrdfJoint] = {}
+    for joint in joints.values():
+        if joint.child in carriers:
+            other = carriers[joint.child].name
+            message = f"link `{joint.child}` is the child of two joints, `{other}` and `{joint.name}`"
+            raise InputError(Problem("two-parents", message, joint.place))
+        carriers[joint.child] = joint
+    roots = [name for name in links if name not in carriers]
+    if len(roots) > 1:
+        message = f"links `{roots[0]}` and `{roots[1]}` are both roots; a joint must connect them"
+        raise InputError(Problem("two-roots", message, links[roots[1]].place))
+    for name in links:
+        walked = [name]
+        while walked[-1] in carriers:
+            walked.append(carriers[walked[-1]].parent)
+            if walked[-1] in walked[:-1]:
+                cycle = walked[walked.index(walked[-1]) :]
+                message = "links form a cycle: " + " -> ".join(f"`{link}`" for link in reversed(cycle))
+                raise InputError(Problem("cycle", message, carriers[cycle[0]].place))
+    if not roots:
+        raise InputError(Problem("cycle", "no link is a root", place))
+    return roots[0]
+
+
+def _outwards(root: str, joints: Mapping[str, UrdfJoint]) -> dict[str, UrdfJoint]:
+    """The joints with every joint after the one that carries it, otherwise in file order."""
+    children: dict[str, list[UrdfJoint]] = {}
+    for joint in joints.values():
+        children.setdefault(joint.parent, []).append(joint)
+    ordered: dict[str, UrdfJoint] = {}
+    waiting = list(reversed(children.get(root, [])))
+    while waiting:
+        joint = waiting.pop()
+        ordered[joint.name] = joint
+        waiting.extend(reversed(children.get(joint.child, [])))
+    return ordered

@@ -1,0 +1,107 @@
+"""Validation of a YAML document against a Pydantic model, with every error turned into a problem with its place."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from sqrp_cli.errors import InputError, Problem, nearest
+from sqrp_cli.knowledge.source import Document, KeyPath, describe, dotted
+
+Model = TypeVar("Model", bound=BaseModel)
+
+_EXPECTED = {
+    "string_type": "text",
+    "string_too_short": "text that is not empty",
+    "string_pattern_mismatch": "a name of letters, digits, `_` and `-` that starts with a letter",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "bool_type": "`true` or `false`",
+    "bool_parsing": "`true` or `false`",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a mapping of names to entries",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+    "too_short": "a list with at least {min_length} item(s)",
+    "too_long": "a list with at most {max_length} items",
+    "greater_than": "a value above {gt:g}",
+    "greater_than_equal": "a value of at least {ge:g}",
+    "less_than": "a value below {lt:g}",
+    "less_than_equal": "a value of at most {le:g}",
+}
+
+
+def validate(document: Document, model: type[Model]) -> Model:
+    """The document as an instance of `model`.
+
+    Raises InputError with one problem for each error: its place, the key's dotted path, what was found and what was
+    expected.
+    """
+    try:
+        return model.model_validate(document.data)
+    except ValidationError as error:
+        problems = [problem for details in error.errors() for problem in _problems(document, details)]
+        raise InputError(*sorted(problems, key=_position)) from error
+
+
+def _position(problem: Problem) -> tuple[int, int]:
+    place = problem.place
+    return (place.line or 0, place.column or 0) if place else (0, 0)
+
+
+def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
+    path, absent = _path_in(document.data, details["loc"])
+    context: dict[str, Any] = details.get("ctx", {})
+    kind = details["type"]
+    if kind == "unknown-key":
+        return [
+            Problem(kind, f"`{dotted((*path, key))}` is no known key; {expected}", document.key_place((*path, key)))
+            for key, expected in context["keys"].items()
+        ]
+    if kind == "missing":
+        owner = f"`{dotted(path)}`" if path else "the file"
+        return [Problem("missing-key", f"{owner} lacks the key `{absent}`", document.key_place(path))]
+    found = describe(details["input"])
+    or_mapping = " or a mapping" if "<else>" in details["loc"] else ""
+    if kind == "literal_error":
+        message = _wrong_word(details["input"], str(context["expected"]))
+        return [document.problem("wrong-value", path, message + or_mapping)]
+    if kind in _EXPECTED:
+        code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
+        expected = _EXPECTED[kind].format(**context) + or_mapping
+        return [document.problem(code, path, f"found {found}, expected {expected}")]
+    return [document.problem(kind.replace("_", "-"), path, details["msg"])]
+
+
+def _wrong_word(found: object, expected: str) -> str:
+    words = [word.strip("' ") for word in expected.replace(" or ", ",").split(",") if word.strip()]
+    listed = ", ".join(f"`{word}`" for word in words)
+    close = nearest(found, words) if isinstance(found, str) and len(words) > 1 else None
+    expected = f"one of {listed}" if len(words) > 1 else listed
+    return f"found {describe(found)}, expected {expected}" + (f"; did you mean `{close}`?" if close else "")
+
+
+def _path_in(data: object, location: tuple[int | str, ...]) -> tuple[KeyPath, str]:
+    """The part of a Pydantic error's location that leads to a value of the document, and the last key that does not.
+
+    Locations also hold union tags (here always `<...>`) and marks such as `[key]`, which the document knows nothing of.
+    """
+    path: KeyPath = ()
+    absent = ""
+    for step in location:
+        if isinstance(data, dict) and step in data:
+            data = data[step]
+        elif isinstance(data, list) and isinstance(step, int) and step < len(data):
+            data = data[step]
+        else:
+            if isinstance(step, str) and not step.startswith(("<", "[")):
+                absent = step
+            continue
+        path = (*path, step)
+    return path, absent

@@ -1,0 +1,218 @@
+"""The format of workspace.yaml. `load` turns it into the records of this package."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.knowledge.camera import DistortionModel
+from sqrp_cli.knowledge.detector import DetectorKind
+from sqrp_cli.knowledge.entries import (
+    Angle,
+    AnyQuantity,
+    CameraPose,
+    Entry,
+    Extents,
+    Frequency,
+    Length,
+    Name,
+    Number,
+    Pixels,
+    Pose,
+    Range,
+    Scale,
+    Share,
+    Size,
+    Text,
+    Time,
+    mapping_or_else,
+)
+from sqrp_cli.knowledge.robot import Geometry
+
+PixelCount = Annotated[int, Field(strict=True, gt=0, le=100_000)]
+PerJoint = Annotated[
+    Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[AnyQuantity, Tag("<else>")], mapping_or_else()
+]
+
+
+class ToolEntry(Entry):
+    """A tool that is fixed to the robot."""
+
+    urdf: Text = Field(description="The tool's own URDF; relative to this file, or package://.")
+    link: Text = Field(description="The link of the robot that carries the tool's root link.")
+    pose: Pose = Field(Pose(), description="Pose of the tool's root link in that link.")
+
+
+class LimitsEntry(Entry):
+    """Limits of the joints: one value for all of them, or one for each joint by name."""
+
+    velocity: PerJoint | None = Field(None, description="Default: the URDF's.")
+    acceleration: PerJoint | None = Field(None, description="Default: 5 rad/s^2 or m/s^2.")
+    jerk: PerJoint | None = Field(None, description="Default: 50 rad/s^3 or m/s^3.")
+
+
+class RobotEntry(Entry):
+    """The robot, its tool and where it stands."""
+
+    urdf: Text = Field(description="The robot's URDF; relative to this file, or package://.")
+    srdf: Text | None = Field(None, description="Its SRDF: named states and collision pairs that need no check.")
+    package_roots: list[Text] = Field([], description="Folders in which package://NAME/ is looked up first.")
+    base: Pose = Field(Pose(), description="Pose of the robot's root link in the world.")
+    tool: ToolEntry | None = Field(None, description="A tool on the robot, with a URDF of its own.")
+    tool_frame: Text = Field(description="The link that grasps; its z axis points out of the tool, into the object.")
+    home: Annotated[
+        Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
+    ] = Field(description="Position of every joint of the arm by its name, or the name of a state of the SRDF.")
+    limits: LimitsEntry = Field(LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
+    geometry: Geometry = Field("collision", description="The geometry of the links that is solid and hides things.")
+
+
+class DetectorEntry(Entry):
+    """The limits within which a detection algorithm is reliable."""
+
+    kind: DetectorKind = Field(description="What it detects: ArUco markers or colours.")
+    distance: Range = Field(description="Nearest and farthest distance from the camera.")
+    max_incidence: Angle = Field(description="Largest angle between a box's normal and the direction to the camera.")
+    min_pixels: Pixels = Field(description="Least size in the image: square root of the area in pixels.")
+    min_visible: Share = Field(1.0, gt=0, description="Least share of the box that must be seen.")
+
+    @model_validator(mode="after")
+    def _range_in_order(self) -> DetectorEntry:
+        if self.distance[0] >= self.distance[1]:
+            raise PydanticCustomError("empty-range", "`distance` must go from a nearer to a farther distance")
+        return self
+
+
+class DistortionEntry(Entry):
+    """Lens distortion as in ROS camera calibration files."""
+
+    model: DistortionModel = Field(description="plumb_bob (5), rational_polynomial (8) or equidistant (4 coefficients).")
+    coefficients: list[Number] = Field(description="In the order of ROS: k1, k2, p1, p2, k3, ...")
+
+
+class ImageEntry(Entry):
+    """The image of a camera: its size, and either a field of view or the focal lengths."""
+
+    width: PixelCount
+    height: PixelCount
+    horizontal_fov: Angle | None = Field(None, description="Angle from the left to the right edge; square pixels.")
+    fx: Pixels | None = Field(None, gt=0, description="Focal length along x.")
+    fy: Pixels | None = Field(None, gt=0, description="Focal length along y; default fx.")
+    cx: Number | None = Field(None, description="Principal point; default the middle of the image, (width - 1) / 2.")
+    cy: Number | None = Field(None, description="Principal point; default the middle of the image, (height - 1) / 2.")
+    distortion: DistortionEntry | None = Field(None, description="Default: none.")
+
+    @model_validator(mode="after")
+    def _one_focal_length(self) -> ImageEntry:
+        if (self.horizontal_fov is None) == (self.fx is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `horizontal_fov`, `fx`")
+        if self.horizontal_fov is not None and not 0.0 < self.horizontal_fov < 3.14:
+            raise PydanticCustomError("wrong-value", "`horizontal_fov` must lie between 0 and 180 deg")
+        if self.horizontal_fov is not None and self.fy is not None:
+            raise PydanticCustomError("conflicting-keys", "`fy` goes with `fx`, not with `horizontal_fov`")
+        return self
+
+
+class CameraEntry(Entry):
+    """A camera."""
+
+    frame: Text = Field("world", description="`world`, or the link that carries the camera.")
+    pose: CameraPose = Field(description="Pose of the optical frame (z forward, x right, y down) in `frame`.")
+    convention: Literal["optical", "body"] = Field(
+        "optical", description="Axes of the stated orientation; body: x forward, y left, z up."
+    )
+    image: ImageEntry | None = Field(None, description="Size and field of view or focal lengths of the image.")
+    calibration: Text | None = Field(None, description="A ROS camera calibration file, instead of `image`.")
+    near: Size = Field(0.1, description="Nearest depth at which the camera sees.")
+    far: Size = Field(10.0, description="Farthest depth at which the camera sees.")
+    rate: Frequency = Field(description="Images per second.")
+    latency: Time = Field(0.0, description="From exposure to the image being available.")
+
+    @model_validator(mode="after")
+    def _consistent(self) -> CameraEntry:
+        if (self.image is None) == (self.calibration is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `image`, `calibration`")
+        if self.near >= self.far:
+            raise PydanticCustomError("empty-range", "`near` must be less than `far`")
+        if self.convention == "body" and self.pose.look_at is not None:
+            raise PydanticCustomError(
+                "conflicting-keys", "`look_at` gives the viewing direction; `convention: body` goes with rpy or quaternion"
+            )
+        return self
+
+
+class RoundEntry(Entry):
+    """Radius and length along z of a cylinder or capsule (its straight part)."""
+
+    radius: Size
+    length: Size
+
+
+class PartEntry(Entry):
+    """A solid piece of an object: a box (full extents), sphere (radius), cylinder, capsule or mesh."""
+
+    name: Name | None = Field(None, description="What output calls it; default: the object and a number.")
+    box: Extents | None = None
+    sphere: Size | None = None
+    cylinder: RoundEntry | None = None
+    capsule: RoundEntry | None = None
+    mesh: Text | None = Field(None, description="STL, OBJ or DAE file; relative to this file, or package://.")
+    scale: Scale = Field((1.0, 1.0, 1.0), description="Scale of the mesh, one for all axes or one for each.")
+    pose: Pose = Field(Pose(), description="Pose of the piece in the object's frame.")
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> PartEntry:
+        shapes = ("box", "sphere", "cylinder", "capsule", "mesh")
+        if sum(getattr(self, shape) is not None for shape in shapes) != 1:
+            keys = ", ".join(f"`{shape}`" for shape in shapes)
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys {keys}", {"keys": keys})
+        return self
+
+
+class ObjectEntry(Entry):
+    """A thing in the cell."""
+
+    type: Name = Field(description="A type of the skills, or of `types`.")
+    color: Text | None = None
+    attributes: list[Name] = Field([], description="Further words that a task may use for it.")
+    size: Extents = Field(description="Full extents of the box around it, along its own axes.")
+    pose: Annotated[
+        Annotated[Pose, Tag("<mapping>")] | Annotated[Literal["unknown"], Tag("<else>")], mapping_or_else()
+    ] = Field(description="Pose of the centre of that box in the world, or `unknown`.")
+    fixed: bool = Field(False, description="Whether it never moves.")
+    on: Name | None = Field(None, description="The object that it stands on.")
+    marker: Annotated[int, Field(strict=True, ge=0, le=1023)] | None = Field(None, description="Id of the ArUco marker on it.")
+    parts: list[PartEntry] = Field([], description="Its solid pieces; default: the box.")
+
+
+class TaskEntry(Entry):
+    """A task that the cell must support, with what is expected of its best candidate."""
+
+    task: Text = Field(description="As on the command line, such as `pickup green`.")
+    min_q_avg: Share | None = None
+    min_q_eoi: Share | None = None
+    max_time: Time | None = None
+    max_delay: Time | None = None
+    feasible: bool | None = Field(None, description="Whether a feasible candidate is expected at all.")
+    winner: Name | None = Field(None, description="The object that the best candidate is expected to use.")
+
+
+class WorkspaceFile(Entry):
+    """A cell: robot, cameras, detectors, objects, what is true now, skills and expected tasks."""
+
+    robot: RobotEntry
+    detectors: dict[Name, DetectorEntry] = {}
+    cameras: dict[Name, CameraEntry] = Field({}, max_length=200)
+    skills: list[Text] = Field([], description="Folders of the skills that may be used.")
+    types: dict[Name, Name] = Field({}, description="Further types of objects, each with the type it is a kind of.")
+    objects: dict[Name, ObjectEntry] = Field({}, max_length=2000)
+    state: list[Text] = Field([], description="The facts that hold now; every other one does not.")
+    tasks: list[TaskEntry] = []
+    padding: Length = Field(0.0, ge=0, description="Least distance that motions keep from fixed objects.")
+
+
+def workspace_schema() -> dict[str, Any]:
+    """JSON Schema of workspace.yaml, for editors."""
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **WorkspaceFile.model_json_schema()}

@@ -1,0 +1,123 @@
+"""Reading XML files safely, with the line of every element."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.parsers import expat
+
+from sqrp_cli.errors import InputError, Place, Problem, nearest
+from sqrp_cli.knowledge.source import excerpt, read_bytes
+
+MAX_BYTES = 10_000_000
+"""Largest XML file that is read."""
+MAX_DEPTH = 64
+"""Deepest nesting of elements."""
+
+
+@dataclass(frozen=True, eq=False)
+class Element:
+    """An XML element; text between elements is not kept, URDF and SRDF have none that matters."""
+
+    tag: str
+    attributes: dict[str, str]
+    place: Place
+    children: list[Element] = field(default_factory=list)
+
+    def all(self, tag: str) -> Iterator[Element]:
+        """The children with a tag, in file order."""
+        return (child for child in self.children if child.tag == tag)
+
+    def first(self, tag: str) -> Element | None:
+        """The first child with a tag, or None."""
+        return next(self.all(tag), None)
+
+    def need(self, tag: str) -> Element:
+        """The first child with a tag; raises InputError if there is none."""
+        child = self.first(tag)
+        if child is None:
+            raise self.error("missing-element", f"{self} has no <{tag}>")
+        return child
+
+    def text(self, attribute: str) -> str:
+        """The value of an attribute, without spaces around it; raises InputError if it is missing or empty."""
+        value = self.attributes.get(attribute, "").strip()
+        if not value:
+            close = nearest(attribute, self.attributes)
+            hint = f", but `{close}`" if close else ""
+            raise self.error("missing-attribute", f"{self} has no `{attribute}`{hint}")
+        return value
+
+    def numbers(self, attribute: str, count: int, default: tuple[float, ...] | None = None) -> tuple[float, ...]:
+        """The `count` numbers of an attribute; the default if it is missing and there is one.
+
+        Raises InputError if they are not that many finite numbers, or if the attribute is missing without a default.
+        """
+        if default is not None and attribute not in self.attributes:
+            return default
+        text = self.text(attribute)
+        try:
+            numbers = tuple(float(word) for word in text.split())
+        except ValueError:
+            numbers = ()
+        if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
+            expected = "a finite number" if count == 1 else f"{count} finite numbers"
+            raise self.error("wrong-value", f"{self}: `{attribute}` is `{text}`, expected {expected}")
+        return numbers
+
+    def number(self, attribute: str, default: float | None = None) -> float:
+        """As `numbers`, for one number."""
+        return self.numbers(attribute, 1, None if default is None else (default,))[0]
+
+    def error(self, code: str, message: str) -> InputError:
+        """An error about this element."""
+        return InputError(Problem(code, message, self.place))
+
+    def __str__(self) -> str:
+        name = self.attributes.get("name")
+        return f'<{self.tag} name="{name}">' if name else f"<{self.tag}>"
+
+
+def read_xml(path: Path, root_tag: str) -> Element:
+    """The root element of an XML file, which must be a `root_tag`.
+
+    Raises InputError, with line and column, for a file that is missing, too large, not XML, nested too deep, or that
+    declares entities: a short file can unfold to gigabytes through them, or make the reader open other files.
+    """
+    content = read_bytes(path, MAX_BYTES)
+    parser = expat.ParserCreate()
+    top: list[Element] = []
+    open_elements: list[Element] = []
+
+    def here() -> Place:
+        return Place(path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        element = Element(tag, attributes, here())
+        if len(open_elements) == MAX_DEPTH:
+            raise element.error("nesting-too-deep", f"elements are nested deeper than {MAX_DEPTH} levels")
+        (open_elements[-1].children if open_elements else top).append(element)
+        open_elements.append(element)
+
+    def end(_tag: str) -> None:
+        open_elements.pop()
+
+    def refuse_entity(name: str, *_declaration: object) -> None:
+        raise InputError(Problem("xml-entity", f"declares the entity `{name}`; entities are not accepted", here()))
+
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.EntityDeclHandler = refuse_entity
+    try:
+        parser.Parse(content, True)
+    except expat.ExpatError as error:
+        lines = content.decode("utf-8", errors="replace").splitlines()
+        line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
+        message = f"not well-formed XML: {expat.ErrorString(error.code)}"
+        place = Place(path, error.lineno, error.offset + 1)
+        raise InputError(Problem("xml-syntax", message, place, excerpt=excerpt(line, error.offset + 1))) from error
+    root = top[0]
+    if root.tag != root_tag:
+        raise root.error("wrong-root", f"the file begins with {root}, expected <{root_tag}>")
+    return root

@@ -1,0 +1,1 @@
+"""Predicates, literals and Metric Temporal Logic; nothing in here knows about robots."""

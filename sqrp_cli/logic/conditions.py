@@ -1,0 +1,181 @@
+"""Conditions and effects in a world: what fails, and what becomes true."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from typing import TypeAlias
+
+from sqrp_cli.logic.domain import (
+    Action,
+    Condition,
+    Conjunction,
+    Constant,
+    Disjunction,
+    Domain,
+    Equal,
+    Exists,
+    ForAll,
+    Holds,
+    Negation,
+    Parameter,
+    Term,
+    Variable,
+)
+from sqrp_cli.logic.literal import Atom, Literal
+
+Objects = Mapping[str, frozenset[str]]
+"""The names of all objects with the types that each of them has; types above those in the domain need not be named."""
+
+Binding = Mapping[str, str]
+"""Object name by variable name, without question mark."""
+
+
+@dataclass(frozen=True)
+class UnmetCondition:
+    """A part of a condition that fails and is no literal: an equality, or a choice of which no alternative holds."""
+
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+Failure: TypeAlias = Literal | UnmetCondition
+
+
+def failing_literals(
+    action: Action, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: Domain
+) -> tuple[Failure, ...]:
+    """Which parts of the grounded precondition do not hold, once each, from left to right; empty if it holds.
+
+    facts: the atoms that hold; every other atom is false.
+    """
+    return tuple(dict.fromkeys(failures(action.precondition, binding, facts, objects, domain)))
+
+
+def failures(
+    condition: Condition, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: Domain
+) -> Iterator[Failure]:
+    """The parts of a condition that do not hold, from left to right; none if the condition holds."""
+    ground = ground_condition(condition, binding, objects, domain)
+
+    def failing(part: GroundCondition) -> Iterator[Failure]:
+        match part:
+            case Literal(atom, positive):
+                if (atom in facts) != positive:
+                    yield part
+            case All(parts):
+                for inner in parts:
+                    yield from failing(inner)
+            case Some(alternatives, text):
+                if all(next(failing(alternative), None) for alternative in alternatives):
+                    yield UnmetCondition(text)
+
+    return failing(ground)
+
+
+def apply_effect(action: Action, binding: Binding, facts: frozenset[Atom]) -> frozenset[Atom]:
+    """The facts after the action: what it deletes is gone, then what it adds is there."""
+    deletes = {ground_atom(change, binding) for change in action.effect.deletes}
+    adds = {ground_atom(change, binding) for change in action.effect.adds}
+    return (facts - deletes) | adds
+
+
+def ground_atom(use: Holds, binding: Binding) -> Atom:
+    """The atom that a use of a predicate is about."""
+    return Atom(use.predicate, tuple(_object(term, binding) for term in use.terms))
+
+
+def fitting_objects(parameter: Parameter, objects: Objects, domain: Domain) -> tuple[str, ...]:
+    """The objects that a variable may stand for, in the order of `objects`."""
+    return tuple(name for name, types in objects.items() if domain.fits(types, parameter.type))
+
+
+@dataclass(frozen=True)
+class All:
+    """A ground conjunction; without parts, always true."""
+
+    parts: tuple[GroundCondition, ...]
+
+
+@dataclass(frozen=True)
+class Some:
+    """A ground disjunction; without alternatives, never true. text: the condition it stands for, for messages."""
+
+    alternatives: tuple[GroundCondition, ...]
+    text: str
+
+
+GroundCondition: TypeAlias = Literal | All | Some
+"""A condition about objects in negation normal form, quantifiers expanded and equalities decided."""
+
+
+def ground_condition(condition: Condition, binding: Binding, objects: Objects, domain: Domain) -> GroundCondition:
+    """The condition about the objects that the binding names, negations pushed down to the literals."""
+
+    def ground(part: Condition, bound: Binding, positive: bool) -> GroundCondition:
+        def combine(parts: Iterator[GroundCondition], every: bool) -> GroundCondition:
+            return All(tuple(parts)) if every else Some(tuple(parts), _text(part, bound, positive))
+
+        match part:
+            case Holds():
+                return Literal(ground_atom(part, bound), positive)
+            case Equal(left, right):
+                holds = (_object(left, bound) == _object(right, bound)) == positive
+                return All(()) if holds else Some((), _text(part, bound, positive))
+            case Negation(inner):
+                return ground(inner, bound, not positive)
+            case Conjunction(parts):
+                return combine((ground(inner, bound, positive) for inner in parts), every=positive)
+            case Disjunction(parts):
+                return combine((ground(inner, bound, positive) for inner in parts), every=not positive)
+            case ForAll(variables, body):
+                bindings = _extensions(bound, variables, objects, domain)
+                return combine((ground(body, inner, positive) for inner in bindings), every=positive)
+            case Exists(variables, body):
+                bindings = _extensions(bound, variables, objects, domain)
+                return combine((ground(body, inner, positive) for inner in bindings), every=not positive)
+
+    return ground(condition, binding, True)
+
+
+def _extensions(
+    binding: Binding, variables: tuple[Parameter, ...], objects: Objects, domain: Domain
+) -> Iterator[Binding]:
+    names = [variable.name for variable in variables]
+    for chosen in product(*(fitting_objects(variable, objects, domain) for variable in variables)):
+        yield {**binding, **dict(zip(names, chosen, strict=True))}
+
+
+def _object(term: Term, binding: Binding) -> str:
+    return term.name if isinstance(term, Constant) else binding[term.name]
+
+
+def _text(condition: Condition, binding: Binding, positive: bool) -> str:
+    """The condition in words, with objects in place of the variables that are bound."""
+
+    def replace(term: Term) -> Term:
+        return Constant(binding[term.name]) if isinstance(term, Variable) and term.name in binding else term
+
+    bound = _substitute(condition, replace)
+    return str(bound if positive else Negation(bound))
+
+
+def _substitute(condition: Condition, replace: Callable[[Term], Term]) -> Condition:
+    match condition:
+        case Holds(predicate, terms):
+            return Holds(predicate, tuple(map(replace, terms)))
+        case Equal(left, right):
+            return Equal(replace(left), replace(right))
+        case Negation(part):
+            return Negation(_substitute(part, replace))
+        case Conjunction(parts):
+            return Conjunction(tuple(_substitute(part, replace) for part in parts))
+        case Disjunction(parts):
+            return Disjunction(tuple(_substitute(part, replace) for part in parts))
+        case ForAll(variables, body):
+            return ForAll(variables, _substitute(body, replace))
+        case Exists(variables, body):
+            return Exists(variables, _substitute(body, replace))

@@ -1,0 +1,237 @@
+"""A PDDL domain: types, predicates and actions, with the conditions and effects of the actions as trees.
+
+PDDL does not tell upper case from lower case; every name here is in lower case.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias, TypeVar
+
+from sqrp_cli.errors import InputError, Place, Problem
+
+OBJECT = "object"
+"""The type that every object has."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A typed variable of a predicate, an action or a quantifier; `name` is without the question mark."""
+
+    name: str
+    type: str = OBJECT
+
+    def __str__(self) -> str:
+        return f"?{self.name} - {self.type}"
+
+
+@dataclass(frozen=True)
+class Signature:
+    """A declared predicate."""
+
+    name: str
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def types(self) -> tuple[str, ...]:
+        """Types of the parameters."""
+        return tuple(parameter.type for parameter in self.parameters)
+
+    def __str__(self) -> str:
+        return f"({' '.join([self.name, *map(str, self.parameters)])})"
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A variable as an argument; `name` is without the question mark."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return f"?{self.name}"
+
+
+@dataclass(frozen=True)
+class Constant:
+    """The name of an object as an argument."""
+
+    name: str
+
+    def __str__(self) -> str:
+        return self.name
+
+
+Term: TypeAlias = Variable | Constant
+
+
+@dataclass(frozen=True)
+class Holds:
+    """True where the predicate holds of its arguments."""
+
+    predicate: str
+    terms: tuple[Term, ...]
+
+    def __str__(self) -> str:
+        return f"{self.predicate}({', '.join(map(str, self.terms))})" if self.terms else self.predicate
+
+
+@dataclass(frozen=True)
+class Equal:
+    """True where both terms are the same object."""
+
+    left: Term
+    right: Term
+
+    def __str__(self) -> str:
+        return f"{self.left} = {self.right}"
+
+
+@dataclass(frozen=True)
+class Negation:
+    """True where the part is false."""
+
+    part: Condition
+
+    def __str__(self) -> str:
+        return f"not {self.part}" if isinstance(self.part, Holds) else f"not ({self.part})"
+
+
+@dataclass(frozen=True)
+class Conjunction:
+    """True where all parts are; without parts, always."""
+
+    parts: tuple[Condition, ...] = ()
+
+    def __str__(self) -> str:
+        return " and ".join(f"({part})" if isinstance(part, Disjunction) else str(part) for part in self.parts)
+
+
+@dataclass(frozen=True)
+class Disjunction:
+    """True where one part is; without parts, never."""
+
+    parts: tuple[Condition, ...] = ()
+
+    def __str__(self) -> str:
+        return " or ".join(f"({part})" if isinstance(part, Conjunction) else str(part) for part in self.parts)
+
+
+@dataclass(frozen=True)
+class ForAll:
+    """True where the body is, whichever objects of their types the variables stand for."""
+
+    variables: tuple[Parameter, ...]
+    body: Condition
+
+    def __str__(self) -> str:
+        return f"for all {', '.join(map(str, self.variables))}: {self.body}"
+
+
+@dataclass(frozen=True)
+class Exists:
+    """True where the body is for some objects of the variables' types."""
+
+    variables: tuple[Parameter, ...]
+    body: Condition
+
+    def __str__(self) -> str:
+        return f"for some {', '.join(map(str, self.variables))}: {self.body}"
+
+
+Condition: TypeAlias = Holds | Equal | Negation | Conjunction | Disjunction | ForAll | Exists
+
+
+@dataclass(frozen=True)
+class Effect:
+    """What an action does: `deletes` become false, then `adds` become true."""
+
+    adds: tuple[Holds, ...]
+    deletes: tuple[Holds, ...]
+
+
+@dataclass(frozen=True)
+class Action:
+    """An action with its precondition and its unconditional effect."""
+
+    name: str
+    parameters: tuple[Parameter, ...]
+    precondition: Condition
+    effect: Effect
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """A PDDL domain.
+
+    requirements: as declared, such as `:typing`. types: each declared type with its parent; `object` is the root and
+    not among them. constants: each with its type.
+    """
+
+    name: str
+    path: Path
+    requirements: frozenset[str]
+    types: Mapping[str, str]
+    constants: Mapping[str, str]
+    predicates: Mapping[str, Signature]
+    actions: Mapping[str, Action]
+
+    def with_ancestors(self, type_name: str) -> frozenset[str]:
+        """The type and every type above it; a type that the domain does not declare is right below `object`."""
+        return with_ancestors(type_name, self.types)
+
+    def fits(self, object_types: Iterable[str], parameter_type: str) -> bool:
+        """Whether an object that has all of `object_types` may stand for a parameter of `parameter_type`.
+
+        Types that this domain does not declare count by their name alone, so that a workspace may know finer types than
+        a skill does.
+        """
+        return parameter_type == OBJECT or any(parameter_type in self.with_ancestors(name) for name in object_types)
+
+
+def with_ancestors(type_name: str, parents: Mapping[str, str]) -> frozenset[str]:
+    """The type and every type above it; `parents` must be free of cycles."""
+    above = {type_name, OBJECT}
+    while type_name in parents:
+        type_name = parents[type_name]
+        above.add(type_name)
+    return frozenset(above)
+
+
+def merge_domains(domains: Sequence[Domain]) -> Domain:
+    """One domain with the types, constants, predicates and actions of several, such as those of a workspace's skills.
+
+    Raises InputError where two of them use one name differently: predicates may differ in the names of their parameters
+    only, types and constants not at all, and every action needs a name of its own.
+    """
+    return Domain(
+        "-".join(domain.name for domain in domains),
+        domains[0].path,
+        frozenset(requirement for domain in domains for requirement in domain.requirements),
+        _merge("type", [(domain, domain.types) for domain in domains], lambda parent: parent),
+        _merge("constant", [(domain, domain.constants) for domain in domains], lambda type_name: type_name),
+        _merge("predicate", [(domain, domain.predicates) for domain in domains], lambda signature: signature.types),
+        _merge("action", [(domain, domain.actions) for domain in domains], lambda _: None),
+    )
+
+
+_Entry = TypeVar("_Entry")
+
+
+def _merge(
+    kind: str, parts: Sequence[tuple[Domain, Mapping[str, _Entry]]], meaning: Callable[[_Entry], object]
+) -> Mapping[str, _Entry]:
+    """Joins the entries; those with one name must have one meaning, and no meaning agrees with None."""
+    merged: dict[str, _Entry] = {}
+    owners: dict[str, Domain] = {}
+    for domain, entries in parts:
+        for name, entry in entries.items():
+            if name in merged and (meaning(entry) is None or meaning(entry) != meaning(merged[name])):
+                message = f"{kind} `{name}` is also defined in {owners[name].path}"
+                if meaning(entry) is not None:
+                    message += f", as `{merged[name]}` there and `{entry}` here"
+                raise InputError(Problem("pddl-conflict", message, Place(domain.path)))
+            merged.setdefault(name, entry)
+            owners.setdefault(name, domain)
+    return merged

@@ -1,0 +1,153 @@
+"""What the names in a formula mean: checking them against a skill, and replacing them by objects.
+
+A predicate's arguments may be left out where the skill's action uses the predicate with one list of arguments only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from sqrp_cli.errors import Problem, expected_names
+from sqrp_cli.logic.domain import (
+    Action,
+    Condition,
+    Conjunction,
+    Constant,
+    Disjunction,
+    Domain,
+    Equal,
+    Exists,
+    ForAll,
+    Holds,
+    Negation,
+)
+from sqrp_cli.logic.formula import (
+    Always,
+    Eventually,
+    Formula,
+    Interval,
+    Predicate,
+    children,
+    with_children,
+)
+from sqrp_cli.logic.source_text import Origin
+
+ArgumentLists = Mapping[str, tuple[tuple[str, ...], ...]]
+"""For each predicate that an action uses, the lists of arguments it uses it with, without repetition: names of
+parameters and constants, and `?name` for the variable of a quantifier."""
+
+
+def argument_lists(action: Action) -> ArgumentLists:
+    """The predicates of the action's precondition and effect with the arguments that they have there."""
+    parameters = {parameter.name for parameter in action.parameters}
+    lists: dict[str, dict[tuple[str, ...], None]] = {}
+    for use in (*_uses(action.precondition), *action.effect.adds, *action.effect.deletes):
+        arguments = tuple(
+            term.name if isinstance(term, Constant) or term.name in parameters else str(term) for term in use.terms
+        )
+        lists.setdefault(use.predicate, {})[arguments] = None
+    return {predicate: tuple(found) for predicate, found in lists.items()}
+
+
+def _uses(condition: Condition) -> tuple[Holds, ...]:
+    match condition:
+        case Holds():
+            return (condition,)
+        case Equal():
+            return ()
+        case Negation(part) | ForAll(body=part) | Exists(body=part):
+            return _uses(part)
+        case Conjunction(parts) | Disjunction(parts):
+            return tuple(use for part in parts for use in _uses(part))
+
+
+def check_formula(formula: Formula, domain: Domain, action: Action, primitives: Sequence[str]) -> tuple[Problem, ...]:
+    """What is wrong with the names and intervals of a formula of a skill; nothing if the result is empty.
+
+    primitives: names of the skill's primitive actions, in order of execution.
+    """
+    if isinstance(formula, Predicate):
+        return _check_predicate(formula, domain, action)
+    problems = [problem for part in children(formula) for problem in check_formula(part, domain, action, primitives)]
+    if isinstance(formula, Always | Eventually):
+        problems = [*_check_interval(formula.interval, primitives), *problems]
+    return tuple(problems)
+
+
+def bind(formula: Formula, binding: Mapping[str, str], lists: ArgumentLists) -> Formula:
+    """The formula about objects: left-out arguments filled in, and parameters replaced by the objects they stand for.
+
+    binding: object name by parameter name; names that are not in it (constants, objects) stay. lists: of the skill's
+    action, see `argument_lists`. Raises ValueError for arguments that cannot be filled in; `check_formula` reports such
+    formulas to the user.
+    """
+    if not isinstance(formula, Predicate):
+        return with_children(formula, tuple(bind(part, binding, lists) for part in children(formula)))
+    arguments = formula.arguments
+    if arguments is None:
+        if len(lists.get(formula.name, ())) != 1:
+            raise ValueError(f"the arguments of `{formula.name}` cannot be left out")
+        arguments = lists[formula.name][0]
+    return Predicate(formula.name, tuple(binding.get(name, name) for name in arguments), formula.origin)
+
+
+def _problem(origin: Origin | None, code: str, message: str) -> Problem:
+    return origin.problem(code, message) if origin else Problem(code, message)
+
+
+def _check_predicate(use: Predicate, domain: Domain, action: Action) -> tuple[Problem, ...]:
+    lists = argument_lists(action)
+    if use.name not in lists:
+        message = f"action `{action.name}` does not use a predicate `{use.name}`; {expected_names(use.name, lists)}"
+        return (_problem(use.origin, "mtl-unknown-predicate", message),)
+    signature = domain.predicates[use.name]
+    if use.arguments is None:
+        known = lists[use.name]
+        if len(known) == 1 and not any(name.startswith("?") for name in known[0]):
+            return ()
+        uses = ", ".join(f"{use.name}({', '.join(names)})" for names in known)
+        message = f"the arguments of `{use.name}` must be given, because action `{action.name}` uses it as {uses}"
+        return (_problem(use.origin, "mtl-missing-arguments", message),)
+    if len(use.arguments) != len(signature.parameters):
+        message = f"`{use.name}` has {len(use.arguments)} arguments; expected {len(signature.parameters)}: {signature}"
+        return (_problem(use.origin, "mtl-arity", message),)
+    types = dict(domain.constants) | {parameter.name: parameter.type for parameter in action.parameters}
+    problems = []
+    for name, expected in zip(use.arguments, signature.parameters, strict=True):
+        if name not in types:
+            message = f"`{name}` is no parameter of `{action.name}` and no constant; {expected_names(name, types)}"
+            problems.append(_problem(use.origin, "mtl-unknown-argument", message))
+        elif not domain.fits([types[name]], expected.type):
+            message = f"`{name}` is of type `{types[name]}`, but `{use.name}` expects `{expected.type}`"
+            problems.append(_problem(use.origin, "mtl-type", message))
+    return tuple(problems)
+
+
+def _check_interval(interval: Interval, primitives: Sequence[str]) -> tuple[Problem, ...]:
+    bounds = (interval.start, interval.end)
+    unknown = [bound for bound in bounds if bound.primitive is not None and bound.primitive not in primitives]
+    if unknown:
+        return tuple(
+            _problem(
+                bound.origin,
+                "mtl-unknown-primitive",
+                f"there is no primitive action `{bound.primitive}`; {expected_names(str(bound.primitive), primitives)}",
+            )
+            for bound in unknown
+        )
+    if _surely_empty(interval, primitives):
+        return (
+            _problem(interval.start.origin, "mtl-empty-interval", f"the interval {interval} ends before it starts"),
+        )
+    return ()
+
+
+def _surely_empty(interval: Interval, primitives: Sequence[str]) -> bool:
+    """Whether the interval ends before it starts however long the primitive actions take."""
+    start, end = interval.start, interval.end
+    if start.primitive is None or end.primitive is None:
+        return start.primitive is end.primitive and start.offset > end.offset
+    start_order, end_order = (2 * primitives.index(str(b.primitive)) + (b.edge == "end") for b in (start, end))
+    if start_order > end_order and not (start.edge == "start" and end.edge == "end" and start_order - end_order == 1):
+        return start.offset >= end.offset
+    return start_order >= end_order and start.offset > end.offset

@@ -1,0 +1,175 @@
+"""When formulas apply: intervals of temporal operators in seconds, and the stretches of time they cover together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Literal as OneOf
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.logic.formula import (
+    Always,
+    And,
+    Eventually,
+    Formula,
+    Implies,
+    Instant,
+    Interval,
+    Not,
+    Or,
+    Predicate,
+    children,
+    with_children,
+)
+from sqrp_cli.logic.literal import Literal
+
+SAME_INSTANT = 1e-9
+"""Stretches that are closer than this [s] count as one."""
+
+Operator = OneOf["always", "eventually"]
+
+
+@dataclass(frozen=True, order=True)
+class Stretch:
+    """The time from `start` to `end` [s], both included."""
+
+    start: float
+    end: float
+
+    @property
+    def length(self) -> float:
+        """Its duration [s]."""
+        return self.end - self.start
+
+
+@dataclass(frozen=True)
+class GroundOperator:
+    """A temporal operator of a ground formula with the time in which it applies.
+
+    text: the operator with its body, as written. operator: as written; under a negation an `eventually` stays one.
+    start, end: the closed interval, from the start of the skill [s].
+    literals: those of its body outside any deeper temporal operator, once each, from left to right, as they stand when
+    negations within the body are pushed down to the predicates.
+    """
+
+    text: str
+    operator: Operator
+    start: float
+    end: float
+    literals: tuple[Literal, ...]
+
+    @property
+    def stretch(self) -> Stretch:
+        """Its interval."""
+        return Stretch(self.start, self.end)
+
+
+def with_times(formula: Formula, spans: Mapping[str, tuple[float, float]]) -> Formula:
+    """The formula with every bound of an interval as a number of seconds.
+
+    spans: start and end of each primitive action [s]. Raises InputError for an interval that ends before it starts.
+    """
+    parts = tuple(with_times(part, spans) for part in children(formula))
+    match formula:
+        case Always(interval, _, origin):
+            return Always(_with_times(interval, spans), parts[0], origin)
+        case Eventually(interval, _, origin):
+            return Eventually(_with_times(interval, spans), parts[0], origin)
+    return with_children(formula, parts)
+
+
+def ground_operators(
+    formula: Formula, spans: Mapping[str, tuple[float, float]], total: float
+) -> tuple[GroundOperator, ...]:
+    """The temporal operators of a bound formula, outer before inner, from left to right, with their times.
+
+    spans: start and end of each primitive action [s]. total: duration of the whole motion [s].
+    The interval of a nested operator is the Minkowski sum of its own and those of the operators around it, clipped to
+    [0, total]; an operator whose interval lies outside [0, total] has no entry. Literals outside any temporal operator
+    count at t = 0: they make an entry of their own, before the others, `always` from 0 to 0, whose text is the formula.
+    Raises InputError for an interval that ends before it starts.
+    """
+    entries = list(_nested_operators(formula, spans, 0.0, 0.0))
+    literals = tuple(dict.fromkeys(_own_literals(formula, positive=True)))
+    if literals:
+        entries.insert(0, GroundOperator(str(formula), "always", 0.0, 0.0, literals))
+    return tuple(
+        GroundOperator(entry.text, entry.operator, max(entry.start, 0.0), min(entry.end, total), entry.literals)
+        for entry in entries
+        if entry.end >= 0.0 and entry.start <= total
+    )
+
+
+def merge(stretches: Iterable[Stretch]) -> tuple[Stretch, ...]:
+    """The union as separate stretches in order of time; stretches closer than 1e-9 s become one."""
+    merged: list[Stretch] = []
+    for stretch in sorted(stretches):
+        if merged and stretch.start - merged[-1].end < SAME_INSTANT:
+            merged[-1] = Stretch(merged[-1].start, max(merged[-1].end, stretch.end))
+        else:
+            merged.append(stretch)
+    return tuple(merged)
+
+
+def union_length(stretches: Iterable[Stretch]) -> float:
+    """Duration of the union [s]: T over all ground operators, T_eoi over those of events of interest."""
+    return sum(stretch.length for stretch in merge(stretches))
+
+
+def formula_time(operators: Iterable[GroundOperator]) -> tuple[Stretch, ...]:
+    """The stretches in which some formula applies."""
+    return merge(operator.stretch for operator in operators)
+
+
+def events_of_interest(operators: Iterable[GroundOperator]) -> tuple[Stretch, ...]:
+    """The stretches of the events of interest: of every `eventually`."""
+    return merge(operator.stretch for operator in operators if operator.operator == "eventually")
+
+
+def _nested_operators(
+    formula: Formula, spans: Mapping[str, tuple[float, float]], start: float, end: float
+) -> Iterator[GroundOperator]:
+    """The operators in `formula` when it is evaluated at the instants from `start` to `end`, not clipped."""
+    if isinstance(formula, Always | Eventually):
+        interval = _with_times(formula.interval, spans)
+        start, end = start + interval.start.offset, end + interval.end.offset
+        kind: Operator = "always" if isinstance(formula, Always) else "eventually"
+        literals = tuple(dict.fromkeys(_own_literals(formula.operand, positive=True)))
+        yield GroundOperator(str(formula), kind, start, end, literals)
+    for part in children(formula):
+        yield from _nested_operators(part, spans, start, end)
+
+
+def _own_literals(formula: Formula, positive: bool) -> Iterator[Literal]:
+    """Literals outside any temporal operator; under an odd number of negations if `positive` is false."""
+    match formula:
+        case Predicate():
+            yield Literal(formula.atom, positive)
+        case Not(operand):
+            yield from _own_literals(operand, not positive)
+        case And(operands) | Or(operands):
+            for operand in operands:
+                yield from _own_literals(operand, positive)
+        case Implies(premise, conclusion):
+            yield from _own_literals(premise, not positive)
+            yield from _own_literals(conclusion, positive)
+        case Always() | Eventually():
+            pass
+
+
+def _with_times(interval: Interval, spans: Mapping[str, tuple[float, float]]) -> Interval:
+    start, end = _seconds(interval.start, spans), _seconds(interval.end, spans)
+    if end < start - SAME_INSTANT:
+        code, message = "mtl-empty-interval", f"the interval {interval} is empty: from {start:g} s to {end:g} s"
+        origin = interval.start.origin
+        raise InputError(origin.problem(code, message) if origin else Problem(code, message))
+    return Interval(
+        Instant(offset=start, origin=interval.start.origin), Instant(offset=max(start, end), origin=interval.end.origin)
+    )
+
+
+def _seconds(instant: Instant, spans: Mapping[str, tuple[float, float]]) -> float:
+    if instant.primitive is None:
+        return instant.offset
+    start, end = spans[instant.primitive]
+    return (start if instant.edge == "start" else end) + instant.offset

@@ -1,0 +1,31 @@
+"""Ground atoms and literals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, order=True)
+class Atom:
+    """A predicate applied to object names, such as `hold(g1)`; without arguments, `hand_empty`."""
+
+    predicate: str
+    arguments: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{self.predicate}({', '.join(self.arguments)})" if self.arguments else self.predicate
+
+
+@dataclass(frozen=True, order=True)
+class Literal:
+    """An atom or its negation, such as `not hold(g1)`."""
+
+    atom: Atom
+    positive: bool = True
+
+    def __str__(self) -> str:
+        return str(self.atom) if self.positive else f"not {self.atom}"
+
+    def negated(self) -> Literal:
+        """The literal that is true exactly when this one is false."""
+        return Literal(self.atom, not self.positive)

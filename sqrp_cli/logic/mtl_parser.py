@@ -1,0 +1,160 @@
+"""Reading formulas of Metric Temporal Logic."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from importlib.resources import files
+from typing import TYPE_CHECKING
+
+from sqrp_cli.errors import InputError, Place, Problem, nearest
+from sqrp_cli.logic.formula import (
+    Always,
+    And,
+    Eventually,
+    Formula,
+    Implies,
+    Instant,
+    Interval,
+    Not,
+    Or,
+    Predicate,
+)
+from sqrp_cli.logic.source_text import Origin, SourceText
+from sqrp_cli.logic.syntax_tree import depth, is_token
+
+if TYPE_CHECKING:
+    from lark import Lark, Token, Tree
+    from lark.exceptions import UnexpectedInput
+
+MAX_DEPTH = 50
+"""Deepest nesting of a formula."""
+
+MAX_LENGTH = 20_000
+"""Most characters of a formula."""
+
+_EXPECTED = {
+    "ALWAYS": "`always`",
+    "EVENTUALLY": "`eventually`",
+    "NOT": "`not`",
+    "AND": "`and`",
+    "OR": "`or`",
+    "IMPLIES": "`->`",
+    "EDGE": "`start` or `end`",
+    "SIGN": "`+`, `-`",
+    "NUMBER": "a number of seconds",
+    "NAME": "a name",
+    "LPAR": "`(`",
+    "RPAR": "`)`",
+    "LSQB": "`[`",
+    "RSQB": "`]`",
+    "COMMA": "`,`",
+    "DOT": "`.`",
+    "$END": "the end of the formula",
+}
+"""What error messages call the terminals of the grammar, in the order in which they are listed."""
+
+_KEYWORDS = {
+    "ALWAYS": "always",
+    "EVENTUALLY": "eventually",
+    "NOT": "not",
+    "AND": "and",
+    "OR": "or",
+    "IMPLIES": "implies",
+}
+
+
+def parse_formula(text: str, place: Place, indent: int = 0) -> Formula:
+    """Reads a formula of the language that `sqrp_cli.logic.mtl` describes.
+
+    place: where the text starts. indent: columns that stand before every further line of the text in the file and are
+    not part of it. Raises InputError with line, column and an excerpt of the text; whether the names in the formula
+    mean anything is for `check_formula`.
+    """
+    from lark.exceptions import UnexpectedInput
+
+    source = SourceText(text, place, indent)
+    if len(text) > MAX_LENGTH:
+        message = f"the formula has {len(text)} characters; at most {MAX_LENGTH} are read"
+        raise InputError(Problem("mtl-too-long", message, place))
+    try:
+        tree = _parser().parse(text)
+    except UnexpectedInput as error:
+        raise InputError(_syntax_problem(source, error)) from None
+    if depth(tree) > MAX_DEPTH:
+        raise InputError(source.problem("mtl-too-deep", f"the formula is nested deeper than {MAX_DEPTH} levels", 0))
+    return _formula(tree, source)
+
+
+@cache
+def _parser() -> Lark:
+    from lark import Lark
+
+    grammar = files("sqrp_cli.logic").joinpath("mtl.lark").read_text(encoding="utf-8")
+    return Lark(grammar, parser="lalr", maybe_placeholders=False)
+
+
+def _formula(tree: Tree[Token], source: SourceText) -> Formula:
+    def origin(token: Token) -> Origin:
+        return Origin(source, token.start_pos or 0)
+
+    def instant(node: Tree[Token]) -> Instant:
+        tokens = [part for part in node.children if is_token(part)]
+        seconds = 0.0
+        if tokens[-1].type == "NUMBER":
+            seconds = float(tokens[-1])
+            if not math.isfinite(seconds):
+                problem = origin(tokens[-1]).problem("mtl-number", f"`{tokens[-1]}` is too large for a time in seconds")
+                raise InputError(problem)
+        if node.data == "time":
+            return Instant(offset=seconds, origin=origin(tokens[0]))
+        if len(tokens) > 2 and tokens[2] != "+":
+            seconds = -seconds
+        return Instant(str(tokens[0]), str(tokens[1]), seconds, origin(tokens[0]))
+
+    trees = [part for part in tree.children if not is_token(part)]
+    tokens = [part for part in tree.children if is_token(part)]
+    match tree.data:
+        case "bare_predicate":
+            return Predicate(str(tokens[0]), None, origin(tokens[0]))
+        case "predicate":
+            return Predicate(str(tokens[0]), tuple(map(str, tokens[1:])), origin(tokens[0]))
+        case "always" | "eventually" as kind:
+            start, end = (instant(bound) for bound in trees[0].children if not is_token(bound))
+            operator = Always if kind == "always" else Eventually
+            return operator(Interval(start, end), _formula(trees[1], source), origin(tokens[0]))
+    parts = tuple(_formula(part, source) for part in trees)
+    match tree.data:
+        case "not_":
+            return Not(*parts)
+        case "and_":
+            return And(parts)
+        case "or_":
+            return Or(parts)
+    return Implies(*parts)
+
+
+def _syntax_problem(source: SourceText, error: UnexpectedInput) -> Problem:
+    from lark.exceptions import UnexpectedToken
+
+    if not isinstance(error, UnexpectedToken):
+        offset = error.pos_in_stream or 0
+        return source.problem("mtl-syntax", f"unexpected character `{source.text[offset]}`", offset)
+    token = error.token
+    expected = [words for name, words in _EXPECTED.items() if name in error.expected]
+    listed = " or ".join([", ".join(expected[:-1]), expected[-1]] if len(expected) > 1 else expected)
+    if token.type == "$END":
+        end = len(source.text.rstrip())
+        found = "the formula ends too early" if end else "the formula is empty"
+        return source.problem("mtl-syntax", f"{found}; expected {listed}", end)
+    offset = token.start_pos or 0
+    before = error.token_history[-1] if error.token_history else None
+    if token.type == "LSQB" and before is not None and before.type == "NAME":
+        hint = nearest(before, ["always", "eventually", "G", "F"])
+        advice = f"did you mean `{hint}`?" if hint else "expected `always` or `eventually`"
+        message = f"`{before}` is no temporal operator but has an interval; {advice}"
+        return source.problem("mtl-syntax", message, before.start_pos or 0)
+    keywords = [keyword for name, keyword in _KEYWORDS.items() if name in error.expected]
+    hint = nearest(token, keywords) if token.type == "NAME" else None
+    advice = f"did you mean `{hint}`?" if hint else f"expected {listed}"
+    return source.problem("mtl-syntax", f"unexpected `{token}`; {advice}", offset)

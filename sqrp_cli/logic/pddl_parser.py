@@ -1,0 +1,391 @@
+"""Reading PDDL domains, and checking that everything they say has a meaning."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.logic.domain import (
+    OBJECT,
+    Action,
+    Condition,
+    Conjunction,
+    Constant,
+    Disjunction,
+    Domain,
+    Effect,
+    Equal,
+    Exists,
+    ForAll,
+    Holds,
+    Negation,
+    Parameter,
+    Signature,
+    Term,
+    Variable,
+    with_ancestors,
+)
+from sqrp_cli.logic.nested_lists import Node, Word, WordList, read_list
+from sqrp_cli.logic.source_text import SourceText
+
+REQUIREMENTS = (
+    ":strips",
+    ":typing",
+    ":equality",
+    ":negative-preconditions",
+    ":disjunctive-preconditions",
+    ":existential-preconditions",
+    ":universal-preconditions",
+    ":quantified-preconditions",
+)
+"""The requirements that are supported; every other one is an error."""
+
+_SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":action")
+_ACTION_KEYS = (":parameters", ":precondition", ":effect")
+_NAME = re.compile(r"[a-z][a-z0-9_-]*")
+_CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists", "=", "when")
+_NUMERIC = ("increase", "decrease", "assign", "scale-up", "scale-down", "<", ">", "<=", ">=")
+
+
+def parse_domain(text: str, path: Path) -> Domain:
+    """The domain that a PDDL file defines, with one or more actions.
+
+    Supported: typing, constants, equality, negative, disjunctive and quantified preconditions, unconditional effects;
+    whatever a domain uses of these it must declare among its requirements. Raises InputError with every problem found,
+    in order of place, each with line, column and an excerpt of the text.
+    """
+    reader = _Reader(SourceText(text, Place(path, 1, 1)))
+    domain = reader.read(read_list(reader.source))
+    reader.stop_at_problems()
+    return domain
+
+
+Scope = dict[str, str]
+"""Type of each variable that may be used."""
+
+
+@dataclass
+class _Reader:
+    """The state of reading one domain: what has been declared so far, and the problems found so far."""
+
+    source: SourceText
+    problems: list[Problem] = field(default_factory=list)
+    requirements: set[str] = field(default_factory=set)
+    types: dict[str, str] = field(default_factory=dict)
+    constants: dict[str, str] = field(default_factory=dict)
+    predicates: dict[str, Signature] = field(default_factory=dict)
+    actions: dict[str, Action] = field(default_factory=dict)
+
+    def report(self, code: str, message: str, node: Node, mend: str | None = None) -> None:
+        """Notes a problem after which reading can go on."""
+        self.problems.append(self.source.problem(code, message, node.offset, mend))
+
+    def failure(self, message: str, node: Node, code: str = "pddl-syntax") -> InputError:
+        """The error for a problem after which the list that `node` stands in cannot be understood."""
+        return InputError(self.source.problem(code, message, node.offset))
+
+    def stop_at_problems(self) -> None:
+        """Raises the problems found so far, if there are any."""
+        if self.problems:
+            raise InputError(*sorted(self.problems, key=lambda problem: _position(problem.place)))
+
+    def attempt(self, read: Callable[[WordList], None], section: WordList) -> None:
+        """Reads a section; a failure in it is noted."""
+        try:
+            read(section)
+        except InputError as error:
+            self.problems += error.problems
+
+    def read(self, top: WordList) -> Domain:
+        name_list = top.items[1] if len(top.items) > 1 else None
+        if top.head != "define" or not isinstance(name_list, WordList) or name_list.head not in ("domain", "problem"):
+            raise self.failure("expected `(define (domain NAME) ...)`", top)
+        if name_list.head == "problem":
+            raise self.failure("this is a PDDL problem; expected `(define (domain NAME) ...)`", name_list)
+        if len(name_list.items) != 2:
+            raise self.failure("expected `(domain NAME)`", name_list)
+        name = self.name(name_list.items[1], "a domain name")
+        sections = self.sections(top.items[2:])
+        readers = (self.read_requirements, self.read_types, self.read_constants, self.read_predicates)
+        for head, read in zip(_SECTIONS, readers, strict=False):
+            for section in sections[head][:1]:
+                self.attempt(read, section)
+            for section in sections[head][1:]:
+                self.report("pddl-duplicate", f"a second `{head}` section; expected at most one", section)
+        self.stop_at_problems()
+        for section in sections[":action"]:
+            self.attempt(self.read_action, section)
+        if not sections[":action"] and not self.problems:
+            raise self.failure("the domain has no action; expected `(:action NAME ...)`", top)
+        return Domain(
+            name.text,
+            self.source.place.file,
+            frozenset(self.requirements),
+            self.types,
+            self.constants,
+            self.predicates,
+            self.actions,
+        )
+
+    def sections(self, nodes: Sequence[Node]) -> dict[str, list[WordList]]:
+        sections: dict[str, list[WordList]] = {head: [] for head in _SECTIONS}
+        for node in nodes:
+            if not isinstance(node, WordList):
+                raise self.failure(f"expected a section such as `(:action ...)`, found `{node.text}`", node)
+            if node.head in sections:
+                sections[node.head].append(node)
+            elif node.head in (":functions", ":derived", ":durative-action", ":constraints", ":event", ":process"):
+                self.report("pddl-unsupported", f"`{node.head}` is not supported", node)
+            else:
+                message = f"unknown section `{node.head}`; {expected_names(node.head, _SECTIONS)}"
+                self.report("pddl-syntax", message, node)
+        return sections
+
+    def read_requirements(self, section: WordList) -> None:
+        for node in section.items[1:]:
+            word = self.word(node, "a requirement such as `:typing`")
+            if word.text not in REQUIREMENTS:
+                message = f"requirement `{word.text}` is not supported; {expected_names(word.text, REQUIREMENTS)}"
+                self.report("pddl-unsupported", message, word)
+            self.requirements.add(word.text)
+
+    def read_types(self, section: WordList) -> None:
+        self.need(section, "`:types`", ":typing")
+        declared = self.typed_list(section.items[1:], "a type")
+        where = {word.text: word for word, _ in declared}
+        for word, parent in declared:
+            if word.text in self.types or word.text == OBJECT:
+                self.report("pddl-duplicate", f"type `{word.text}` is declared twice", word)
+            elif parent and parent.text not in where and parent.text != OBJECT:
+                self.report("pddl-unknown-type", self.unknown("type", parent.text, [*where, OBJECT]), parent)
+            else:
+                self.types[word.text] = parent.text if parent else OBJECT
+        for name in self.types:
+            chain = [name]
+            while chain[-1] in self.types and len(chain) <= len(self.types):
+                chain.append(self.types[chain[-1]])
+                if chain[-1] == name:
+                    cycle = " - ".join(f"`{link}`" for link in chain)
+                    raise self.failure(f"type `{name}` is above itself: {cycle}", where[name], "pddl-cyclic-types")
+
+    def read_constants(self, section: WordList) -> None:
+        for word, type_word in self.typed_list(section.items[1:], "a constant"):
+            if word.text in self.constants:
+                self.report("pddl-duplicate", f"constant `{word.text}` is declared twice", word)
+            self.constants[word.text] = self.type_of(type_word)
+
+    def read_predicates(self, section: WordList) -> None:
+        for node in section.items[1:]:
+            if not isinstance(node, WordList) or not node.items:
+                raise self.failure("expected a predicate such as `(hold ?object - movable)`", node)
+            word = self.name(node.items[0], "a predicate's name")
+            if word.text in _CONNECTIVES:
+                self.report("pddl-syntax", f"`{word.text}` cannot be the name of a predicate", word)
+            if word.text in self.predicates:
+                self.report("pddl-duplicate", f"predicate `{word.text}` is declared twice", word)
+            self.predicates[word.text] = Signature(word.text, self.parameters(node.items[1:], {}))
+
+    def read_action(self, section: WordList) -> None:
+        if len(section.items) < 2:
+            raise self.failure("expected `(:action NAME :parameters (...) :precondition (...) :effect (...))`", section)
+        name = self.name(section.items[1], "an action's name")
+        if name.text in self.actions:
+            self.report("pddl-duplicate", f"action `{name.text}` is defined twice", name)
+        parts: dict[str, WordList] = {}
+        nodes = section.items[2:]
+        for key_node, value in zip(nodes[::2], [*nodes[1::2], None], strict=False):
+            key = self.word(key_node, expected_names("", _ACTION_KEYS))
+            if key.text not in _ACTION_KEYS:
+                message = f"unknown key `{key.text}` of an action; {expected_names(key.text, _ACTION_KEYS)}"
+                raise self.failure(message, key)
+            if not isinstance(value, WordList):
+                raise self.failure(f"expected a list in parentheses after `{key.text}`", value or key)
+            if key.text in parts:
+                self.report("pddl-duplicate", f"a second `{key.text}` of action `{name.text}`", key)
+            parts[key.text] = value
+        for required in (":parameters", ":effect"):
+            if required not in parts:
+                raise self.failure(f"action `{name.text}` has no `{required}`", name)
+        scope: Scope = {}
+        parameters = self.parameters(parts[":parameters"].items, scope)
+        precondition: Condition = Conjunction()
+        if ":precondition" in parts and parts[":precondition"].items:
+            precondition = self.condition(parts[":precondition"], scope)
+        self.actions[name.text] = Action(name.text, parameters, precondition, self.effect(parts[":effect"], scope))
+
+    def parameters(self, nodes: Sequence[Node], scope: Scope) -> tuple[Parameter, ...]:
+        """Reads a typed list of variables and adds them to the scope."""
+        found = []
+        for word, type_word in self.typed_list(nodes, "a variable such as `?object`"):
+            name = word.text.removeprefix("?")
+            if name in scope:
+                self.report("pddl-duplicate", f"variable `{word.text}` is declared twice", word)
+            scope[name] = self.type_of(type_word)
+            found.append(Parameter(name, scope[name]))
+        return tuple(found)
+
+    def typed_list(self, nodes: Sequence[Node], what: str) -> list[tuple[Word, Word | None]]:
+        """Words with their types in a list such as `a b - t c`; `what` they are says how they must look."""
+        found: list[tuple[Word, Word | None]] = []
+        untyped: list[Word] = []
+        remaining = iter(nodes)
+        for node in remaining:
+            if not (isinstance(node, Word) and node.text == "-"):
+                untyped.append(self.variable(node) if what.startswith("a variable") else self.name(node, what))
+                continue
+            type_node = next(remaining, node)
+            if isinstance(type_node, WordList) and type_node.head == "either":
+                raise self.failure("`either` is not supported; expected one type", type_node, "pddl-unsupported")
+            if not untyped or type_node is node:
+                raise self.failure(f"expected {what} before `-` and a type after it", node)
+            self.need(node, "`- type`", ":typing")
+            found += [(word, self.name(type_node, "a type")) for word in untyped]
+            untyped = []
+        return found + [(word, None) for word in untyped]
+
+    def condition(self, node: Node, scope: Scope) -> Condition:
+        if not isinstance(node, WordList) or not node.items:
+            raise self.failure("expected a condition such as `(hold ?object)`", node)
+        arguments = node.items[1:]
+        match node.head:
+            case "and":
+                return Conjunction(tuple(self.condition(part, scope) for part in arguments))
+            case "or":
+                self.need(node, "`or`", ":disjunctive-preconditions")
+                return Disjunction(tuple(self.condition(part, scope) for part in arguments))
+            case "imply":
+                self.need(node, "`imply`", ":disjunctive-preconditions")
+                premise, conclusion = self.exactly(2, node)
+                return Disjunction((Negation(self.condition(premise, scope)), self.condition(conclusion, scope)))
+            case "not":
+                (part,) = self.exactly(1, node)
+                negated = self.condition(part, scope)
+                if isinstance(negated, Holds | Equal):
+                    self.need(node, "`not` in a precondition", ":negative-preconditions", ":disjunctive-preconditions")
+                else:
+                    self.need(node, "`not` of more than a predicate", ":disjunctive-preconditions")
+                return Negation(negated)
+            case "forall" | "exists" as quantifier:
+                own = ":universal-preconditions" if quantifier == "forall" else ":existential-preconditions"
+                self.need(node, f"`{quantifier}`", own, ":quantified-preconditions")
+                variable_list, body = self.exactly(2, node)
+                if not isinstance(variable_list, WordList):
+                    raise self.failure(f"expected a list of variables after `{quantifier}`", variable_list)
+                inner = dict(scope)
+                variables = self.parameters(variable_list.items, inner)
+                kind = ForAll if quantifier == "forall" else Exists
+                return kind(variables, self.condition(body, inner))
+            case "=":
+                self.need(node, "`=`", ":equality")
+                left, right = self.exactly(2, node)
+                return Equal(self.term(left, scope)[0], self.term(right, scope)[0])
+        return self.holds(node, scope)
+
+    def effect(self, node: WordList, scope: Scope) -> Effect:
+        adds: dict[Holds, None] = {}
+        deletes: dict[Holds, None] = {}
+        for part in node.items[1:] if node.head == "and" else (node,) if node.items else ():
+            if not isinstance(part, WordList) or not part.items:
+                raise self.failure("expected an effect such as `(hold ?object)`", part)
+            if part.head in ("when", "forall"):
+                message = (
+                    f"conditional effects (`{part.head}`) are not supported; expected predicates or their negation"
+                )
+                raise self.failure(message, part, "pddl-unsupported")
+            if part.head in ("and", "or", "imply", "exists", "="):
+                raise self.failure(f"`{part.head}` cannot be an effect; expected predicates or `not`", part)
+            changed, opposite = (deletes, adds) if part.head == "not" else (adds, deletes)
+            (atom,) = self.exactly(1, part) if part.head == "not" else (part,)
+            if not isinstance(atom, WordList) or not atom.items or atom.head in _CONNECTIVES:
+                raise self.failure("expected a predicate after `not` in an effect", atom)
+            change = self.holds(atom, scope)
+            if change in opposite:
+                message = f"the effect makes `{change}` both true and false"
+                self.report("pddl-contradictory-effect", message, part)
+            changed[change] = None
+        return Effect(tuple(adds), tuple(deletes))
+
+    def holds(self, node: WordList, scope: Scope) -> Holds:
+        word = self.word(node.items[0], "a predicate's name")
+        terms = [self.term(item, scope) for item in node.items[1:]]
+        signature = self.predicates.get(word.text)
+        if word.text in _NUMERIC:
+            raise self.failure(f"numbers (`{word.text}`) are not supported", node, "pddl-unsupported")
+        if word.text == "when":
+            raise self.failure("`when` cannot be part of a condition", node)
+        if signature is None:
+            message = self.unknown("predicate", word.text, self.predicates)
+            self.report("pddl-unknown-predicate", message, word)
+        elif len(terms) != len(signature.parameters):
+            message = f"`{word.text}` has {len(terms)} arguments; expected {len(signature.parameters)}: {signature}"
+            self.report("pddl-arity", message, node)
+        else:
+            for item, (term, found), parameter in zip(node.items[1:], terms, signature.parameters, strict=True):
+                if found is not None and parameter.type not in with_ancestors(found, self.types):
+                    message = f"`{term}` is of type `{found}`, but `{word.text}` expects `{parameter.type}`"
+                    self.report("pddl-type", message, item)
+        return Holds(word.text, tuple(term for term, _ in terms))
+
+    def term(self, node: Node, scope: Scope) -> tuple[Term, str | None]:
+        """A term and its type; None for the type of an unknown name."""
+        word = self.word(node, "a variable or a constant")
+        if word.text.startswith("?"):
+            name = word.text[1:]
+            if name not in scope:
+                message = self.unknown("variable", word.text, [f"?{variable}" for variable in scope])
+                self.report("pddl-unknown-variable", message, word)
+            return Variable(name), scope.get(name)
+        if word.text not in self.constants:
+            message = self.unknown("constant", word.text, [*self.constants, *(f"?{variable}" for variable in scope)])
+            self.report("pddl-unknown-constant", message, word)
+        return Constant(word.text), self.constants.get(word.text)
+
+    def type_of(self, word: Word | None) -> str:
+        if word is None:
+            return OBJECT
+        if word.text != OBJECT and word.text not in self.types:
+            self.report("pddl-unknown-type", self.unknown("type", word.text, [*self.types, OBJECT]), word)
+            return OBJECT
+        return word.text
+
+    def need(self, node: Node, what: str, *requirements: str) -> None:
+        """Notes a problem, once per requirement, unless one of the requirements is declared."""
+        if self.requirements.isdisjoint(requirements):
+            mend = f"add `{requirements[0]}` to `(:requirements ...)`"
+            message = f"{what} needs the requirement `{requirements[0]}`, which is not declared"
+            self.report("pddl-undeclared-requirement", message, node, mend)
+            self.requirements.add(requirements[0])
+
+    def exactly(self, count: int, node: WordList) -> tuple[Node, ...]:
+        arguments = node.items[1:]
+        if len(arguments) != count:
+            raise self.failure(f"`{node.head}` has {len(arguments)} arguments; expected {count}", node)
+        return arguments
+
+    def word(self, node: Node, what: str) -> Word:
+        if isinstance(node, WordList):
+            missing = f"; is a `)` missing before `({node.head}`?" if node.head.startswith(":") else ""
+            raise self.failure(f"expected {what}, found a list{missing}", node)
+        return node
+
+    def name(self, node: Node, what: str) -> Word:
+        word = self.word(node, what)
+        if not _NAME.fullmatch(word.text):
+            raise self.failure(f"expected {what}, found `{word.text}`", word)
+        return word
+
+    def variable(self, node: Node) -> Word:
+        word = self.word(node, "a variable such as `?object`")
+        if not (word.text.startswith("?") and _NAME.fullmatch(word.text[1:])):
+            raise self.failure(f"expected a variable such as `?object`, found `{word.text}`", word)
+        return word
+
+    def unknown(self, kind: str, name: str, valid: Iterable[str]) -> str:
+        return f"{kind} `{name}` is not declared; {expected_names(name, valid)}"
+
+
+def _position(place: Place | None) -> tuple[int, int]:
+    return (place.line or 0, place.column or 0) if place else (0, 0)

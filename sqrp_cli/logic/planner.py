@@ -1,0 +1,272 @@
+"""Planning with Fast-Forward: enforced hill climbing on the length of relaxed plans, then a complete search.
+
+After Hoffmann and Nebel, "The FF Planning System: Fast Plan Generation Through Heuristic Search", Journal of Artificial
+Intelligence Research 14, 2001. Negative preconditions are treated as facts of their own.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
+from heapq import heappop, heappush
+from typing import TypeAlias
+
+from sqrp_cli.logic.conditions import All, Binding, Failure, GroundCondition, Objects, Some, UnmetCondition
+from sqrp_cli.logic.domain import Condition, Domain
+from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.logic.planning_task import GroundAction, Need, PlanningTask, Step, TooManyActionsError, planning_task
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Steps that lead from the facts to the goal."""
+
+    steps: tuple[Step, ...]
+
+
+@dataclass(frozen=True)
+class AlreadySatisfied:
+    """The goal holds; nothing needs to be done."""
+
+
+@dataclass(frozen=True)
+class ProvenImpossible:
+    """No plan exists.
+
+    never: the parts of the goal that no sequence of actions can make true; empty if each can be, but not all together.
+    """
+
+    never: tuple[Failure, ...]
+
+
+@dataclass(frozen=True)
+class GaveUp:
+    """Neither a plan nor a proof was found within the budget; states: how many were looked at."""
+
+    states: int
+
+
+PlanningResult: TypeAlias = Plan | AlreadySatisfied | ProvenImpossible | GaveUp
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much work may be done: states looked at, and ground actions."""
+
+    states: int = 20_000
+    actions: int = 50_000
+
+
+def find_plan(
+    domain: Domain,
+    objects: Objects,
+    facts: frozenset[Atom],
+    goal: Condition,
+    binding: Binding,
+    budget: Budget = Budget(),
+) -> PlanningResult:
+    """A plan that makes the goal true, such as the precondition of a skill for one binding of its parameters.
+
+    domain: with the actions that may be used, see `merge_domains`. facts: what holds now; every other atom is false.
+    binding: objects for the free variables of the goal. The same input gives the same plan.
+    """
+    try:
+        task = planning_task(domain, objects, facts, goal, binding, budget.actions)
+    except TooManyActionsError:
+        return GaveUp(0)
+    if task.goal.holds(task.initial):
+        return AlreadySatisfied()
+    reachable = _reachable(task)
+    if not task.goal.holds(reachable):
+        return ProvenImpossible(tuple(dict.fromkeys(_unreachable(task.ground_goal, task, reachable))))
+    return _Search(task, tuple(action for action in task.actions if action.need.holds(reachable)), budget.states).run()
+
+
+def _reachable(task: PlanningTask) -> int:
+    """The literals that can become true if nothing ever stops being true; no other can ever become true."""
+    literals, waiting = task.initial, list(task.actions)
+    while True:
+        before = literals
+        for action in waiting:
+            if action.need.holds(before):
+                literals |= action.gains
+        if literals == before:
+            return literals
+        waiting = [action for action in waiting if not action.need.holds(before)]
+
+
+def _unreachable(condition: GroundCondition, task: PlanningTask, reachable: int) -> Iterator[Failure]:
+    match condition:
+        case Literal():
+            if not task.bit(condition) & reachable:
+                yield condition
+        case All(parts):
+            for part in parts:
+                yield from _unreachable(part, task, reachable)
+        case Some(alternatives, text):
+            if all(next(_unreachable(part, task, reachable), None) for part in alternatives):
+                yield UnmetCondition(text)
+
+
+@dataclass(frozen=True, eq=False)
+class _Estimate:
+    """Number of steps of a relaxed plan, and the applicable actions that achieve what it needs first."""
+
+    steps: int
+    helpful: tuple[GroundAction, ...]
+
+
+class _OutOfBudgetError(Exception):
+    """The search looked at as many states as it may."""
+
+
+class _Search:
+    """One search for a plan; counts the states that it looks at."""
+
+    def __init__(self, task: PlanningTask, actions: tuple[GroundAction, ...], max_states: int) -> None:
+        self.task = task
+        self.actions = actions
+        self.max_states = max_states
+        self.states = 0
+
+    def run(self) -> PlanningResult:
+        try:
+            steps = self.climb()
+            if steps is None:
+                steps = self.best_first()
+        except _OutOfBudgetError:
+            return GaveUp(self.states)
+        return ProvenImpossible(()) if steps is None else Plan(steps)
+
+    def climb(self) -> tuple[Step, ...] | None:
+        """Enforced hill climbing along helpful actions; None at a dead end or after half of the budget."""
+        state = self.task.initial
+        path: tuple[Step, ...] = ()
+        best = self.estimate(state)
+        while best is not None and best.steps > 0:
+            better = self.improve(state, best)
+            if better is None:
+                return None
+            state, steps, best = better
+            path = (*path, *steps)
+        return path
+
+    def improve(self, state: int, start: _Estimate) -> tuple[int, tuple[Step, ...], _Estimate] | None:
+        """The nearest state, breadth first, that is estimated to be nearer to the goal than `start`."""
+        seen = {state}
+        queue: deque[tuple[int, tuple[Step, ...], _Estimate]] = deque([(state, (), start)])
+        while queue and self.states <= self.max_states // 2:
+            current, steps, estimate = queue.popleft()
+            for action in estimate.helpful:
+                following = action.after(current)
+                if following in seen:
+                    continue
+                seen.add(following)
+                found = self.estimate(following)
+                if found is not None:
+                    reached = (following, (*steps, action.step), found)
+                    if found.steps < start.steps:
+                        return reached
+                    queue.append(reached)
+        return None
+
+    def best_first(self) -> tuple[Step, ...] | None:
+        """Greedy best-first search over all actions; None once every state that may lead to the goal was looked at."""
+        start = self.task.initial
+        estimate = self.estimate(start)
+        if estimate is None:
+            return None
+        came_from: dict[int, tuple[int, Step] | None] = {start: None}
+        queue = [(estimate.steps, 0, start)]
+        while queue:
+            steps, _, state = heappop(queue)
+            if steps == 0:
+                return _path(came_from, state)
+            for action in self.actions:
+                if not action.need.holds(state):
+                    continue
+                following = action.after(state)
+                if following in came_from:
+                    continue
+                came_from[following] = (state, action.step)
+                found = self.estimate(following)
+                if found is not None:
+                    heappush(queue, (found.steps, len(came_from), following))
+        return None
+
+    def estimate(self, state: int) -> _Estimate | None:
+        """The relaxed plan from a state; None if even that does not exist, which proves a dead end."""
+        self.states += 1
+        if self.states > self.max_states:
+            raise _OutOfBudgetError
+        goal = self.task.goal
+        layers, new_actions, waiting = [state], [], self.actions
+        while not goal.holds(layers[-1]):
+            literals = layers[-1]
+            applicable = [action for action in waiting if action.need.holds(literals)]
+            waiting = tuple(action for action in waiting if not action.need.holds(literals))
+            for action in applicable:
+                literals |= action.gains
+            if literals == layers[-1]:
+                return None
+            layers.append(literals)
+            new_actions.append(applicable)
+        return _extract(goal, layers, new_actions)
+
+
+def _extract(goal: Need, layers: list[int], new_actions: list[list[GroundAction]]) -> _Estimate:
+    """A relaxed plan, backwards from the goal.
+
+    layers: literals after 0, 1, ... rounds of relaxed actions. new_actions: those that became applicable in each layer.
+    """
+    wanted = [0] * len(layers)
+
+    def want(need: Need) -> None:
+        bits = _chosen_bits(need, layers)
+        for level, literals in enumerate(layers):
+            wanted[level] |= bits & literals
+            bits &= ~literals
+
+    want(goal)
+    helpful: tuple[GroundAction, ...] = ()
+    steps = 0
+    for level in range(len(layers) - 1, 0, -1):
+        if level == 1:
+            helpful = tuple(action for action in new_actions[0] if action.gains & wanted[1])
+        while wanted[level]:
+            bit = wanted[level] & -wanted[level]
+            achievers = (action for action in new_actions[level - 1] if action.gains & bit)
+            action = min(achievers, key=lambda action: _difficulty(action.need, layers))
+            steps += 1
+            for done in range(level + 1):
+                wanted[done] &= ~action.gains
+            want(action.need)
+    return _Estimate(steps, helpful)
+
+
+def _chosen_bits(need: Need, layers: list[int]) -> int:
+    """The literals that satisfy the condition earliest: its own, and those of the easiest alternatives."""
+    bits = need.bits
+    for choice in need.choices:
+        possible = [alternative for alternative in choice if alternative.holds(layers[-1])]
+        bits |= _chosen_bits(min(possible, key=lambda alternative: _first_layer(alternative, layers)), layers)
+    return bits
+
+
+def _first_layer(need: Need, layers: list[int]) -> int:
+    return next(level for level, literals in enumerate(layers) if need.holds(literals))
+
+
+def _difficulty(need: Need, layers: list[int]) -> int:
+    """Sum over the needed literals of the layers in which they first appear."""
+    bits = _chosen_bits(need, layers)
+    return sum((bits & ~literals).bit_count() for literals in layers)
+
+
+def _path(came_from: dict[int, tuple[int, Step] | None], state: int) -> tuple[Step, ...]:
+    steps: list[Step] = []
+    while (link := came_from[state]) is not None:
+        state, step = link
+        steps.append(step)
+    return tuple(reversed(steps))

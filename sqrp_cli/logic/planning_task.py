@@ -1,0 +1,237 @@
+"""A planning problem with everything about objects made explicit, and sets of literals as bits of an integer.
+
+Atom number i owns two bits: bit 2 i stands for the atom, bit 2 i + 1 for its negation. A state has one of the two set
+for every atom; a relaxed state, in which nothing ever stops being true, may have both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from sqrp_cli.logic.conditions import (
+    All,
+    Binding,
+    GroundCondition,
+    Objects,
+    Some,
+    fitting_objects,
+    ground_atom,
+    ground_condition,
+)
+from sqrp_cli.logic.domain import (
+    Action,
+    Condition,
+    Conjunction,
+    Constant,
+    Domain,
+    Equal,
+    Holds,
+    Negation,
+    Parameter,
+    Variable,
+)
+from sqrp_cli.logic.literal import Atom, Literal
+
+
+@dataclass(frozen=True)
+class Step:
+    """An action with the objects that its parameters stand for, in order."""
+
+    action: str
+    arguments: tuple[str, ...]
+
+    def __str__(self) -> str:
+        return f"{self.action}({', '.join(self.arguments)})"
+
+
+@dataclass(frozen=True)
+class Need:
+    """A condition on sets of literals: all of `bits`, and one alternative of each choice."""
+
+    bits: int
+    choices: tuple[tuple[Need, ...], ...] = ()
+
+    def holds(self, literals: int) -> bool:
+        """Whether a set of literals satisfies it."""
+        return not self.bits & ~literals and (
+            not self.choices
+            or all(any(alternative.holds(literals) for alternative in choice) for choice in self.choices)
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class GroundAction:
+    """A step with its precondition and the literals that it makes true (`gains`) and false (`losses`)."""
+
+    step: Step
+    need: Need
+    gains: int
+    losses: int
+
+    def after(self, state: int) -> int:
+        """The state after the step."""
+        return state & ~self.losses | self.gains
+
+
+@dataclass(frozen=True, eq=False)
+class PlanningTask:
+    """What the search works on; atoms: by number."""
+
+    atoms: tuple[Atom, ...]
+    initial: int
+    goal: Need
+    ground_goal: GroundCondition
+    actions: tuple[GroundAction, ...]
+
+    def bit(self, literal: Literal) -> int:
+        """The bit of a literal whose atom has a number."""
+        return 1 << (2 * self.atoms.index(literal.atom) + (not literal.positive))
+
+
+class TooManyActionsError(Exception):
+    """The problem has more ground actions than the limit; the first argument is the limit."""
+
+
+def planning_task(
+    domain: Domain, objects: Objects, facts: frozenset[Atom], goal: Condition, binding: Binding, max_actions: int
+) -> PlanningTask:
+    """Makes actions and goal explicit for the given objects.
+
+    Actions whose precondition contradicts what no action can change are left out. Raises TooManyActionsError.
+    """
+    objects = {name: frozenset([type_name]) for name, type_name in domain.constants.items()} | dict(objects)
+    changeable = frozenset(
+        change.predicate
+        for action in domain.actions.values()
+        for change in (*action.effect.adds, *action.effect.deletes)
+    )
+    numbering = _Numbering(facts, changeable)
+    ground_goal = ground_condition(goal, binding, objects, domain)
+    need = numbering.need(ground_goal, keep=True)
+    actions: list[GroundAction] = []
+    for action in domain.actions.values():
+        for bound in _bindings(action, objects, facts, changeable, domain):
+            precondition = numbering.need(ground_condition(action.precondition, bound, objects, domain), keep=False)
+            if precondition is None:
+                continue
+            adds = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.adds)
+            deletes = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.deletes) & ~adds
+            arguments = tuple(bound[parameter.name] for parameter in action.parameters)
+            step = Step(action.name, arguments)
+            actions.append(GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes))
+            if len(actions) > max_actions:
+                raise TooManyActionsError(max_actions)
+    initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
+    return PlanningTask(tuple(numbering.numbers), initial, need or Need(0, ((),)), ground_goal, tuple(actions))
+
+
+@dataclass
+class _Numbering:
+    """Gives numbers to atoms as they come up."""
+
+    facts: frozenset[Atom]
+    changeable: frozenset[str]
+    numbers: dict[Atom, int] = field(default_factory=dict)
+
+    def bits(self, literals: Iterator[Literal]) -> int:
+        bits = 0
+        for literal in literals:
+            number = self.numbers.setdefault(literal.atom, len(self.numbers))
+            bits |= 1 << (2 * number + (not literal.positive))
+        return bits
+
+    def need(self, condition: GroundCondition, keep: bool) -> Need | None:
+        """The condition in bits, None if it can never hold.
+
+        Literals that no action changes are decided at once, unless `keep`.
+        """
+        match condition:
+            case Literal(atom, positive):
+                if keep or atom.predicate in self.changeable:
+                    return Need(self.bits(iter((condition,))))
+                return Need(0) if (atom in self.facts) == positive else None
+            case All(parts):
+                needs = [self.need(part, keep) for part in parts]
+                found = [need for need in needs if need is not None]
+                if len(found) < len(needs):
+                    return None
+                bits = 0
+                choices: list[tuple[Need, ...]] = []
+                for part_need in found:
+                    bits |= part_need.bits
+                    choices += part_need.choices
+                return Need(bits, tuple(choices))
+            case Some(alternatives):
+                needs = [self.need(part, keep) for part in alternatives]
+                possible = [need for need in needs if need is not None]
+                if any(need == Need(0) for need in possible):
+                    return Need(0)
+                if len(possible) <= 1:
+                    return possible[0] if possible else None
+                return Need(0, (tuple(possible),))
+
+
+def _bindings(
+    action: Action, objects: Objects, facts: frozenset[Atom], changeable: frozenset[str], domain: Domain
+) -> Iterator[Binding]:
+    """All ways to fill the parameters, cut short as soon as something unchangeable contradicts the precondition."""
+    checks = [part for part in _conjuncts(action.precondition) if _is_unchangeable(part, changeable)]
+    ready: list[list[Condition]] = []
+    known: set[str] = set()
+    for parameter in action.parameters:
+        known.add(parameter.name)
+        ready.append([part for part in checks if _variables(part) <= known and parameter.name in _variables(part)])
+
+    def extend(bound: dict[str, str], remaining: tuple[Parameter, ...]) -> Iterator[Binding]:
+        if not remaining:
+            yield dict(bound)
+            return
+        for name in fitting_objects(remaining[0], objects, domain):
+            bound[remaining[0].name] = name
+            if all(_decided(part, bound, facts) for part in ready[len(action.parameters) - len(remaining)]):
+                yield from extend(bound, remaining[1:])
+        bound.pop(remaining[0].name, None)
+
+    return extend({}, action.parameters)
+
+
+def _conjuncts(condition: Condition) -> Iterator[Condition]:
+    if isinstance(condition, Conjunction):
+        for part in condition.parts:
+            yield from _conjuncts(part)
+    else:
+        yield condition
+
+
+def _is_unchangeable(condition: Condition, changeable: frozenset[str]) -> bool:
+    match condition:
+        case Negation(part):
+            return _is_unchangeable(part, changeable)
+        case Holds(predicate):
+            return predicate not in changeable
+    return isinstance(condition, Equal)
+
+
+def _variables(condition: Condition) -> frozenset[str]:
+    match condition:
+        case Negation(part):
+            return _variables(part)
+        case Holds(_, terms):
+            return frozenset(term.name for term in terms if isinstance(term, Variable))
+        case Equal(left, right):
+            return frozenset(term.name for term in (left, right) if isinstance(term, Variable))
+    return frozenset()
+
+
+def _decided(condition: Condition, bound: Binding, facts: frozenset[Atom]) -> bool:
+    """The truth of an equality, of a predicate that no action changes, or of the negation of one of these."""
+    match condition:
+        case Negation(part):
+            return not _decided(part, bound, facts)
+        case Equal(left, right):
+            first, second = (term.name if isinstance(term, Constant) else bound[term.name] for term in (left, right))
+            return first == second
+        case Holds():
+            return ground_atom(condition, bound) in facts
+    raise TypeError(f"{condition} is not decided by the facts alone")

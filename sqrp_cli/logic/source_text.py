@@ -1,0 +1,51 @@
+"""Text that is read with a grammar, and how to point into it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sqrp_cli.errors import Place, Problem
+
+
+@dataclass(frozen=True)
+class SourceText:
+    """A text with the place of its first character in a file.
+
+    indent: number of columns that stand before every line but the first in the file and are not part of `text`, as for
+    the value of an indented YAML block.
+    """
+
+    text: str
+    place: Place
+    indent: int = 0
+
+    def place_at(self, offset: int) -> Place:
+        """The place in the file of the character at `offset`."""
+        before = self.text[:offset]
+        column = offset - (before.rfind("\n") + 1) + 1
+        lines_before = before.count("\n")
+        shift = self.indent if lines_before else (self.place.column or 1) - 1
+        return Place(self.place.file, (self.place.line or 1) + lines_before, column + shift)
+
+    def excerpt(self, offset: int) -> str:
+        """The line of the text that holds `offset`, and a second line with a caret under that character."""
+        start = self.text.rfind("\n", 0, offset) + 1
+        line = self.text[start:].split("\n", 1)[0].rstrip()
+        before = "".join("\t" if character == "\t" else " " for character in self.text[start:offset])
+        return f"{line}\n{before}^"
+
+    def problem(self, code: str, message: str, offset: int, mend: str | None = None) -> Problem:
+        """An error at the character at `offset`."""
+        return Problem(code, message, self.place_at(offset), mend=mend, excerpt=self.excerpt(offset))
+
+
+@dataclass(frozen=True)
+class Origin:
+    """The character of a source text where something that was read from it begins."""
+
+    source: SourceText
+    offset: int
+
+    def problem(self, code: str, message: str, mend: str | None = None) -> Problem:
+        """An error at this character."""
+        return self.source.problem(code, message, self.offset, mend)

@@ -1,0 +1,405 @@
+"""Whether the arm, its tool and what it holds stay clear of themselves and of the cell, also between samples.
+
+Two solids are proven apart over a stretch of a path when their distance in the middle of the stretch exceeds how far
+they can move against each other within it. Stretches over which they are not are halved, until a contact is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, inverse, pose, transform
+from sqrp_cli.knowledge.scene import Mesh, SceneObject
+from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.motion_bound import MotionBound
+from sqrp_cli.programming.solids import Solid, load_solid
+from sqrp_cli.trajectory import Path, Trajectory
+
+CLEARANCE = 1e-3
+"""Distance that the arm keeps from everything [m]; from fixed objects the workspace's padding comes on top."""
+
+RESOLUTION = 0.5e-3
+"""Two solids that may come closer than the clearance while they move by less than this [m] count as touching."""
+
+FIRST_STRETCH = 0.25
+"""Motion of the arm's outermost point within half of each stretch that a check begins with [m]."""
+
+MESHES_WITHIN = 0.02
+"""Distance [m] up to which meshes themselves are asked; beyond it their convex hulls decide, or the stretch is halved."""
+
+SPHERES = 5
+"""Spheres that cover a solid for culling."""
+
+Pairs = frozenset[tuple[str, str]]
+"""Pairs of names of links or objects, each in alphabetical order."""
+
+Indices = NDArray[np.intp]
+
+
+def pair(first: str, second: str) -> tuple[str, str]:
+    """Two names in alphabetical order."""
+    return (first, second) if first < second else (second, first)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two things that come closer than the clearance (or could, by less than `RESOLUTION` of motion).
+
+    first, second: names of links or objects, the outer one of the arm first. s: where on the path, in [0, 1].
+    """
+
+    first: str
+    second: str
+    s: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.first} hits {self.second}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """A solid with its hull for coal, and with bounds for culling, all in the frame of its parent P.
+
+    X_PG: pose of the geometry. center, radius: sphere around it. centers (SPHERES, 3), radii (SPHERES,): spheres that cover
+    its surface. X_PB, half: pose and half extents of a box around it.
+    """
+
+    name: str
+    geometry: Any
+    hull: Any
+    X_PG: Array
+    center: Array
+    radius: float
+    centers: Array
+    radii: Array
+    X_PB: Array
+    half: Array
+
+    @classmethod
+    def of(cls, solid: Solid) -> _Body:
+        hull = solid.geometry
+        if isinstance(solid.part.shape, Mesh):
+            hull.buildConvexHull(True, "Qt")
+            hull = hull.convex
+        corner, *_ = corners = solid.corners
+        edges = np.stack([corners[4] - corner, corners[2] - corner, corners[1] - corner])
+        lengths = np.maximum(np.linalg.norm(edges, axis=1), 1e-9)
+        X_PB = pose(solid.part.X_PG[:3, :3], corners.mean(axis=0))
+        centers, radii = _covering_spheres(solid, X_PB, lengths / 2)
+        return cls(
+            name=solid.part.parent,
+            geometry=solid.geometry,
+            hull=hull,
+            X_PG=solid.part.X_PG,
+            center=solid.center,
+            radius=solid.radius,
+            centers=centers,
+            radii=radii,
+            X_PB=X_PB,
+            half=lengths / 2,
+        )
+
+
+def _covering_spheres(solid: Solid, X_PB: Array, half: Array) -> tuple[Array, Array]:
+    """Centres (SPHERES, 3) and radii (SPHERES,) of spheres that together contain the solid's surface.
+
+    The solid is cut into slices across its longest side; a sphere goes around the triangles that are centred in its slice,
+    or around the slice of the box, whichever makes the smaller spheres.
+    """
+    axis = int(half.argmax())
+    slice_half = half.copy()
+    slice_half[axis] /= SPHERES
+    offsets = np.zeros((SPHERES, 3))
+    offsets[:, axis] = half[axis] * (2 * np.arange(SPHERES) + 1 - SPHERES) / SPHERES
+    box_centers, box_radius = transform(X_PB, offsets), float(np.linalg.norm(slice_half))
+    corners = solid.vertices[solid.triangles]
+    along = (corners.mean(axis=1) - X_PB[:3, 3]) @ X_PB[:3, axis]
+    slices = np.clip(((along / half[axis] + 1) / 2 * SPHERES).astype(int), 0, SPHERES - 1)
+    centers, radii = np.tile(box_centers[0], (SPHERES, 1)), np.zeros(SPHERES)
+    for k in np.unique(slices):
+        points = corners[slices == k].reshape(-1, 3)
+        centers[k] = (points.min(axis=0) + points.max(axis=0)) / 2
+        radii[k] = np.linalg.norm(points - centers[k], axis=1).max()
+    filled = radii > 0
+    centers[~filled], radii[~filled] = centers[filled][0], radii[filled][0]
+    if radii.max() <= box_radius:
+        return centers, radii
+    return box_centers, np.full(SPHERES, box_radius)
+
+
+class CollisionScene:
+    """The solids of robot, tool and objects; `placed` puts the objects where they are at one moment."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        objects: Iterable[SceneObject],
+        disabled_pairs: Iterable[tuple[str, str]] = (),
+        padding: float = 0.0,
+    ) -> None:
+        """Load every solid.
+
+        disabled_pairs: pairs of links that are not checked, beside those that are fixed to each other or neighbours
+        across one joint. padding: extra clearance from fixed objects [m]. Raises InputError for an unusable mesh.
+        """
+        self.model = model
+        self.bound = MotionBound(model)
+        objects = tuple(objects)
+        self.bodies = tuple(_Body.of(load_solid(part)) for part in model.parts)
+        self.object_bodies = {thing.name: tuple(_Body.of(load_solid(part)) for part in thing.parts) for thing in objects}
+        self.clearance = {thing.name: CLEARANCE + (padding if thing.fixed else 0.0) for thing in objects}
+        skipped = {pair(*names) for names in (*disabled_pairs, *model.adjacent_pairs)}
+        depth = self.bound.depth
+        self.self_pairs = tuple(
+            (i, j) if depth[a.name] < depth[b.name] else (j, i)
+            for i, a in enumerate(self.bodies)
+            for j, b in enumerate(self.bodies[:i])
+            if depth[a.name] != depth[b.name] and pair(a.name, b.name) not in skipped
+        )
+
+    def placed(self, world: World, allowed: Pairs = frozenset()) -> PlacedScene:
+        """The scene with every object where `world` has it; contacts of `allowed` pairs do not count.
+
+        The held object moves with the tool and may touch it. Objects of unknown pose are left out.
+        """
+        return PlacedScene(self, world, allowed)
+
+    def supports(self, name: str, X_WO: Array, world: World) -> frozenset[str]:
+        """Names of the objects that carry object `name` at `X_WO`: it touches them, but not once it is raised a little."""
+        raised = pose(position=(0.0, 0.0, 3 * CLEARANCE)) @ X_WO
+        others = [(other, X_WB) for other, X_WB in world.X_WO.items() if other not in (name, world.held)]
+        return frozenset(
+            other
+            for other, X_WB in others
+            if self._touch(name, X_WO, other, X_WB) and not self._touch(name, raised, other, X_WB)
+        )
+
+    def _touch(self, first: str, X_WA: Array, second: str, X_WB: Array) -> bool:
+        return any(
+            np.linalg.norm(transform(X_WA, a.center[None]) - transform(X_WB, b.center[None]))
+            < a.radius + b.radius + CLEARANCE
+            and _distance(a.geometry, _placement(X_WA @ a.X_PG), b.geometry, _placement(X_WB @ b.X_PG), CLEARANCE)
+            is not None
+            for a in self.object_bodies[first]
+            for b in self.object_bodies[second]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretches:
+    """Stretches of a path as their middles, with the pairs of bodies that are still open over each.
+
+    s, half: middle and half length of each stretch, shape (m,). q: joint positions in the middle, shape (m, n).
+    variation: how far each joint can be from there within the stretch, shape (m, n).
+    stretch, pairs: index of stretch and of pair of every open combination, shape (k,), ordered by stretch.
+    """
+
+    s: Array
+    half: Array
+    q: Array
+    variation: Array
+    stretch: Indices
+    pairs: Indices
+
+
+class PlacedScene:
+    """A collision scene with every object in its place."""
+
+    def __init__(self, scene: CollisionScene, world: World, allowed: Pairs) -> None:
+        """As `CollisionScene.placed` says."""
+        model, depth_of = scene.model, scene.bound.depth
+        self._bound = scene.bound
+        self._link_poses = model.link_poses
+        bodies = list(scene.bodies)
+        links: list[str | None] = [body.name for body in bodies]
+        X_CP = [np.eye(4)] * len(bodies)
+        moving = [i for i, body in enumerate(bodies) if depth_of[body.name] > 0]
+        pairs = [(i, j, CLEARANCE) for i, j in scene.self_pairs]
+        for name, X_WO in world.X_WO.items():
+            if name == world.held:
+                continue
+            for body in scene.object_bodies[name]:
+                pairs += [(len(bodies), i, scene.clearance[name]) for i in moving]
+                bodies.append(body)
+                links.append(None)
+                X_CP.append(X_WO)
+        if world.held is not None and world.X_TO is not None:
+            partners = [
+                (i, scene.clearance.get(body.name, CLEARANCE))
+                for i, body in enumerate(bodies)
+                if body.name not in model.tool_links
+            ]
+            for body in scene.object_bodies[world.held]:
+                pairs += [(i, len(bodies), clearance) for i, clearance in partners]
+                bodies.append(body)
+                links.append(model.tool_frame)
+                X_CP.append(world.X_TO)
+        pairs = [entry for entry in pairs if pair(bodies[entry[0]].name, bodies[entry[1]].name) not in allowed]
+        self._bodies = bodies
+        self._links = links
+        self._X_CP = np.array(X_CP)
+        self._depth = np.array([0 if link is None else depth_of[link] for link in links])
+        self._inner = np.array([entry[0] for entry in pairs], dtype=np.intp)
+        self._outer = np.array([entry[1] for entry in pairs], dtype=np.intp)
+        self._clearance = np.array([entry[2] for entry in pairs])
+        self._center = np.array([body.center for body in bodies])
+        self._radius = np.array([body.radius for body in bodies])
+        self._centers = np.array([body.centers for body in bodies])
+        self._radii = np.array([body.radii for body in bodies])
+        self._X_CB = self._X_CP @ np.array([body.X_PB for body in bodies])
+        self._half = np.array([body.half for body in bodies])
+        self._X_CG = self._X_CP @ np.array([body.X_PG for body in bodies])
+        large_first = self._radii.max(axis=1)[self._inner] >= self._radii.max(axis=1)[self._outer]
+        self._boxed = np.where(large_first, self._inner, self._outer)
+        self._covered = np.where(large_first, self._outer, self._inner)
+
+    def check(self, q: Array) -> Contact | None:
+        """The contact at joint positions q, shape (n,), or None when everything keeps its clearance."""
+        return self.check_path(Path.line(q, q))
+
+    def check_motion(self, trajectory: Trajectory) -> Contact | None:
+        """The first contact along a motion; None proves that there is none at any time. See `check_path`."""
+        return self.check_path(trajectory.path)
+
+    def check_path(self, path: Path) -> Contact | None:
+        """The first contact along a path; None proves that there is none, not only at samples.
+
+        None: all pairs keep their clearance everywhere. A contact: in some place a pair comes closer than its clearance plus
+        `RESOLUTION`; the path keeps the clearance up to there.
+        """
+        contact: Contact | None = None
+        stretches = self._first_stretches(path)
+        while len(stretches.stretch):
+            found, open_ones = self._examine(stretches)
+            if found is not None and (contact is None or found.s < contact.s):
+                contact = found
+            stretches = self._halved(path, stretches, open_ones, contact.s if contact is not None else np.inf)
+        return contact
+
+    def _first_stretches(self, path: Path) -> _Stretches:
+        """The path in stretches of at most twice `FIRST_STRETCH` of motion, all pairs open over each."""
+        slopes = path.slopes()
+        middles, halves = [], []
+        for piece, (start, end) in enumerate(zip(path.breaks[:-1], path.breaks[1:], strict=True)):
+            motion = float(slopes[piece] @ self._bound.radii) * (end - start)
+            count = max(1, int(np.ceil(motion / (2 * FIRST_STRETCH))))
+            half = (end - start) / (2 * count)
+            middles.append(start + half * (2 * np.arange(count) + 1))
+            halves.append(np.full(count, half))
+        s, half = np.concatenate(middles), np.concatenate(halves)
+        stretch, pairs = np.divmod(np.arange(len(s) * len(self._inner)), len(self._inner) or 1)
+        return self._stretches(path, s, half, stretch, pairs)
+
+    def _stretches(self, path: Path, s: Array, half: Array, stretch: Indices, pairs: Indices) -> _Stretches:
+        piece = np.clip(np.searchsorted(path.breaks, s) - 1, 0, len(path.breaks) - 2)
+        return _Stretches(s, half, path.positions(s), path.slopes()[piece] * half[:, None], stretch, pairs)
+
+    def _halved(self, path: Path, old: _Stretches, open_ones: Indices, until: float) -> _Stretches:
+        """Both halves of every stretch with an open pair that begins before `until`."""
+        open_ones = open_ones[(old.s - old.half)[old.stretch[open_ones]] < until]
+        kept, stretch = np.unique(old.stretch[open_ones], return_inverse=True)
+        half = np.repeat(old.half[kept] / 2, 2)
+        s = np.repeat(old.s[kept], 2) + half * np.tile([-1.0, 1.0], len(kept))
+        both = np.concatenate([2 * stretch, 2 * stretch + 1])
+        order = np.argsort(both, kind="stable")
+        return self._stretches(path, s, half, both[order], np.tile(old.pairs[open_ones], 2)[order])
+
+    def _examine(self, stretches: _Stretches) -> tuple[Contact | None, Indices]:
+        """The earliest contact in the middle of a stretch, if any, and the combinations that need a closer look."""
+        carriers = self._link_poses(stretches.q)
+        stretch, pairs = stretches.stretch, stretches.pairs
+        inner, outer = self._inner[pairs], self._outer[pairs]
+        X_WC = np.empty((len(self._bodies), len(stretches.s), 4, 4))
+        for i, link in enumerate(self._links):
+            X_WC[i] = np.eye(4) if link is None else carriers[link]
+        centers = transform(X_WC @ self._X_CP[:, None], self._center[:, None, None])[:, :, 0]
+        motion = self._bound.between(carriers, stretches.variation, centers, self._radius, self._depth)
+        bound = motion[outer, stretch, self._depth[inner]]
+        need = bound + self._clearance[pairs]
+        apart = np.linalg.norm(centers[inner, stretch] - centers[outer, stretch], axis=1)
+        close = np.flatnonzero(apart - self._radius[inner] - self._radius[outer] < need)
+        close = close[self._gap(X_WC, stretch[close], pairs[close]) < need[close]]
+        return self._ask_coal(stretches, X_WC, close, bound, need)
+
+    def _gap(self, X_WC: Array, stretch: Indices, pairs: Indices) -> Array:
+        """A lower bound of the distance [m] of pairs in the middles of stretches: spheres around one, a box around the other."""
+        boxed, covered = self._boxed[pairs], self._covered[pairs]
+        X_WB = X_WC[boxed, stretch] @ self._X_CB[boxed]
+        X_WP = X_WC[covered, stretch] @ self._X_CP[covered]
+        centers = transform(inverse(X_WB) @ X_WP, self._centers[covered])
+        outside = np.maximum(np.abs(centers) - self._half[boxed][:, None], 0.0)
+        gap: Array = (np.linalg.norm(outside, axis=-1) - self._radii[covered]).min(axis=-1)
+        return gap
+
+    def _ask_coal(
+        self, stretches: _Stretches, X_WC: Array, close: Indices, bound: Array, need: Array
+    ) -> tuple[Contact | None, Indices]:
+        open_ones = []
+        placements: dict[tuple[int, int], Any] = {}
+
+        def placement(body: int, stretch: int) -> Any:
+            if (body, stretch) not in placements:
+                placements[body, stretch] = _placement(X_WC[body, stretch] @ self._X_CG[body])
+            return placements[body, stretch]
+
+        for k in close:
+            stretch, index = int(stretches.stretch[k]), stretches.pairs[k]
+            i, j = int(self._inner[index]), int(self._outer[index])
+            first, second = self._bodies[j], self._bodies[i]
+            at, against = placement(j, stretch), placement(i, stretch)
+            clearance = self._clearance[index]
+            distance = _distance(first.hull, at, second.hull, against, need[k])
+            if distance is None:
+                continue
+            if first.geometry is not first.hull or second.geometry is not second.hull:
+                distance = _mesh_distance(first, at, second, against, distance, clearance, need[k])
+                if distance is None:
+                    continue
+            if distance <= clearance or bound[k] < RESOLUTION:
+                return Contact(first.name, second.name, float(stretches.s[stretch])), np.array([*open_ones, k], dtype=np.intp)
+            open_ones.append(k)
+        return None, np.array(open_ones, dtype=np.intp)
+
+
+_REQUEST = coal.CollisionRequest()
+_RESULT = coal.CollisionResult()
+
+
+def _placement(X: Array) -> Any:
+    return coal.Transform3s(X[:3, :3], X[:3, 3])
+
+
+def _distance(first: Any, X_1: Any, second: Any, X_2: Any, within: float) -> float | None:
+    """Signed distance [m] of two of coal's geometries if it is at most `within`, otherwise None.
+
+    Between meshes, it is that of the first two triangles that are found within, which need not be the nearest.
+    """
+    _REQUEST.security_margin = within
+    _RESULT.clear()
+    if not coal.collide(first, X_1, second, X_2, _REQUEST, _RESULT):
+        return None
+    return float(_RESULT.getContact(0).penetration_depth)
+
+
+def _mesh_distance(
+    first: _Body, X_1: Any, second: _Body, X_2: Any, hull_distance: float, clearance: float, need: float
+) -> float | None:
+    """As `_distance`, for meshes whose hulls are `hull_distance` apart.
+
+    Any value above `clearance` only says that the distance may lie between it and `need`.
+    """
+    if hull_distance <= clearance:
+        distance = _distance(first.geometry, X_1, second.geometry, X_2, clearance)
+        if distance is not None:
+            return clearance
+    if need <= MESHES_WITHIN:
+        distance = _distance(first.geometry, X_1, second.geometry, X_2, need)
+        return None if distance is None else max(distance, np.nextafter(clearance, np.inf))
+    return need

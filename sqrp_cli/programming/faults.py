@@ -1,0 +1,111 @@
+"""How late a fault would be noticed, and what that costs in time, on the nominal motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.programming.timeline import Timeline
+
+
+@dataclass(frozen=True)
+class FaultMetrics:
+    """What a fault costs when it happens at a time x that is uniform over its interval.
+
+    delay_mean, delay_worst: from x until it is noticed, mean and supremum [s]. blind_longest: longest stretch of the interval in which it
+    cannot be seen [s]. unseen: share of x after which it is never seen, so that it is noticed at the end of the skill, in 0..1.
+    expected_time: mean time from the start of the skill until it is done after one retry [s].
+    """
+
+    delay_mean: float
+    delay_worst: float
+    blind_longest: float
+    unseen: float
+    expected_time: float
+
+
+@dataclass(frozen=True, eq=False)
+class Recovery:
+    """Time [s] to stop and move back to the start when stopped at times t [s], both of shape (n,), linear in between."""
+
+    t: Array
+    duration: Array
+
+    def at(self, t: Array) -> Array:
+        """The time for each of the given instants; beyond the end it is that of the end."""
+        return np.interp(t, self.t, self.duration)
+
+
+@dataclass(frozen=True)
+class _Range:
+    """A range of x in which the delay falls linearly (slope -1) while blind, or stays constant while seen.
+
+    seen: whether the fault is visible. noticed: when a fault of this range is noticed [s] if blind. response: [s].
+    """
+
+    start: float
+    end: float
+    seen: bool
+    noticed: float
+    response: float
+    ever: bool = True
+
+
+def fault_metrics(timeline: Timeline, fault: str, interval: Stretch, recovery: Recovery, total: float) -> FaultMetrics:
+    """The metrics of a fault whose formula spans `interval`, on a motion of duration `total` [s].
+
+    delay(x) = first time >= x at which all literals of the fault are covered, minus x, plus the response (one frame period and latency) of the
+    cameras that see it then; if that never comes, the fault is noticed at the end. Between neighbouring covered samples it is covered,
+    with the slower of their responses; between others it is not.
+    expected_time = mean over x of x + delay + stop + move back to the start + `total`.
+    """
+    ranges = list(_ranges(timeline, fault, interval, total))
+    length = interval.length
+    delays = [(r.response, r.response) if r.seen else (r.noticed - r.start, r.noticed - r.end) for r in ranges]
+    blind = [r for r in ranges if not r.seen]
+    if length <= 0.0:
+        weights = [1.0 if index == len(ranges) - 1 else 0.0 for index in range(len(ranges))]
+    else:
+        weights = [(r.end - r.start) / length for r in ranges]
+    return FaultMetrics(
+        delay_mean=sum(w * 0.5 * (first + last) for w, (first, last) in zip(weights, delays, strict=True)),
+        delay_worst=max(first for first, _ in delays),
+        blind_longest=max((r.end - r.start for r in blind), default=0.0),
+        unseen=sum(w for w, r in zip(weights, ranges, strict=True) if not r.ever),
+        expected_time=sum(w * _mean_end(r, recovery, total) for w, r in zip(weights, ranges, strict=True)),
+    )
+
+
+def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> Iterator[_Range]:
+    """The interval cut where the fault comes into sight or is lost, in order."""
+    t, covered, response = timeline.samples.t, timeline.fault_covered(fault), timeline.fault_response(fault)
+    together = covered[:-1] & covered[1:] & ~np.isnan(timeline.steps)
+    sights = [(t[i], t[i], response[i]) for i in np.flatnonzero(covered)]
+    sights += [(t[i], t[i + 1], max(response[i], response[i + 1])) for i in np.flatnonzero(together)]
+    x = interval.start
+    for start, end, delay in sorted(sights):
+        if end < x or x > interval.end:
+            continue
+        if start > x:
+            yield _Range(x, min(float(start), interval.end), seen=False, noticed=float(start + delay), response=float(delay))
+            x = float(start)
+        if x <= interval.end:
+            yield _Range(x, min(float(end), interval.end), seen=True, noticed=0.0, response=float(delay))
+            x = float(end)
+    if x < interval.end or not sights:
+        yield _Range(x, interval.end, seen=False, noticed=total, response=0.0, ever=False)
+
+
+def _mean_end(part: _Range, recovery: Recovery, total: float) -> float:
+    """Mean time at which the retry is done, over the x of one range: noticed + recovery + total, exact for linear recovery."""
+    if not part.seen:
+        noticed = min(part.noticed, total)
+        return noticed + float(recovery.at(np.array([noticed]))[0]) + total
+    bends = recovery.t - part.response
+    x = np.unique(np.concatenate([[part.start, part.end], bends[(bends > part.start) & (bends < part.end)]]))
+    ends = x + part.response + recovery.at(x + part.response) + total
+    return float(np.trapezoid(ends, x) / (part.end - part.start)) if len(x) > 1 else float(ends[0])

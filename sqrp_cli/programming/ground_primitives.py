@@ -1,0 +1,172 @@
+"""A skill's primitive actions with everything filled in that does not depend on how the arm moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill import (
+    HOME,
+    Grasp,
+    JointMove,
+    MotionValue,
+    PrimitiveAction,
+    Release,
+    Skill,
+    StraightMove,
+    Wait,
+)
+from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.programming.collision import CollisionScene, Pairs, pair
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.waypoints import ground_waypoint, needed_objects, setting_number
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPrimitive:
+    """A primitive action whose waypoint, settings and surroundings are known.
+
+    X_start, X_end: pose X_WT of the tool frame when it begins and ends, shape (4, 4).
+    home: a joint move to the home configuration; otherwise any joint positions that bring the tool to `X_end` will do.
+    speed, acceleration, jerk: of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0.
+    hold: how long it stands still [s]; 0 for moves. world: where objects are, and what is held, while it lasts.
+    allowed: pairs of names whose contacts belong to the skill.
+    """
+
+    name: str
+    kind: type[PrimitiveAction]
+    to: str | None
+    X_start: Array
+    X_end: Array
+    home: bool
+    speed: float
+    acceleration: float
+    jerk: float
+    hold: float
+    world: World
+    allowed: Pairs
+
+
+@dataclass(frozen=True, eq=False)
+class GroundSkill:
+    """The primitives of a skill in one binding, and the world after the last one (its facts and joints as before)."""
+
+    primitives: tuple[GroundPrimitive, ...]
+    final: World
+
+
+def ground_primitives(
+    skill: Skill,
+    binding: Mapping[str, str],
+    values: Mapping[str, MotionValue],
+    objects: Mapping[str, SceneObject],
+    world: World,
+    model: RobotModel,
+    scene: CollisionScene,
+) -> GroundSkill | Infeasible:
+    """Follow tool and objects through the skill; infeasible where the place of an object is not known, or nothing is held."""
+    X_home = model.tool_pose(model.home)
+    X_WT = model.tool_pose(start_configuration(model, world))
+    grounded: list[GroundPrimitive] = []
+    for primitive in skill.primitives:
+        X_start, during = X_WT, world
+        to = primitive.to if isinstance(primitive, JointMove | StraightMove) else None
+        if to == HOME:
+            X_WT = X_home
+        elif to is not None:
+            unknown = sorted(needed_objects(to, skill.waypoints, binding) - world.X_WO.keys())
+            if unknown:
+                return Infeasible((f"it is not known where `{unknown[0]}` is",))
+            X_WT = ground_waypoint(skill.waypoints[to], skill.waypoints, binding, values, objects, world.X_WO)
+        changed = _after(primitive, binding, X_WT, world)
+        if isinstance(changed, Infeasible):
+            return changed
+        world = changed
+        grounded.append(_ground(primitive, to, X_start, X_WT, values, during))
+    return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
+
+
+def start_configuration(model: RobotModel, world: World) -> Array:
+    """Positions of the arm joints in a world, shape (n,)."""
+    return np.array([world.joints[joint] for joint in model.arm])
+
+
+def _ground(
+    primitive: PrimitiveAction,
+    to: str | None,
+    X_start: Array,
+    X_end: Array,
+    values: Mapping[str, MotionValue],
+    world: World,
+) -> GroundPrimitive:
+    speed = acceleration = jerk = hold = 0.0
+    match primitive:
+        case JointMove():
+            speed = setting_number(primitive.speed, values)
+        case StraightMove():
+            speed = setting_number(primitive.speed, values)
+            acceleration = setting_number(primitive.acceleration, values)
+            jerk = setting_number(primitive.jerk, values)
+        case Grasp() | Release() | Wait():
+            hold = setting_number(primitive.duration, values)
+    home = isinstance(primitive, JointMove) and to == HOME
+    return GroundPrimitive(
+        primitive.name, type(primitive), to, X_start, X_end, home, speed, acceleration, jerk, hold, world, frozenset()
+    )
+
+
+def _after(primitive: PrimitiveAction, binding: Mapping[str, str], X_WT: Array, world: World) -> World | Infeasible:
+    """The world after a primitive that ends with the tool at X_WT: grasp attaches, release detaches."""
+    match primitive:
+        case Grasp(name=name, object=parameter):
+            grasped = binding[parameter]
+            if world.held is not None:
+                return Infeasible((f"the tool still holds `{world.held}` when `{name}` grasps `{grasped}`",))
+            if grasped not in world.X_WO:
+                return Infeasible((f"it is not known where `{grasped}` is",))
+            return replace(world, held=grasped, X_TO=inverse(X_WT) @ world.X_WO[grasped])
+        case Release(name=name):
+            if world.held is None or world.X_TO is None:
+                return Infeasible((f"the tool holds nothing that `{name}` could release",))
+            return replace(world, X_WO={**world.X_WO, world.held: X_WT @ world.X_TO}, held=None, X_TO=None)
+    return world
+
+
+def _with_allowed_contacts(
+    primitives: Sequence[GroundPrimitive], final: World, scene: CollisionScene
+) -> tuple[GroundPrimitive, ...]:
+    """The primitives with the contacts that a grasp or release allows until the nearest joint move on either side of it.
+
+    The tool may touch what it takes or leaves; that may touch what carries it.
+    """
+    worlds = [*(primitive.world for primitive in primitives), final]
+    allowed: list[set[tuple[str, str]]] = [set() for _ in primitives]
+    for i, primitive in enumerate(primitives):
+        if primitive.kind is Grasp:
+            name, resting = worlds[i + 1].held, worlds[i]
+        elif primitive.kind is Release:
+            name, resting = worlds[i].held, worlds[i + 1]
+        else:
+            continue
+        if name is None:
+            continue
+        carriers = scene.supports(name, resting.X_WO[name], resting)
+        contacts = {pair(name, other) for other in (*carriers, *scene.model.tool_links)}
+        for k in _without_joint_moves(primitives, i):
+            allowed[k] |= contacts
+    return tuple(replace(p, allowed=frozenset(contacts)) for p, contacts in zip(primitives, allowed, strict=True))
+
+
+def _without_joint_moves(primitives: Sequence[GroundPrimitive], i: int) -> range:
+    """Indices around i of the primitives up to the nearest joint move before and after."""
+    first = last = i
+    while first > 0 and primitives[first - 1].kind is not JointMove:
+        first -= 1
+    while last + 1 < len(primitives) and primitives[last + 1].kind is not JointMove:
+        last += 1
+    return range(first, last + 1)

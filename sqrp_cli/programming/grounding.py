@@ -1,0 +1,110 @@
+"""Skill grounding: formulas with times and objects, and targets with boxes in frames of the cell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.knowledge.detector import Detector
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill import BoxSpec, TargetSpec
+from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.logic.formula import Formula
+from sqrp_cli.logic.formula_check import argument_lists, bind
+from sqrp_cli.logic.formula_time import ground_operators
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.pieces import GroundFormula
+from sqrp_cli.programming.targets import START, Target, TargetBox
+from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.waypoints import ground_waypoint
+
+TOOL = "tool"
+"""What a skill calls the tool: its frame, and all its parts."""
+
+
+def bound_formulas(candidate: Candidate) -> tuple[Formula, ...]:
+    """The formulas of the candidate's skill about its objects, in the order of the skill's requirements."""
+    lists = argument_lists(candidate.skill.action)
+    return tuple(bind(requirement.formula, candidate.objects, lists) for requirement in candidate.skill.requirements)
+
+
+def ground_formulas(
+    candidate: Candidate, spans: Mapping[str, tuple[float, float]], total: float
+) -> tuple[GroundFormula, ...]:
+    """One entry per temporal operator of the candidate's formulas.
+
+    spans: start and end of each primitive by name [s]; total: duration of the motion [s].
+    """
+    return tuple(
+        GroundFormula(operator, requirement.name)
+        for requirement, formula in zip(candidate.skill.requirements, bound_formulas(candidate), strict=True)
+        for operator in ground_operators(formula, spans, total)
+    )
+
+
+@dataclass(frozen=True)
+class TargetGrounder:
+    """Grounds the targets of one candidate in the world in which its skill begins."""
+
+    candidate: Candidate
+    world: World
+    objects: Mapping[str, SceneObject]
+    detectors: Mapping[str, Detector]
+    model: RobotModel
+
+    def targets(self, formulas: Sequence[GroundFormula]) -> tuple[Target, ...]:
+        """The targets of every atom that the formulas mention, in the order in which they first do."""
+        atoms = dict.fromkeys(literal.atom for formula in formulas for literal in formula.operator.literals)
+        return tuple(self._target(atom) for atom in atoms)
+
+    def _target(self, atom: Atom) -> Target:
+        spec: TargetSpec = self.candidate.skill.targets[atom.predicate]
+        names = argument_lists(self.candidate.skill.action)[atom.predicate][0]
+        binding = {**self.candidate.objects, **dict(zip(names, atom.arguments, strict=True))}
+        return Target(atom, spec.cameras, tuple(self._box(box, binding) for box in spec.boxes))
+
+    def _box(self, spec: BoxSpec, binding: Mapping[str, str]) -> TargetBox:
+        frame = self.model.tool_frame if spec.frame == TOOL else spec.frame
+        name = frame.removesuffix(START)
+        thing = binding.get(name, name)
+        frame = frame.replace(name, thing)
+        size, X_FB = spec.size, spec.X_FB
+        if spec.fits is not None:
+            fitted = binding[spec.fits]
+            width, depth, height = self.objects[fitted].size
+            size = (width + 2 * spec.margin, depth + 2 * spec.margin, height + 2 * spec.margin)
+            if spec.at is not None:
+                X_FB = self._pose_in_tool(fitted, spec.at, binding) @ X_FB
+        assert size is not None
+        if frame in self.model.tool_links:
+            frame, X_FB = self.model.carrier, self.model.pose_on_carrier(frame) @ X_FB
+        return TargetBox(
+            name=spec.name,
+            detector=self.detectors[spec.detector],
+            frame=frame,
+            size=size,
+            X_FB=X_FB,
+            normal=spec.normal,
+            encloses=self._enclosed(spec, thing, binding),
+        )
+
+    def _pose_in_tool(self, name: str, waypoint: str, binding: Mapping[str, str]) -> Array:
+        """Pose X_TO of an object in the tool frame when the tool is at a waypoint, or as it is held already."""
+        if self.world.held == name and self.world.X_TO is not None:
+            return self.world.X_TO
+        waypoints = self.candidate.skill.waypoints
+        X_WT = ground_waypoint(
+            waypoints[waypoint], waypoints, binding, self.candidate.motion, self.objects, self.world.X_WO
+        )
+        X_TO: Array = inverse(X_WT) @ self.world.X_WO[name]
+        return X_TO
+
+    def _enclosed(self, spec: BoxSpec, thing: str, binding: Mapping[str, str]) -> frozenset[str]:
+        if spec.encloses is None:
+            return frozenset({thing} if thing in self.objects else ())
+        named = [binding.get(name, name) for name in spec.encloses if name != TOOL]
+        return frozenset([*named, *(self.model.tool_links if TOOL in spec.encloses else ())])
+
+

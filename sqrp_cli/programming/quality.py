@@ -1,0 +1,28 @@
+"""Sensing quality: how much of the time that matters the cameras cover."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sqrp_cli.programming.timeline import Timeline
+
+
+def average_quality(timeline: Timeline) -> float | None:
+    """Q_avg: total length of the runs of covered states over T, in 0..1; None where no formula applies for any time.
+
+    A run is a maximal sequence of consecutive covered samples inside one stretch of formula time; its length is last minus first
+    (paper, section on sensing quality computation). Samples that share an instant add no length, so the sum over runs is the sum
+    over neighbouring covered samples.
+    """
+    return _covered_length(timeline, interesting_only=False) / timeline.T if timeline.T > 0 else None
+
+
+def interest_quality(timeline: Timeline) -> float | None:
+    """Q_eoi: the same within the events of interest, over T_eoi; None where there are none."""
+    return _covered_length(timeline, interesting_only=True) / timeline.T_eoi if timeline.T_eoi > 0 else None
+
+
+def _covered_length(timeline: Timeline, *, interesting_only: bool) -> float:
+    covered = timeline.covered & timeline.interesting if interesting_only else timeline.covered
+    within = covered[:-1] & covered[1:] & ~np.isnan(timeline.steps)
+    return float(timeline.steps[within].sum())

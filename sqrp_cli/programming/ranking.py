@@ -1,0 +1,89 @@
+"""Which candidate is best: order by a criterion with stated ties, and the Pareto-optimal ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from sqrp_cli.programming.assessment import Assessment
+
+Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
+CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
+
+_QUALITY_STEP = 1e-3
+"""Qualities are compared rounded to this (0.1 points): what bisection cannot tell apart is equal."""
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """An assessment with its place: rank from 1, None if infeasible; pareto: no other is better in Q_avg, Q_eoi and time alike."""
+
+    assessment: Assessment
+    rank: int | None
+    pareto: bool
+
+
+def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]:
+    """The candidates in order: the best first, the infeasible ones last, in the order in which they came.
+
+    Ties go by Q_avg, time, worst delay and finally the parameters. A criterion that is null for a candidate tells none apart.
+    """
+    feasible = [assessment for assessment in assessments if assessment.feasible]
+    columns = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], _worst_delay]
+    usable = [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
+
+    def key(assessment: Assessment) -> tuple[list[float], list[tuple[float, str]]]:
+        values = [value for column in usable if (value := column(assessment)) is not None]
+        return values, _parameters(assessment)
+
+    ordered = sorted(feasible, key=key)
+    ranked = [Ranked(assessment, place, _undominated(assessment, feasible)) for place, assessment in enumerate(ordered, 1)]
+    return (*ranked, *(Ranked(assessment, None, False) for assessment in assessments if not assessment.feasible))
+
+
+def _rounded(quality: float | None) -> float | None:
+    """A quality as it is compared, negated because less is better in every column."""
+    return None if quality is None else -round(quality / _QUALITY_STEP) * _QUALITY_STEP
+
+
+def _mean_delay(assessment: Assessment) -> float | None:
+    return max((fault.delay_mean for fault in assessment.faults.values()), default=None)
+
+
+def _worst_delay(assessment: Assessment) -> float | None:
+    return max((fault.delay_worst for fault in assessment.faults.values()), default=None)
+
+
+def _expected_time(assessment: Assessment) -> float | None:
+    return max((fault.expected_time for fault in assessment.faults.values()), default=None)
+
+
+_CRITERIA: dict[Criterion, Callable[[Assessment], float | None]] = {
+    "q_eoi": lambda assessment: _rounded(assessment.q_eoi),
+    "q_avg": lambda assessment: _rounded(assessment.q_avg),
+    "time": lambda assessment: assessment.time,
+    "delay": _mean_delay,
+    "expected_time": _expected_time,
+}
+"""What each criterion compares; less is better."""
+
+
+def _parameters(assessment: Assessment) -> list[tuple[float, str]]:
+    """The parameters' values so that they compare: numbers by value, words by spelling."""
+    values = assessment.candidate.parameters.values()
+    return [(0.0, value) if isinstance(value, str) else (value, "") for value in values]
+
+
+def _undominated(assessment: Assessment, others: Sequence[Assessment]) -> bool:
+    own = _objectives(assessment)
+    return not any(_dominates(_objectives(other), own) for other in others)
+
+
+def _objectives(assessment: Assessment) -> tuple[float | None, ...]:
+    return _rounded(assessment.q_avg), _rounded(assessment.q_eoi), assessment.time
+
+
+def _dominates(first: tuple[float | None, ...], second: tuple[float | None, ...]) -> bool:
+    pairs = [(a, b) for a, b in zip(first, second, strict=True) if a is not None and b is not None]
+    return all(a <= b for a, b in pairs) and any(a < b for a, b in pairs)

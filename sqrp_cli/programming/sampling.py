@@ -1,0 +1,112 @@
+"""Which instants of a motion are sampled first: a fixed number, a fixed step, or as densely as things move."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, transform
+from sqrp_cli.programming.motion import Motion
+from sqrp_cli.programming.pieces import Piece
+from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.stage import Samples, Stage
+from sqrp_cli.programming.targets import Target
+
+DEFAULT_TOLERANCE = 1e-3
+"""Largest error of Q that bisection leaves, as a fraction (0.1 points)."""
+
+MAX_MOTION = 0.01
+"""Adaptive sampling: no corner of a target or of a box around a moving part moves further than this between samples [m]."""
+
+_PROBES = 33
+"""Instants per primitive at which the speed of things is measured, to place the adaptive samples."""
+
+MAX_SAMPLES = 200_000
+"""Samples of one candidate beyond which a request is refused."""
+
+
+@dataclass(frozen=True)
+class FixedCount:
+    """So many instants per primitive, equally spaced in time, both ends included."""
+
+    samples: int
+
+
+@dataclass(frozen=True)
+class FixedStep:
+    """An instant every `dt` seconds from each primitive's start, and its end."""
+
+    dt: float
+
+
+@dataclass(frozen=True)
+class Adaptive:
+    """As dense as `MAX_MOTION` asks, then bisected until the transitions are known to `tolerance` (a fraction of Q)."""
+
+    tolerance: float = DEFAULT_TOLERANCE
+
+
+Sampling = FixedCount | FixedStep | Adaptive
+
+
+def first_samples(sampling: Sampling, stage: Stage, solids: Sequence[Solid], targets: Sequence[Target]) -> Samples:
+    """The samples of every piece before any bisection; both ends of every piece are among them."""
+    primitives = stage.motion.primitives
+    match sampling:
+        case FixedCount(samples):
+            instants = [np.linspace(p.start, p.end, samples) for p in primitives]
+        case FixedStep(dt):
+            instants = [p.start + dt * np.arange(int((p.end - p.start) / dt) + 1) for p in primitives]
+        case Adaptive():
+            instants = _equal_motion(stage, solids, targets)
+    t = [_within(piece, instants[piece.primitive]) for piece in stage.pieces]
+    return Samples(np.repeat(np.arange(len(t)), [len(times) for times in t]), np.concatenate(t))
+
+
+def sample_count(sampling: Sampling, motion: Motion) -> float:
+    """About how many samples a fixed sampling asks for; 0 for the adaptive one, which bounds itself."""
+    match sampling:
+        case FixedCount(samples):
+            return float(samples) * len(motion.primitives)
+        case FixedStep(dt):
+            return motion.time / dt
+        case Adaptive():
+            return 0.0
+
+
+def _within(piece: Piece, instants: Array) -> Array:
+    inner = instants[(instants > piece.start + 1e-9) & (instants < piece.end - 1e-9)]
+    return np.concatenate([[piece.start], inner, [piece.end]] if piece.end > piece.start else [[piece.start]])
+
+
+def _equal_motion(stage: Stage, solids: Sequence[Solid], targets: Sequence[Target]) -> list[Array]:
+    """Instants of each primitive between which nothing moves further than `MAX_MOTION`."""
+    result = []
+    for index, primitive in enumerate(stage.motion.primitives):
+        t = np.linspace(primitive.start, primitive.end, _PROBES)
+        pieces = [number for number, piece in enumerate(stage.pieces) if piece.primitive == index]
+        if not pieces:
+            result.append(t[:1])
+            continue
+        states = stage.states(Samples(np.full(len(t), pieces[0]), t))
+        travelled = np.concatenate([[0.0], np.cumsum(_steps(states, solids, targets))])
+        count = int(np.ceil(travelled[-1] / MAX_MOTION))
+        result.append(np.interp(np.linspace(0.0, travelled[-1], count + 1), travelled, t) if count else t[[0, -1]])
+    return result
+
+
+def _steps(states: SceneStates, solids: Sequence[Solid], targets: Sequence[Target]) -> Array:
+    """How far the fastest corner moves from each state to the next [m], shape (m - 1,)."""
+    moving = [
+        transform(X_WP, solid.corners) for solid in solids if len(X_WP := states.X_WF[solid.part.parent]) > 1
+    ]
+    boxes = [box for target in targets for box in target.boxes]
+    moving += [states.box_poses(box)[:, None, :3, 3] for box in boxes if len(states.X_WF[box.frame]) > 1]
+    if not moving:
+        return np.zeros(states.count - 1)
+    tracks = np.concatenate(moving, axis=1)
+    steps: Array = np.linalg.norm(np.diff(tracks, axis=0), axis=2).max(axis=1)
+    return steps

@@ -1,0 +1,1 @@
+"""What the cameras see: field of view, detector limits and occlusion."""

@@ -1,0 +1,28 @@
+"""Why a camera does not cover a box."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class Cause(IntEnum):
+    """The first limit that fails, in the order in which the limits are checked; NONE where the box is covered."""
+
+    NONE = 0
+    TOO_NEAR = 1
+    TOO_FAR = 2
+    OUT_OF_IMAGE = 3
+    DETECTOR_NEAR = 4
+    DETECTOR_FAR = 5
+    OBLIQUE = 6
+    TOO_SMALL = 7
+    HIDDEN = 8
+
+    @property
+    def label(self) -> str | None:
+        """Name in the output, None for a covered box."""
+        return None if self is Cause.NONE else self.name.lower()
+
+
+SIDES = ("left", "right", "top", "bottom")
+"""Sides of an image, in the order of their codes."""

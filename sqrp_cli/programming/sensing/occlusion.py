@@ -1,0 +1,181 @@
+"""Line of sight: which solids reach into the view hull of a box, the convex hull of camera centre and box corners.
+
+The hull decides for the whole box at once; rays to its corners would miss thin occluders. Solids are first culled in NumPy by
+planes around the hull; only what may touch it is handed to coal, whose answer against the meshes is exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import BOX_SIGNS, Array, transform
+from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
+
+SKIN = 1e-3
+"""A box is shrunk by this on every side before its sight is tested, so that what merely touches it does not hide it [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class SolidPoses:
+    """Solids with the world poses of their parents over a batch of states.
+
+    X_WP: pose of each parent, shape (m, 4, 4), or (1, 4, 4) where it never moves.
+    """
+
+    solids: tuple[Solid, ...]
+    X_WP: Mapping[str, Array]
+
+    def pose(self, index: int) -> Array:
+        """World poses of a solid's parent, shape (m or 1, 4, 4)."""
+        return self.X_WP[self.solids[index].part.parent]
+
+
+@dataclass(frozen=True, eq=False)
+class SightLines:
+    """View hulls to test: one box seen from one camera, in a batch of states.
+
+    state: index of the state, shape (v,). eye: camera centre in the world, shape (v, 3). corners: corners of the shrunk box in
+    the world, shape (v, 8, 3).
+    """
+
+    state: NDArray[np.int64]
+    eye: Array
+    corners: Array
+
+    def take(self, rows: NDArray[np.int64]) -> SightLines:
+        """Some of the sight lines."""
+        return SightLines(self.state[rows], self.eye[rows], self.corners[rows])
+
+
+def shrink(size: Sequence[float], normal: Sequence[float] | None) -> tuple[Array, Array]:
+    """Corners (8, 3) of a box without its skin, in the box's own frame, and the offset (3,) by which its centre moved.
+
+    A side thinner than twice the skin keeps its thickness; the box then moves by the skin along its normal instead.
+    """
+    extents = np.asarray(size, dtype=float)
+    thin = extents < 2 * SKIN
+    offset = SKIN * np.asarray(normal, dtype=float) if thin.any() and normal is not None else np.zeros(3)
+    return 0.5 * np.where(thin, extents, extents - 2 * SKIN) * BOX_SIGNS + offset, offset
+
+
+def hull_planes(lines: SightLines) -> Array:
+    """Planes through the eye that enclose each view hull, plus one behind the box and one behind the eye.
+
+    Returns shape (v, 10, 4): normal n and offset o such that n . (p - eye) - o > 0 for every point p outside that plane. The
+    eight side planes bound the box's image by an octagon. All-zero planes (which exclude nothing) where the eye is so close
+    that the box has no bounded image.
+    """
+    rays = lines.corners - lines.eye[:, None]
+    axis = rays.mean(axis=1)
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    helper = np.where(np.abs(axis[:, 2:]) < 0.9, (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+    right = np.cross(axis, helper)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    up = np.cross(right, axis)
+    diagonal = np.sqrt(0.5)
+    across = np.stack([right, up, diagonal * (right + up), diagonal * (right - up)], axis=1)
+    depth = np.einsum("vki,vi->vk", rays, axis)
+    bounded = depth.min(axis=1) > 1e-6
+    slope = (rays @ np.swapaxes(across, 1, 2)) / np.where(bounded[:, None], depth, 1.0)[..., None]
+    planes = np.zeros((len(rays), 10, 4))
+    planes[:, 0:4, :3] = across - slope.max(axis=1)[..., None] * axis[:, None]
+    planes[:, 4:8, :3] = slope.min(axis=1)[..., None] * axis[:, None] - across
+    planes[:, 8, :3] = axis
+    planes[:, 8, 3] = depth.max(axis=1)
+    planes[:, 9, :3] = -axis
+    planes[~bounded] = 0.0
+    return planes
+
+
+def near_pairs(lines: SightLines, poses: SolidPoses, solids: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Pairs (sight line, index of solid) whose hull and bounding volume may touch, ordered by sight line."""
+    if not len(lines.state) or not solids:
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    planes = hull_planes(lines)
+    normals, offsets = planes[..., :3], planes[..., 3]
+    lengths = np.linalg.norm(normals, axis=2)
+
+    near = np.empty((len(lines.state), len(solids)), dtype=bool)
+    for column, index in enumerate(solids):
+        solid, X_WP = poses.solids[index], poses.pose(index)
+        center = (X_WP[:, :3, :3] @ solid.center + X_WP[:, :3, 3])[_rows(X_WP, lines.state)]
+        height = np.einsum("vpi,vi->vp", normals, center - lines.eye) - offsets
+        near[:, column] = (height <= solid.radius * lengths + 1e-9).all(axis=1)
+
+    line, column = np.nonzero(near)
+    keep = np.ones(len(line), dtype=bool)
+    for position, index in enumerate(solids):
+        rows = np.flatnonzero(column == position)
+        if len(rows):
+            X_WP, at = poses.pose(index), line[rows]
+            corners = transform(X_WP, poses.solids[index].corners)[_rows(X_WP, lines.state[at])]
+            height = (corners - lines.eye[at][:, None]) @ np.swapaxes(normals[at], 1, 2) - offsets[at][:, None]
+            keep[rows] = (height.min(axis=1) <= 1e-9).all(axis=1)
+    return line[keep], np.asarray(solids, dtype=np.int64)[column[keep]]
+
+
+def _rows(X_WP: Array, state: NDArray[np.int64]) -> NDArray[np.int64]:
+    return state if len(X_WP) > 1 else np.zeros_like(state)
+
+
+class HullTester:
+    """Tests view hulls against solids with coal; holds one convex shape whose points are overwritten for each hull."""
+
+    def __init__(self) -> None:
+        faces = coal.StdVec_Triangle()
+        for triangle in BOX_TRIANGLES.tolist():
+            faces.append(coal.Triangle(*triangle))
+        points = coal.StdVec_Vec3s()
+        points.extend([*BOX_SIGNS, np.array([0.0, 0.0, 3.0])])
+        # Only the points matter to the support function; the faces are there because coal asks for some.
+        self._hull = coal.Convex(points, faces)
+        self._points = self._hull.points()
+        self._at_origin = coal.Transform3s.Identity()
+        self._placement = coal.Transform3s.Identity()
+        self._request = coal.CollisionRequest()
+        self._result = coal.CollisionResult()
+
+    def hits(
+        self,
+        lines: SightLines,
+        poses: SolidPoses,
+        pairs: tuple[NDArray[np.int64], NDArray[np.int64]],
+        *,
+        first_only: bool,
+    ) -> NDArray[np.bool_]:
+        """Whether the solid of each pair reaches into its view hull, shape (pairs,).
+
+        first_only: stop at the first hit of each sight line; the pairs after it are reported as False.
+        """
+        found = np.zeros(len(pairs[0]), dtype=bool)
+        if not len(found):
+            return found
+        hulls = np.concatenate([lines.corners, lines.eye[:, None]], axis=1)
+        placements = {}
+        for index in np.unique(pairs[1]).tolist():
+            X_WG = poses.pose(index) @ poses.solids[index].part.X_PG
+            placements[index] = (np.ascontiguousarray(X_WG[:, :3, :3]), np.ascontiguousarray(X_WG[:, :3, 3]))
+        states = lines.state.tolist()
+        current, done = -1, False
+        for row, (line, index) in enumerate(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True)):
+            if line != current:
+                current, done = line, False
+                self._points[:] = hulls[line]
+            elif done:
+                continue
+            rotations, translations = placements[index]
+            at = states[line] if len(translations) > 1 else 0
+            self._placement.setRotation(rotations[at])
+            self._placement.setTranslation(translations[at])
+            self._result.clear()
+            if coal.collide(
+                self._hull, self._at_origin, poses.solids[index].geometry, self._placement, self._request, self._result
+            ):
+                found[row] = True
+                done = first_only
+        return found

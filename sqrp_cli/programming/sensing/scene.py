@@ -1,0 +1,60 @@
+"""What there is to see and what is in the way, over a batch of robot states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, inverse, pose
+from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.programming.sensing.occlusion import SolidPoses
+from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.targets import START, TargetBox
+
+WORLD = "world"
+
+
+@dataclass(frozen=True, eq=False)
+class SceneStates:
+    """World poses of every frame over m states.
+
+    count: m. X_WF: pose of `world`, every link, object and `OBJECT@start`, shape (m, 4, 4), or (1, 4, 4) where it never moves.
+    """
+
+    count: int
+    X_WF: Mapping[str, Array]
+
+    def camera_poses(self, camera: Camera) -> Array:
+        """World poses of a camera's optical frame, shape (m or 1, 4, 4)."""
+        poses: Array = self.X_WF[camera.frame] @ camera.X_FC
+        return poses
+
+    def box_poses(self, box: TargetBox) -> Array:
+        """World poses of a target box, shape (m or 1, 4, 4)."""
+        poses: Array = self.X_WF[box.frame] @ box.X_FB
+        return poses
+
+    def solid_poses(self, solids: tuple[Solid, ...]) -> SolidPoses:
+        """World poses of solids."""
+        return SolidPoses(solids, self.X_WF)
+
+
+def fixed_frame(X_WF: Array | None = None) -> Array:
+    """A frame that never moves, as an entry of `SceneStates.X_WF`; the world's origin by default."""
+    return (pose() if X_WF is None else X_WF)[None]
+
+
+def relative(X_WA: Array, X_WB: Array) -> Array:
+    """X_AB of poses with leading dimensions m or 1."""
+    X_AB: Array = inverse(X_WA) @ X_WB
+    return X_AB
+
+
+def rows_of(values: Array, rows: Array) -> Array:
+    """Entries of an array with leading dimension m or 1 for the states `rows`."""
+    return values[rows] if len(values) > 1 else np.broadcast_to(values, (len(rows), *values.shape[1:]))
+
+
+__all__ = ["START", "WORLD", "SceneStates", "fixed_frame", "relative", "rows_of"]

@@ -1,0 +1,142 @@
+"""Parts of the cell as coal geometry, for collision and for sight; the one place that turns shapes into coal's classes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import coal
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.geometry import BOX_SIGNS, Array, read_only, transform
+from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+
+MAX_TRIANGLES = 2_000_000
+"""Largest mesh that is accepted; above it a whole-cell computation would take minutes."""
+
+SIDES = 48
+"""Sides of the prisms that stand for round shapes where triangles are needed; they enclose the shape (0.2 % too wide)."""
+
+BOX_TRIANGLES = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
+"""Triangles of a box over its corners in the order of `geometry.BOX_SIGNS`, outward, shape (12, 3)."""
+
+BOX_TRIANGLES.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A part as coal geometry and as triangles.
+
+    geometry: coal's collision geometry, in the shape's frame; place it with X_WP @ part.X_PG.
+    vertices: shape (V, 3) [m], in the parent's frame; triangles: shape (F, 3), indices into `vertices`.
+    center, radius: a sphere around it, in the parent's frame [m].
+    corners: shape (8, 3), the corners of a box around it, in the parent's frame [m].
+    """
+
+    part: Part
+    geometry: Any
+    vertices: Array
+    triangles: NDArray[np.int64]
+    center: Array
+    radius: float
+    corners: Array
+
+
+def load_solid(part: Part) -> Solid:
+    """Make the solid of a part; meshes are read once per file and scale.
+
+    Raises InputError for a mesh that cannot be read, is empty or has more than `MAX_TRIANGLES` triangles.
+    """
+    geometry, shape_vertices, triangles = _load_shape(part.shape)
+    vertices = transform(part.X_PG, shape_vertices)
+    low, high = shape_vertices.min(axis=0), shape_vertices.max(axis=0)
+    corners = transform(part.X_PG, (low + high) / 2 + BOX_SIGNS * (high - low) / 2)
+    center = corners.mean(axis=0)
+    return Solid(
+        part=part,
+        geometry=geometry,
+        vertices=read_only(vertices),
+        triangles=triangles,
+        center=read_only(center),
+        radius=float(np.linalg.norm(vertices - center, axis=1).max()),
+        corners=read_only(corners),
+    )
+
+
+def load_solids(parts: Sequence[Part]) -> tuple[Solid, ...]:
+    """The solids of several parts, in order."""
+    return tuple(load_solid(part) for part in parts)
+
+
+@cache
+def _load_shape(shape: Shape) -> tuple[Any, Array, NDArray[np.int64]]:
+    """coal geometry, vertices and triangles of a shape in its own frame."""
+    match shape:
+        case Box(size):
+            return coal.Box(*size), 0.5 * np.asarray(size) * BOX_SIGNS, BOX_TRIANGLES
+        case Sphere(radius):
+            return coal.Sphere(radius), *_surface_of_revolution(radius, np.linspace(0, np.pi, SIDES // 2 + 1), 0.0)
+        case Cylinder(radius, length):
+            return coal.Cylinder(radius, length), *_prism(radius, length)
+        case Capsule(radius, length):
+            angles = np.linspace(0, np.pi, SIDES // 2 + 2)
+            return coal.Capsule(radius, length), *_surface_of_revolution(radius, angles, length)
+        case Mesh(path, scale):
+            return _load_mesh(path, scale)
+
+
+def _load_mesh(path: Path, scale: tuple[float, float, float]) -> tuple[Any, Array, NDArray[np.int64]]:
+    try:
+        geometry = coal.MeshLoader(coal.BV_OBBRSS).load(str(path), np.array(scale))
+    except (RuntimeError, ValueError) as error:
+        reason = str(error).strip().splitlines()[-1] if str(error).strip() else "not a mesh"
+        raise InputError(Problem("mesh-unreadable", f"this mesh cannot be read: {reason}", Place(path))) from error
+    count = geometry.num_tris
+    if count == 0:
+        raise InputError(Problem("mesh-empty", "this mesh has no triangles", Place(path)))
+    if count > MAX_TRIANGLES:
+        message = f"this mesh has {count:,} triangles, more than the limit of {MAX_TRIANGLES:,}; simplify it first"
+        raise InputError(Problem("mesh-too-large", message, Place(path)))
+    triangles = np.array([[t[0], t[1], t[2]] for t in map(geometry.tri_indices, range(count))], dtype=np.int64)
+    return geometry, np.array(geometry.vertices()), triangles
+
+
+def _prism(radius: float, length: float) -> tuple[Array, NDArray[np.int64]]:
+    """A prism around a cylinder about z."""
+    rim = _rim(radius / np.cos(np.pi / SIDES))
+    vertices = np.concatenate([rim - [0, 0, length / 2], rim + [0, 0, length / 2], [[0, 0, -length / 2], [0, 0, length / 2]]])
+    low = np.arange(SIDES)
+    following = (low + 1) % SIDES
+    high, bottom, top = low + SIDES, np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
+    walls = [np.column_stack([low, following, high]), np.column_stack([following, following + SIDES, high])]
+    caps = [np.column_stack([bottom, following, low]), np.column_stack([top, high, following + SIDES])]
+    return vertices, np.concatenate(walls + caps)
+
+
+def _surface_of_revolution(radius: float, angles: Array, straight: float) -> tuple[Array, NDArray[np.int64]]:
+    """A sphere around z, cut at its equator and pulled apart by `straight`, as rings at polar angles from the top."""
+    outer = radius / np.cos(np.pi / SIDES)
+    rings = [_rim(outer * np.sin(a)) + [0, 0, outer * np.cos(a) + np.copysign(straight / 2, np.cos(a))] for a in angles]
+    first = np.arange(SIDES)
+    following = (first + 1) % SIDES
+    triangles = []
+    for ring in range(len(rings) - 1):
+        upper, lower = ring * SIDES, (ring + 1) * SIDES
+        triangles.append(np.column_stack([upper + first, lower + first, lower + following]))
+        triangles.append(np.column_stack([upper + first, lower + following, upper + following]))
+    return np.concatenate(rings), np.concatenate(triangles)
+
+
+def _rim(radius: float) -> Array:
+    """The corners of a regular polygon of `SIDES` sides about z, shape (SIDES, 3)."""
+    angles = 2 * np.pi * np.arange(SIDES) / SIDES
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.zeros(SIDES)])
+
+

@@ -1,0 +1,96 @@
+"""Where robot and objects are at any instant of a motion: the geometric side of skill states."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.motion import Motion
+from sqrp_cli.programming.pieces import Piece
+from sqrp_cli.programming.sensing.scene import WORLD, SceneStates, fixed_frame
+from sqrp_cli.programming.targets import START
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Instants of a motion: the piece that each belongs to, non-decreasing, and its time [s]; both of shape (m,)."""
+
+    piece: NDArray[np.int64]
+    t: Array
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def merge_order(self, other: Samples) -> NDArray[np.int64]:
+        """Order of these samples followed by the others that sorts them by piece and time."""
+        return np.lexsort((np.concatenate([self.t, other.t]), np.concatenate([self.piece, other.piece])))
+
+    def joined(self, other: Samples, order: NDArray[np.int64]) -> Samples:
+        """These samples and the others, in an order that `merge_order` gave."""
+        return Samples(np.concatenate([self.piece, other.piece])[order], np.concatenate([self.t, other.t])[order])
+
+
+class Stage:
+    """Robot, objects and their frames over a motion that begins with objects at known poses."""
+
+    def __init__(self, model: RobotModel, motion: Motion, pieces: Sequence[Piece], X_WO: Mapping[str, Array]) -> None:
+        """X_WO: pose of each object whose place is known when the motion begins, shape (4, 4)."""
+        self.model, self.motion, self.pieces = model, motion, tuple(pieces)
+        self._primitive = np.array([piece.primitive for piece in self.pieces])
+        self._X_WO = X_WO
+        self._carried = frozenset(p.held for p in motion.primitives if p.held is not None)
+        probe = np.stack([model.home, model.home + 0.1 * np.arange(1, len(model.arm) + 1)])
+        self._still_links = frozenset(name for name, X_WL in model.link_poses(probe).items() if np.array_equal(*X_WL))
+
+    def positions(self, samples: Samples) -> Array:
+        """Positions of the arm joints, shape (m, n)."""
+        q = np.empty((len(samples), len(self.model.arm)))
+        for index, rows in self._by_primitive(samples):
+            primitive = self.motion.primitives[index]
+            q[rows] = primitive.trajectory.positions(samples.t[rows] - primitive.start)
+        return q
+
+    def held(self, samples: Samples) -> list[str | None]:
+        """What the tool holds at each sample."""
+        holding = [primitive.held for primitive in self.motion.primitives]
+        return [holding[index] for index in self._primitive[samples.piece].tolist()]
+
+    def states(self, samples: Samples) -> SceneStates:
+        """World poses of every frame at each sample."""
+        X_WL = self.model.link_poses(self.positions(samples))
+        frames = {name: X[:1] if name in self._still_links else X for name, X in X_WL.items()}
+        frames[WORLD] = fixed_frame()
+        for name, X_start in self._X_WO.items():
+            frames[name + START] = fixed_frame(X_start)
+            frames[name] = fixed_frame(X_start)
+        for name in self._carried:
+            frames[name] = self._carried_poses(name, samples, X_WL[self.model.tool_frame])
+        return SceneStates(len(samples), frames)
+
+    def _carried_poses(self, name: str, samples: Samples, X_WT: Array) -> Array:
+        """Poses of an object that is carried in some primitives and rests in the others, shape (m, 4, 4)."""
+        X_WO = np.empty((len(samples), 4, 4))
+        rests = self._resting_poses(name)
+        for index, rows in self._by_primitive(samples):
+            primitive = self.motion.primitives[index]
+            X_WO[rows] = X_WT[rows] @ primitive.X_TO if primitive.held == name else rests[index]
+        return X_WO
+
+    def _resting_poses(self, name: str) -> list[Array]:
+        """Where an object rests during each primitive that does not carry it, shape (4, 4) each."""
+        rests, X_WO = [], self._X_WO.get(name)
+        for primitive in self.motion.primitives:
+            if primitive.held == name:
+                q_end = primitive.trajectory.positions(np.array([primitive.end - primitive.start]))
+                X_WO = self.model.link_poses(q_end)[self.model.tool_frame][0] @ primitive.X_TO
+            rests.append(np.full((4, 4), np.nan) if X_WO is None else X_WO)
+        return rests
+
+    def _by_primitive(self, samples: Samples) -> list[tuple[int, NDArray[np.int64]]]:
+        primitive = self._primitive[samples.piece]
+        return [(index, np.flatnonzero(primitive == index)) for index in np.unique(primitive).tolist()]

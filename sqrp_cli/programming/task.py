@@ -1,0 +1,185 @@
+"""From the text of a task to its candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, product
+
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill import MotionValue, Skill
+from sqrp_cli.knowledge.units import read_quantity
+from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.logic.domain import Parameter
+
+MAX_CANDIDATES = 100_000
+"""A task with more candidates than this is refused."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One binding of all parameters of a skill.
+
+    objects: the object that each skill parameter stands for. motion: the value of each motion parameter.
+    name: what tells it apart from the other candidates of its task, such as `g1` or `g1 lift=0.2`.
+    """
+
+    skill: Skill
+    objects: Mapping[str, str]
+    motion: Mapping[str, MotionValue]
+    name: str
+
+    @property
+    def parameters(self) -> dict[str, MotionValue]:
+        """All parameters with their values, objects first."""
+        return {**self.objects, **self.motion}
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task with its candidates; text: as it was given."""
+
+    text: str
+    skill: Skill
+    candidates: tuple[Candidate, ...]
+
+
+def read_task(text: str, workspace: Workspace) -> Task:
+    """The candidates of a task such as `pickup red screw`, `place g1 tray` or `pickup object=g1 speed=0.5`.
+
+    The first word is a skill. `name=value` sets a parameter. Every other word is the name, the type, the colour or an attribute of an object;
+    with several parameters, the words are for the parameters in order, each for one. Raises InputError where nothing matches.
+    """
+    words = text.split()
+    if not words:
+        skills = ", ".join(f"`{name}`" for name in workspace.skills)
+        raise InputError(Problem("empty-task", f"the task is empty; expected a skill ({skills}) and what to do it with"))
+    skill = workspace.skills.get(words[0])
+    if skill is None:
+        message = f"there is no skill `{words[0]}`; {expected_names(words[0], workspace.skills)}"
+        raise InputError(Problem("unknown-skill", message))
+    settings = dict(_setting(word, skill) for word in words[1:] if "=" in word)
+    filters = [word for word in words[1:] if "=" not in word]
+    choices = _object_choices(skill, workspace, settings, filters)
+    motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
+    count = 1
+    for values in [*choices, *motion]:
+        count *= len(values)
+    if count > MAX_CANDIDATES:
+        message = f"the task has {count:,} candidates, more than the limit of {MAX_CANDIDATES:,}; name fewer objects or values"
+        raise InputError(Problem("too-many-candidates", message))
+    return Task(text, skill, tuple(_candidates(skill, choices, motion)))
+
+
+def _candidates(
+    skill: Skill, choices: Sequence[Sequence[str]], motion: Sequence[Sequence[MotionValue]]
+) -> Iterator[Candidate]:
+    varying = [
+        parameter.name for parameter, values in zip(skill.motion_parameters, motion, strict=True) if len(values) > 1
+    ]
+    for objects in product(*choices):
+        for values in product(*motion):
+            bound = {parameter.name: value for parameter, value in zip(skill.motion_parameters, values, strict=True)}
+            words = [*objects, *(f"{name}={shown(bound[name])}" for name in varying)]
+            yield Candidate(
+                skill,
+                {parameter.name: name for parameter, name in zip(skill.action.parameters, objects, strict=True)},
+                bound,
+                " ".join(words) or skill.name,
+            )
+
+
+def shown(value: MotionValue) -> str:
+    """A value of a parameter as names and tables show it."""
+    return value if isinstance(value, str) else f"{value:.4g}"
+
+
+def _setting(word: str, skill: Skill) -> tuple[str, str]:
+    name, value = word.split("=", 1)
+    valid = [parameter.name for parameter in (*skill.action.parameters, *skill.motion_parameters)]
+    if name not in valid:
+        message = f"skill `{skill.name}` has no parameter `{name}`; {expected_names(name, valid)}"
+        raise InputError(Problem("unknown-parameter", message))
+    return name, value
+
+
+def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tuple[MotionValue, ...]:
+    parameter = next(parameter for parameter in skill.motion_parameters if parameter.name == name)
+    if name not in settings:
+        return parameter.values
+    if isinstance(parameter.values[0], str):
+        return (settings[name],)
+    quantity = read_quantity(settings[name])
+    if quantity is None:
+        message = f"`{name}={settings[name]}` is no number with a known unit; expected one like `{name}={shown(parameter.values[0])}`"
+        raise InputError(Problem("wrong-unit", message))
+    return (quantity.value,)
+
+
+def _object_choices(
+    skill: Skill, workspace: Workspace, settings: Mapping[str, str], filters: Sequence[str]
+) -> list[list[str]]:
+    """The objects that each parameter of the skill may stand for, in the order of the parameters."""
+    parameters = skill.action.parameters
+    fitting = {
+        parameter.name: [name for name, thing in workspace.objects.items() if _is_of_type(thing, parameter, skill)]
+        for parameter in parameters
+    }
+    for name, value in settings.items():
+        if name in fitting:
+            if value not in fitting[name]:
+                message = f"`{value}` cannot be the {name} of `{skill.name}`; {expected_names(value, fitting[name])}"
+                raise InputError(Problem("unknown-object", message))
+            fitting[name] = [value]
+    open_names = [parameter.name for parameter in parameters if parameter.name not in settings]
+    matches = [
+        chosen
+        for groups in _splits(filters, len(open_names))
+        if all(chosen := [_matching(workspace, fitting[n], g) for n, g in zip(open_names, groups, strict=True)])
+    ]
+    if not matches:
+        raise InputError(Problem("no-match", _no_match(skill, workspace, fitting, filters)))
+    found = dict(zip(open_names, matches[0], strict=True))
+    return [found.get(parameter.name, fitting[parameter.name]) for parameter in parameters]
+
+
+def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
+    """Ways to hand out words to parameters in order, those that leave fewest parameters without a word first."""
+    if count == 0:
+        if not words:
+            yield []
+        return
+    ways = [
+        [words[start:end] for start, end in zip((0, *cuts), (*cuts, len(words)), strict=True)]
+        for cuts in combinations(sorted([*range(len(words) + 1)] * (count - 1)), count - 1)
+    ]
+    yield from sorted(ways, key=lambda groups: sum(not group for group in groups))
+
+
+def _matching(workspace: Workspace, names: Sequence[str], words: Sequence[str]) -> list[str]:
+    return [name for name in names if all(word.lower() in _words_for(workspace.objects[name]) for word in words)]
+
+
+def _words_for(thing: SceneObject) -> set[str]:
+    words = {thing.name, thing.type, *thing.attributes, *([thing.color] if thing.color else [])}
+    return {word.lower() for word in words}
+
+
+def _is_of_type(thing: SceneObject, parameter: Parameter, skill: Skill) -> bool:
+    return skill.domain.fits((thing.type, "fixture" if thing.fixed else "movable"), parameter.type)
+
+
+def _no_match(
+    skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence[str]], filters: Sequence[str]
+) -> str:
+    asked = " ".join(filters) or "anything"
+    words = {word for names in fitting.values() for name in names for word in _words_for(workspace.objects[name])}
+    unknown = [word for word in filters if word.lower() not in words]
+    if unknown:
+        hint = expected_names(unknown[0], words)
+        return f"no object that `{skill.name}` can use is called or described as `{unknown[0]}`; {hint}"
+    usable = "; ".join(
+        f"{name}: {', '.join(f'`{candidate}`' for candidate in names) or 'no object fits'}" for name, names in fitting.items()
+    )
+    return f"nothing matches `{asked}`; `{skill.name}` can use {usable}"

@@ -1,0 +1,229 @@
+"""The coverage of a candidate over time: sampled, and bisected where it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.pieces import Piece
+from sqrp_cli.programming.sampling import Adaptive, Sampling, first_samples
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
+from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.stage import Samples, Stage
+from sqrp_cli.programming.targets import Target
+
+Mask = NDArray[np.bool_]
+
+SHORTEST_BRACKET = 1e-7
+"""Transitions are not bisected further than this [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What the cameras see of a targets in m samples.
+
+    required: whether a state holds the target's atom, shape (m, a). covered: shape (m, a), False where not required.
+    response: of the cameras that cover it [s], NaN where uncovered, shape (m, a).
+    matrix: per target and box the verdicts of every camera; None where only coverage was asked, and then `covered` may also be False
+    where another atom already decided.
+    """
+
+    required: Mask
+    covered: Mask
+    response: Array
+    matrix: tuple[tuple[BoxVerdicts, ...], ...] | None
+
+    def joined(self, other: Observation, order: NDArray[np.int64]) -> Observation:
+        """The rows of both in the given order."""
+
+        def join(first: NDArray[np.generic], second: NDArray[np.generic]) -> NDArray[np.generic]:
+            return np.concatenate([first, second])[order]
+
+        matrix = None
+        if self.matrix is not None and other.matrix is not None:
+            matrix = tuple(
+                tuple(
+                    BoxVerdicts(
+                        join(a.cause, b.cause), join(a.by, b.by), join(a.figure, b.figure), join(a.visible, b.visible)
+                    )
+                    for a, b in zip(boxes, others, strict=True)
+                )
+                for boxes, others in zip(self.matrix, other.matrix, strict=True)
+            )
+        return Observation(
+            join(self.required, other.required),
+            join(self.covered, other.covered),
+            join(self.response, other.response),
+            matrix,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """The coverage of a candidate over its motion.
+
+    atoms: in the order of the columns of `observation`. T, T_eoi: see `pieces.monitored_time` and `interesting_time` [s].
+    faults: the columns of the atoms of each fault. rounds: rounds of bisection that were made.
+    """
+
+    pieces: tuple[Piece, ...]
+    samples: Samples
+    atoms: tuple[Atom, ...]
+    observation: Observation
+    faults: Mapping[str, tuple[int, ...]]
+    T: float
+    T_eoi: float
+
+    @property
+    def monitored(self) -> Mask:
+        """Whether a state holds any literal, shape (m,)."""
+        return self.observation.required.any(axis=1)
+
+    @property
+    def covered(self) -> Mask:
+        """Whether a state holds literals and all of them are covered, shape (m,)."""
+        return self.monitored & (self.observation.covered | ~self.observation.required).all(axis=1)
+
+    def fault_covered(self, fault: str) -> Mask:
+        """Whether all literals of a fault are required and covered, shape (m,)."""
+        covered: Mask = self.observation.covered[:, list(self.faults[fault])].all(axis=1)
+        return covered
+
+    def fault_response(self, fault: str) -> Array:
+        """Time from a fault until images show it [s], NaN where it is not covered, shape (m,)."""
+        response: Array = self.observation.response[:, list(self.faults[fault])].max(axis=1)
+        return np.where(self.fault_covered(fault), response, np.nan)
+
+    @property
+    def steps(self) -> Array:
+        """Time from each sample to the next within its piece [s], NaN at the end of a piece, shape (m - 1,)."""
+        return np.where(np.diff(self.samples.piece) == 0, np.diff(self.samples.t), np.nan)
+
+    @property
+    def interesting(self) -> Mask:
+        """Whether each sample lies in an event of interest, shape (m,)."""
+        return np.array([piece.of_interest for piece in self.pieces])[self.samples.piece]
+
+    @property
+    def largest_gap(self) -> float:
+        """Longest time between neighbouring samples that hold literals [s]: shorter events may be missed."""
+        return float(np.nanmax(self.steps[self.monitored[:-1]], initial=0.0))
+
+    @property
+    def transition_error(self) -> float:
+        """Bound on the error of Q from not knowing when between two samples the coverage changed, as a fraction."""
+        width = np.where(self.covered[1:] != self.covered[:-1], np.nan_to_num(self.steps), 0.0)
+        inside = width[self.interesting[:-1]].sum()
+        return max(
+            float(width.sum() / self.T) if self.T else 0.0, float(inside / self.T_eoi) if self.T_eoi else 0.0
+        )
+
+
+def observe(
+    stage: Stage,
+    observer: Observer,
+    targets: Sequence[Target],
+    faults: Mapping[str, tuple[int, ...]],
+    sampling: Sampling,
+    times: tuple[float, float],
+    *,
+    full: bool,
+) -> Timeline:
+    """Sample a motion and, if the sampling is adaptive, bisect every transition of the coverage.
+
+    faults: columns (indices into `targets`) of each fault's atoms. times: T and T_eoi [s].
+    full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well.
+    """
+    samples = first_samples(sampling, stage, observer.solids, targets)
+    observation = _look(stage, observer, targets, faults, samples, full=full)
+    timeline = Timeline(
+        stage.pieces, samples, tuple(target.atom for target in targets), observation, faults, times[0], times[1]
+    )
+    while isinstance(sampling, Adaptive) and (added := _midpoints(timeline, targets, sampling.tolerance)) is not None:
+        order = timeline.samples.merge_order(added)
+        observation = timeline.observation.joined(_look(stage, observer, targets, faults, added, full=full), order)
+        timeline = Timeline(
+            timeline.pieces, timeline.samples.joined(added, order), timeline.atoms, observation, faults, times[0], times[1]
+        )
+    return timeline
+
+
+def _midpoints(timeline: Timeline, targets: Sequence[Target], tolerance: float) -> Samples | None:
+    """The middle of every bracket around a transition that is still too wide; None when all are narrow enough."""
+    t, piece, steps = timeline.samples.t, timeline.samples.piece, np.nan_to_num(timeline.steps)
+    groups = np.column_stack([timeline.covered, *(timeline.fault_covered(fault) for fault in timeline.faults)])
+    changes = (groups[1:] != groups[:-1]).any(axis=1) & (steps > 0)
+    least = min(time for time in (timeline.T, timeline.T_eoi, np.inf) if time > 0)
+    wide = changes & (steps > max(tolerance * least / max(1, int(changes.sum())), SHORTEST_BRACKET))
+    if timeline.observation.matrix is not None:
+        cameras = np.concatenate(
+            [np.all([box.cause == Cause.NONE for box in boxes], axis=0) for boxes in timeline.observation.matrix], axis=1
+        )
+        wide |= (cameras[1:] != cameras[:-1]).any(axis=1) & (steps > max(tolerance * timeline.T, SHORTEST_BRACKET))
+    rows = np.flatnonzero(wide)
+    return Samples(piece[rows], 0.5 * (t[rows] + t[rows + 1])) if len(rows) else None
+
+
+def _look(
+    stage: Stage,
+    observer: Observer,
+    targets: Sequence[Target],
+    faults: Mapping[str, tuple[int, ...]],
+    samples: Samples,
+    *,
+    full: bool,
+) -> Observation:
+    held = np.array(
+        [[any(literal.atom == target.atom for literal in piece.literals) for target in targets] for piece in stage.pieces]
+    )
+    required = held[samples.piece]
+    states = stage.states(samples)
+    if full:
+        return _full_look(observer, targets, states, required)
+    return _quick_look(observer, targets, faults, states, required)
+
+
+def _full_look(observer: Observer, targets: Sequence[Target], states: SceneStates, required: Mask) -> Observation:
+    matrix = tuple(observer.verdicts(target, states) for target in targets)
+    responses = np.array([camera.response for camera in observer.cameras])
+    covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
+    for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
+        sees = np.all([box.cause == Cause.NONE for box in boxes], axis=0)
+        covered[:, column] = required[:, column] & (sees.sum(axis=1) >= target.cameras)
+        if target.cameras <= len(responses):
+            kth = np.sort(np.where(sees, responses, np.inf), axis=1)[:, target.cameras - 1]
+            response[:, column] = np.where(covered[:, column], kth, np.nan)
+    return Observation(required, covered, response, matrix)
+
+
+def _quick_look(
+    observer: Observer,
+    targets: Sequence[Target],
+    faults: Mapping[str, tuple[int, ...]],
+    states: SceneStates,
+    required: Mask,
+) -> Observation:
+    """Coverage only: a target is not looked at where the state and every fault that needs it are already known uncovered."""
+    covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
+    state_open = np.ones(len(required), dtype=bool)
+    fault_open = {fault: np.ones(len(required), dtype=bool) for fault in faults}
+    for column in sorted(range(len(targets)), key=lambda index: _moving_boxes(targets[index], states)):
+        users = [fault for fault, columns in faults.items() if column in columns]
+        wanted = state_open | np.any([fault_open[fault] for fault in users], axis=0) if users else state_open
+        rows = np.flatnonzero(required[:, column] & wanted)
+        found = observer.coverage(targets[column], states, rows)
+        covered[rows, column], response[rows, column] = found.covered, found.response
+        state_open &= covered[:, column] | ~required[:, column]
+        for fault in users:
+            fault_open[fault] &= covered[:, column]
+    return Observation(required, covered, response, None)
+
+
+def _moving_boxes(target: Target, states: SceneStates) -> int:
+    return sum(len(states.X_WF[box.frame]) > 1 for box in target.boxes)

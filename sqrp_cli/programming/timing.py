@@ -1,0 +1,143 @@
+"""When the arm is where on its path: jerk-limited laws from rest to rest. The only module that knows ruckig."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from ruckig import InputParameter, Result, Ruckig
+from ruckig import Trajectory as RuckigTrajectory
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory
+
+SAMPLES_PER_PHASE = 64
+"""Instants within each phase of a law at which `time_path` compares derivatives with the limits, ends included."""
+
+STRETCH_MARGIN = 1e-3
+"""By how much `time_path` stretches beyond what its samples ask for, to cover the peaks between samples."""
+
+STANDSTILL = 1e-9
+"""A joint line on which no joint moves further than this [rad or m] is no motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionLimits:
+    """Upper limits of the magnitudes of velocity, acceleration and jerk: scalars, or one value per joint, shape (n,).
+
+    Units: rad or m, and s.
+    """
+
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+    def along(self, direction: Array) -> MotionLimits:
+        """The limits that these, of shape (n,), put on the parameter of motions along `direction`, shape (..., n).
+
+        Moving by s * direction keeps every joint's limit iff s keeps these, which have shape (...); they are infinite for
+        a direction of zero.
+        """
+        with np.errstate(divide="ignore"):
+            return MotionLimits(
+                *((limit / np.abs(direction)).min(axis=-1) for limit in (self.velocity, self.acceleration, self.jerk))
+            )
+
+
+def rest_to_rest_duration(distance: ArrayLike, limits: MotionLimits) -> Array:
+    """Shortest time [s] from rest to rest over a distance under limits of velocity, acceleration and jerk; broadcasts.
+
+    The time-optimal law has jerk +j, 0, -j, 0, -j, 0, +j; phases vanish as the distance shrinks. With the time to
+    reach a peak velocity v, `ramp` = v/j doubled while v j < a^2 and v/a + a/j from there on, a law that reaches the
+    velocity limit takes distance/v + ramp(v); otherwise it takes 2 ramp with ramp * peak = distance.
+    """
+    distance = np.asarray(distance, dtype=float)
+    v, a, j = limits.velocity, limits.acceleration, limits.jerk
+    ramp = np.where(v * j < a * a, 2 * np.sqrt(v / j), v / a + a / j)
+    triangle = np.where(
+        distance * j * j < 2 * a**3, 4 * np.cbrt(distance / (2 * j)), a / j + np.sqrt((a / j) ** 2 + 4 * distance / a)
+    )
+    duration: Array = np.where(distance < v * ramp, triangle, distance / v + ramp)
+    return duration
+
+
+def joint_move_duration(q0: Array, q1: Array, limits: MotionLimits) -> Array:
+    """Duration [s] of the joint moves between q0 and q1, shapes (..., n) that broadcast, as `joint_move` makes them."""
+    shape = np.broadcast_shapes(q0.shape, q1.shape)[:-1]
+    reach, *shares = (np.zeros(shape) for _ in range(4))
+    for j in range(q0.shape[-1]):
+        direction = np.abs(q1[..., j] - q0[..., j])
+        np.maximum(reach, direction, out=reach)
+        for share, limit in zip(shares, (limits.velocity, limits.acceleration, limits.jerk), strict=True):
+            np.maximum(share, direction / limit[j], out=share)
+    moving = reach > STANDSTILL
+    along = MotionLimits(*(1.0 / np.where(moving, share, 1.0) for share in shares))
+    return np.where(moving, rest_to_rest_duration(1.0, along), 0.0)
+
+
+def joint_move(q0: Array, q1: Array, limits: MotionLimits) -> Trajectory:
+    """The fastest motion from q0 to q1, shape (n,), on the straight line in joint space, all joints on one phase.
+
+    The limits hold for each joint, shape (n,).
+    """
+    if np.abs(q1 - q0).max() <= STANDSTILL:
+        return Trajectory.standstill(q1, 0.0)
+    return Trajectory(Path.line(q0, q1), rest_to_rest(limits.along(q1 - q0)))
+
+
+def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
+    """The fastest law from 0 to 1, at rest at both ends, under scalar limits.
+
+    ruckig's tolerances are absolute, so it is asked in units in which speeding up takes 1 and reaches 1.
+    """
+    duration = float(rest_to_rest_duration(1.0, limits))
+    ramp = min(duration - 1.0 / float(limits.velocity), 0.5 * duration)
+    peak = 1.0 / (duration - ramp)
+    request = InputParameter(1)
+    request.target_position = [1.0 / (ramp * peak)]
+    request.max_velocity = [float(limits.velocity) / peak]
+    request.max_acceleration = [float(limits.acceleration) * ramp / peak]
+    request.max_jerk = [float(limits.jerk) * ramp**2 / peak]
+    solution = RuckigTrajectory(1)
+    result = Ruckig(1).calculate(request, solution)
+    if result != Result.Working:
+        raise RuntimeError(f"ruckig finds no law for {request}: {result}")
+    profile = solution.profiles[0][0]
+    lasting = np.array(profile.t) > 0
+    breaks = np.concatenate([[0.0], np.cumsum(profile.t)[lasting]])
+    p, v, a, j = (np.array(values)[:7][lasting] for values in (profile.p, profile.v, profile.a, profile.j))
+    coefficients = np.column_stack([p, v, a / 2, j / 6]) * (ramp * peak)
+    return PiecewiseCubic(breaks, coefficients).stretched(ramp)
+
+
+def time_path(path: Path, limits: MotionLimits, along: MotionLimits | None = None) -> Trajectory:
+    """A motion along a curved path, from rest to rest, that keeps the limits of every joint, shape (n,).
+
+    along: scalar limits of the path parameter (for a tool line: those of the tool, divided by its length). By default
+    those that the joints would put on it if the path were a straight line as steep as its steepest place.
+
+    The fastest law under `along` is slowed down as a whole by k = max(1, r_v, sqrt(r_a), cbrt(r_j)), where r are the
+    largest ratios of a joint's velocity, acceleration and jerk to its limit, taken `SAMPLES_PER_PHASE` times per phase and on
+    both sides of every switch, and k gets a margin of `STRETCH_MARGIN`.
+    """
+    law = rest_to_rest(along if along is not None else limits.along(path.slopes().max(axis=0)))
+    trajectory = Trajectory(path, law)
+    t = phase_samples(trajectory, SAMPLES_PER_PHASE)
+    ratios = [
+        float((np.abs(trajectory.derivatives(t, order)) / limit).max()) ** (1.0 / order)
+        for order, limit in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk))
+    ]
+    excess = max(ratios) * (1.0 + STRETCH_MARGIN)
+    return Trajectory(path, law.stretched(excess)) if excess > 1.0 else trajectory
+
+
+def phase_samples(trajectory: Trajectory, count: int) -> Array:
+    """`count` instants [s] in each phase, both its ends included as seen from within, shape (phases * count,).
+
+    A phase lasts from one break of law or path to the next.
+    """
+    joints = [trajectory.law.time_at(s) for s in trajectory.path.breaks[1:-1]]
+    breaks = np.unique(np.concatenate([trajectory.law.breaks, joints]))
+    instants = np.linspace(breaks[:-1], np.nextafter(breaks[1:], 0.0), count, axis=1)
+    return instants.reshape(-1)

@@ -1,0 +1,185 @@
+"""Joint motion over time as plain numbers: a smooth path in joint space, and a law that says how far along it the arm is.
+
+A program file stores trajectories and the runtime evaluates them, so this module needs nothing but NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sqrp_cli.geometry import Array, read_only
+
+
+@dataclass(frozen=True, eq=False)
+class PiecewiseCubic:
+    """The law s(t): a cubic polynomial per piece, so its jerk is constant within each.
+
+    breaks: where the pieces begin, and the end of the last one [s], rising from 0, shape (k + 1,).
+    coefficients: of 1, u, u^2 and u^3 with u = t minus the start of the piece, shape (k, 4).
+    """
+
+    breaks: Array
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "breaks", read_only(self.breaks))
+        object.__setattr__(self, "coefficients", read_only(self.coefficients))
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return float(self.breaks[-1])
+
+    def derivatives(self, t: ArrayLike) -> Array:
+        """s and its first three time derivatives at times t [s] of shape (m,), shape (4, m).
+
+        A time outside the law counts as the nearest end. At a break the piece that begins there is evaluated.
+        """
+        t = np.clip(np.asarray(t, dtype=float), 0.0, self.breaks[-1])
+        piece = _piece(self.breaks, t)
+        u = t - self.breaks[piece]
+        c0, c1, c2, c3 = self.coefficients[piece].T
+        return np.stack(
+            [c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2 * c2 + u * 3 * c3), 2 * c2 + u * 6 * c3, 6 * c3 + 0 * u]
+        )
+
+    def stretched(self, factor: float) -> PiecewiseCubic:
+        """The same law `factor` times as slow: derivatives of order i shrink by factor^i."""
+        return PiecewiseCubic(self.breaks * factor, self.coefficients / factor ** np.arange(4))
+
+    def time_at(self, s: float) -> float:
+        """The first time [s] at which a law that never falls reaches `s`, to the resolution of floating point."""
+        reached = self.derivatives(self.breaks)[0]
+        piece = int(np.clip(np.searchsorted(reached, s) - 1, 0, len(self.coefficients) - 1))
+        c0, c1, c2, c3 = self.coefficients[piece].tolist()
+        start = float(self.breaks[piece])
+        early, late = 0.0, float(self.breaks[piece + 1]) - start
+        while early < (u := 0.5 * (early + late)) < late:
+            if c0 + u * (c1 + u * (c2 + u * c3)) < s:
+                early = u
+            else:
+                late = u
+        return start + late
+
+
+@dataclass(frozen=True, eq=False)
+class Path:
+    """A path of n joints over the parameter s in [0, 1]: a Chebyshev polynomial per piece and joint.
+
+    breaks: where the pieces begin, and the end of the last one, rising from 0 to 1, shape (p + 1,).
+    coefficients: of the Chebyshev polynomials T_0..T_d over each piece, mapped to [-1, 1] [rad or m], shape (p, d + 1, n).
+    """
+
+    breaks: Array
+    coefficients: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "breaks", read_only(self.breaks))
+        object.__setattr__(self, "coefficients", read_only(self.coefficients))
+
+    @classmethod
+    def line(cls, q0: ArrayLike, q1: ArrayLike) -> Path:
+        """The straight line in joint space from q0 to q1, shape (n,) each."""
+        q0, q1 = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
+        return cls(np.array([0.0, 1.0]), np.array([[0.5 * (q1 + q0), 0.5 * (q1 - q0)]]))
+
+    def positions(self, s: ArrayLike) -> Array:
+        """Joint positions [rad or m] at s of shape (m,), shape (m, n)."""
+        return self.derivatives(s, 0)
+
+    def derivatives(self, s: ArrayLike, order: int) -> Array:
+        """The derivative of the given order with respect to s, at s of shape (m,), shape (m, n); order 0 is the position.
+
+        An s outside [0, 1] counts as the nearest end. At a break the piece that begins there is evaluated.
+        """
+        s = np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
+        piece = _piece(self.breaks, s)
+        width = np.diff(self.breaks)
+        coefficients = np.moveaxis(self.coefficients, 1, 0)
+        if order:
+            coefficients = np.polynomial.chebyshev.chebder(coefficients, order) * (2.0 / width[:, None]) ** order
+        x = 2.0 * (s - self.breaks[piece]) / width[piece] - 1.0
+        values: Array = np.polynomial.chebyshev.chebval(x[:, None], coefficients[:, piece], tensor=False)
+        return values
+
+    def slopes(self) -> Array:
+        """An upper bound of |dq/ds| over each piece, for every joint, shape (p, n); exact for straight lines.
+
+        It is the sum of the magnitudes of the derivative's Chebyshev coefficients, as |T_k| <= 1.
+        """
+        derivative = np.polynomial.chebyshev.chebder(self.coefficients, axis=1)
+        bound: Array = np.abs(derivative).sum(axis=1) * 2.0 / np.diff(self.breaks)[:, None]
+        return bound
+
+    def shifted(self, offset: ArrayLike) -> Path:
+        """The same path moved by a constant, shape (n,), such as whole turns of some joints."""
+        coefficients = self.coefficients.copy()
+        coefficients[:, 0] += offset
+        return Path(self.breaks, coefficients)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Joint positions over time: q(t) = path(law(t)) from 0 to `duration`."""
+
+    path: Path
+    law: PiecewiseCubic
+
+    @classmethod
+    def standstill(cls, q: ArrayLike, duration: float) -> Trajectory:
+        """Standing at q, shape (n,), for `duration` [s]."""
+        law = PiecewiseCubic(np.array([0.0, duration]), np.zeros((1, 4)))
+        return cls(Path(np.array([0.0, 1.0]), np.asarray(q, dtype=float)[None, None, :]), law)
+
+    @property
+    def duration(self) -> float:
+        """Length in time [s]."""
+        return self.law.duration
+
+    def positions(self, t: ArrayLike) -> Array:
+        """Joint positions [rad or m] at times t [s] of shape (m,), shape (m, n); the nearest end for times outside."""
+        return self.path.positions(self.law.derivatives(t)[0])
+
+    def derivatives(self, t: ArrayLike, order: int) -> Array:
+        """Joint velocities, accelerations or jerks (order 1, 2, 3) at times t [s] of shape (m,), shape (m, n).
+
+        Where the law's pieces meet, jerk jumps: the later piece counts, and the earlier one just before
+        (`numpy.nextafter`). The formulas are those of the chain rule.
+        """
+        s, ds, dds, ddds = (values[:, None] for values in self.law.derivatives(t))
+        first = self.path.derivatives(s[:, 0], 1)
+        if order == 1:
+            return first * ds
+        second = self.path.derivatives(s[:, 0], 2)
+        if order == 2:
+            return second * ds**2 + first * dds
+        if order == 3:
+            third = self.path.derivatives(s[:, 0], 3)
+            return third * ds**3 + 3 * second * ds * dds + first * ddds
+        raise ValueError(f"the order of a derivative is 1, 2 or 3, not {order}")
+
+    def to_numbers(self) -> dict[str, Any]:
+        """Nested lists of plain numbers, from which `from_numbers` makes the same trajectory again, bit for bit."""
+        return {
+            "path": {"breaks": self.path.breaks.tolist(), "coefficients": self.path.coefficients.tolist()},
+            "law": {"breaks": self.law.breaks.tolist(), "coefficients": self.law.coefficients.tolist()},
+        }
+
+    @classmethod
+    def from_numbers(cls, numbers: Mapping[str, Mapping[str, Sequence[Any]]]) -> Trajectory:
+        """The trajectory that `to_numbers` wrote."""
+        path, law = numbers["path"], numbers["law"]
+        return cls(
+            Path(np.array(path["breaks"]), np.array(path["coefficients"])),
+            PiecewiseCubic(np.array(law["breaks"]), np.array(law["coefficients"])),
+        )
+
+
+def _piece(breaks: Array, values: Array) -> NDArray[np.intp]:
+    """Index of the piece that each value lies in; the later one at a break, the last one at the end."""
+    return np.clip(np.searchsorted(breaks, values, side="right") - 1, 0, len(breaks) - 2)

@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import Place
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.mtl import Formula, Predicate, argument_lists, bind, check_formula, parse_formula
+from sqrp_cli.logic.pddl import parse_domain
+
+TEXT = """(define (domain place)
+  (:requirements :typing :negative-preconditions :existential-preconditions :disjunctive-preconditions)
+  (:types movable tray)
+  (:constants bin - tray)
+  (:predicates (hold ?x - movable) (on ?x - movable ?t - tray) (hand_empty) (full ?t - tray))
+  (:action place :parameters (?object - movable ?onto - tray)
+    :precondition (and (hold ?object) (not (hand_empty)) (not (exists (?t - tray) (full ?t))) (not (full bin)))
+    :effect (and (on ?object ?onto) (not (hold ?object)) (hand_empty))))"""
+DOMAIN = parse_domain(TEXT, Path("place.pddl"))
+ACTION = DOMAIN.actions["place"]
+LISTS = argument_lists(ACTION)
+
+
+def parse(text: str) -> Formula:
+    return parse_formula(text, Place(Path("skill.yaml"), 1, 1))
+
+
+def test_argument_lists_are_those_of_precondition_and_effect() -> None:
+    assert LISTS == {
+        "hold": (("object",),),
+        "hand_empty": ((),),
+        "full": (("?t",), ("bin",)),
+        "on": (("object", "onto"),),
+    }
+
+
+def test_binding_fills_in_left_out_arguments_and_replaces_parameters() -> None:
+    bound = bind(parse("always[a1.start, 2] (on and not hold(object) or hand_empty)"), {"object": "g1", "onto": "t2"}, LISTS)
+    assert str(bound) == "always[a1.start, 2] (on(g1, t2) and not hold(g1) or hand_empty)"
+
+
+def test_constants_stay_when_bound() -> None:
+    bound = bind(parse("full(bin)"), {"object": "g1", "onto": "t2"}, LISTS)
+    assert isinstance(bound, Predicate)
+    assert bound.atom == Atom("full", ("bin",))
+
+
+def test_arguments_that_are_not_unique_cannot_be_filled_in() -> None:
+    with pytest.raises(ValueError, match="full"):
+        bind(parse("full"), {}, LISTS)
+
+
+def test_a_formula_with_known_names_has_no_problem() -> None:
+    text = "always[a1.start, a2.end - 0.1] (on and on(object, bin)) -> not eventually[0, 3] (hold or hand_empty)"
+    assert check_formula(parse(text), DOMAIN, ACTION, ["a1", "a2"]) == ()
+
+
+def test_every_problem_of_a_formula_is_reported() -> None:
+    problems = check_formula(parse("always[b1.start, b2.end] (on(onto, bin) and hol)"), DOMAIN, ACTION, ["a1", "a2"])
+    assert [problem.code for problem in problems] == [
+        "mtl-unknown-primitive",
+        "mtl-unknown-primitive",
+        "mtl-type",
+        "mtl-unknown-predicate",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("interval", "empty"),
+    [
+        ("[a1.start, a1.end]", False),
+        ("[a1.end, a1.start]", True),
+        ("[a1.end, a2.start]", False),
+        ("[a2.start, a1.end]", False),
+        ("[a2.start + 0.1, a1.end]", True),
+        ("[a2.end, a2.end]", False),
+        ("[a2.end, a1.end + 1]", False),
+        ("[a2.start, a1.start]", True),
+        ("[2, 2]", False),
+        ("[2, 1.9]", True),
+        ("[9, a1.end]", False),
+    ],
+)
+def test_an_interval_is_empty_if_it_is_for_every_duration_of_the_primitives(interval: str, empty: bool) -> None:
+    problems = check_formula(parse(f"always{interval} hold"), DOMAIN, ACTION, ["a1", "a2"])
+    assert [problem.code for problem in problems] == ["mtl-empty-interval"] * empty

@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sqrp_cli.errors import InputError, Place
+from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.logic.mtl import (
+    GroundOperator,
+    Stretch,
+    argument_lists,
+    bind,
+    events_of_interest,
+    formula_time,
+    ground_operators,
+    merge,
+    parse_formula,
+    union_length,
+    with_times,
+)
+from sqrp_cli.logic.pddl import parse_domain
+
+SPANS = {"a1": (0.0, 2.0), "a2": (2.0, 3.0), "a3": (3.0, 4.0), "a4": (4.0, 5.5), "a5": (5.5, 8.0)}
+TOTAL = 8.0
+
+PICKUP = """(define (domain pickup) (:requirements :strips :negative-preconditions)
+  (:predicates (hold ?x) (obj_on_table ?x) (hand_empty))
+  (:action pickup :parameters (?object)
+    :precondition (and (obj_on_table ?object) (not (hold ?object)) (hand_empty))
+    :effect (and (hold ?object) (not (obj_on_table ?object)) (not (hand_empty)))))"""
+ACTION = parse_domain(PICKUP, Path("pickup.pddl")).actions["pickup"]
+
+
+def ground(text: str) -> tuple[GroundOperator, ...]:
+    formula = parse_formula(text, Place(Path("skill.yaml"), 1, 1))
+    return ground_operators(bind(formula, {"object": "g1"}, argument_lists(ACTION)), SPANS, TOTAL)
+
+
+def times(text: str) -> list[tuple[str, float, float]]:
+    return [(entry.operator, entry.start, entry.end) for entry in ground(text)]
+
+
+HOLD, ON_TABLE, EMPTY = Literal(Atom("hold", ("g1",))), Literal(Atom("obj_on_table", ("g1",))), Literal(Atom("hand_empty"))
+
+
+def test_a_fault_is_one_entry_with_its_literals_as_written() -> None:
+    text = "eventually[a4.start, a4.end] (not hold and obj_on_table)"
+    bound = "eventually[a4.start, a4.end] (not hold(g1) and obj_on_table(g1))"
+    assert ground(text) == (GroundOperator(bound, "eventually", 4.0, 5.5, (HOLD.negated(), ON_TABLE)),)
+    assert [str(literal) for literal in ground(text)[0].literals] == ["not hold(g1)", "obj_on_table(g1)"]
+
+
+def test_offsets_and_numbers_are_seconds() -> None:
+    assert times("always[a4.start + 0.25, a5.end - 1] hold") == [("always", 4.25, 7.0)]
+    assert times("always[1.5, a2.end] hold") == [("always", 1.5, 3.0)]
+
+
+def test_intervals_are_clipped_to_the_motion() -> None:
+    assert times("always[a1.start - 1, a5.end + 1] hold") == [("always", 0.0, 8.0)]
+
+
+def test_an_interval_outside_the_motion_has_no_entry() -> None:
+    assert times("always[8.5, 9] hold and always[1, 2] hold") == [("always", 1.0, 2.0)]
+    assert times("always[8, 9] hold") == [("always", 8.0, 8.0)]
+
+
+def test_nested_intervals_are_minkowski_sums_with_all_parents() -> None:
+    assert times("always[1, 2] (hold -> eventually[0.5, 1] (obj_on_table and always[0.25, 0.5] hand_empty))") == [
+        ("always", 1.0, 2.0),
+        ("eventually", 1.5, 3.0),
+        ("always", 1.75, 3.5),
+    ]
+
+
+def test_a_nested_interval_is_clipped_after_the_sum() -> None:
+    assert times("always[7, 20] eventually[0, 5] hold") == [("always", 7.0, 8.0), ("eventually", 7.0, 8.0)]
+    assert times("always[0, 2] eventually[7, 9] hold")[1] == ("eventually", 7.0, 8.0)
+
+
+def test_each_literal_belongs_to_the_innermost_operator_around_it() -> None:
+    entries = ground("hand_empty and always[1, 2] (hold and eventually[1, 2] obj_on_table)")
+    assert [(entry.operator, entry.literals) for entry in entries] == [
+        ("always", (EMPTY,)),
+        ("always", (HOLD,)),
+        ("eventually", (ON_TABLE,)),
+    ]
+
+
+def test_literals_outside_any_operator_count_at_time_zero() -> None:
+    (entry,) = ground("not hold and hand_empty")
+    assert (entry.start, entry.end, entry.literals) == (0.0, 0.0, (HOLD.negated(), EMPTY))
+    assert entry.text == "not hold(g1) and hand_empty"
+
+
+def test_an_operator_without_literals_of_its_own_still_has_an_entry() -> None:
+    assert [entry.literals for entry in ground("always[0, 1] eventually[0, 1] hold")] == [(), (HOLD,)]
+
+
+def test_a_negated_eventually_stays_an_event_of_interest_and_keeps_its_literals() -> None:
+    (entry,) = ground("not eventually[a4.start, a4.end] (hold)")
+    assert (entry.operator, entry.literals) == ("eventually", (HOLD,))
+
+
+def test_negations_in_a_body_are_pushed_down_to_the_literals() -> None:
+    (entry,) = ground("always[0, 1] not (hold and not obj_on_table)")
+    assert entry.literals == (HOLD.negated(), ON_TABLE)
+    (entry,) = ground("always[0, 1] (hold -> obj_on_table)")
+    assert entry.literals == (HOLD.negated(), ON_TABLE)
+
+
+def test_a_repeated_literal_is_listed_once_but_its_negation_is_another() -> None:
+    (entry,) = ground("always[0, 1] (hold and hold or not hold)")
+    assert entry.literals == (HOLD, HOLD.negated())
+
+
+@pytest.mark.parametrize("text", ["always[a1.end, a1.start + 1.5] hold", "hold or eventually[3, a1.end] hold"])
+def test_an_interval_that_is_empty_once_grounded_names_the_numbers(text: str) -> None:
+    with pytest.raises(InputError) as error:
+        ground(text)
+    (problem,) = error.value.problems
+    assert problem.code == "mtl-empty-interval"
+    assert "from 2 s to 1.5 s" in problem.message or "from 3 s to 2 s" in problem.message
+    assert problem.excerpt is not None
+
+
+def test_an_interval_may_be_a_single_instant() -> None:
+    assert times("always[a1.end, a2.start] hold") == [("always", 2.0, 2.0)]
+
+
+def test_formula_time_is_a_union_without_what_no_formula_covers() -> None:
+    entries = ground("always[a1.start, a2.end] hold and always[a4.start, a5.end] hold and eventually[a4.start, a4.end] hold")
+    assert formula_time(entries) == (Stretch(0.0, 3.0), Stretch(4.0, 8.0))
+    assert union_length(formula_time(entries)) == 7.0
+    assert events_of_interest(entries) == (Stretch(4.0, 5.5),)
+
+
+def test_stretches_merge_below_a_nanosecond_only() -> None:
+    assert merge([Stretch(1.0, 2.0), Stretch(2.0 + 9e-10, 3.0)]) == (Stretch(1.0, 3.0),)
+    assert merge([Stretch(1.0, 2.0), Stretch(2.0 + 1.1e-9, 3.0)]) == (Stretch(1.0, 2.0), Stretch(2.0 + 1.1e-9, 3.0))
+    assert merge([]) == ()
+
+
+@given(st.lists(st.tuples(st.integers(0, 30), st.integers(0, 10)), max_size=12))
+def test_the_length_of_the_union_counts_every_unit_of_time_once(spans: list[tuple[int, int]]) -> None:
+    stretches = [Stretch(float(start), float(start + length)) for start, length in spans]
+    units = {unit for start, length in spans for unit in range(start, start + length)}
+    assert union_length(stretches) == len(units)
+    merged = merge(stretches)
+    assert all(left.end < right.start for left, right in zip(merged, merged[1:], strict=False))
+
+
+def test_bounds_become_numbers() -> None:
+    formula = parse_formula("always[a1.end, a4.end - 0.5] eventually[0, a2.start] hold(g1)", Place(Path("f"), 1, 1))
+    assert str(with_times(formula, SPANS)) == "always[2, 5] eventually[0, 2] hold(g1)"
