@@ -1,4 +1,4 @@
-"""Joint motion over time as plain numbers: a smooth path in joint space, and a law that says how far along it the arm is.
+"""Joint motion over time as plain numbers: a smooth path in joint space, and a law of how far along it the arm is.
 
 A program file stores trajectories and the runtime evaluates them, so this module needs nothing but NumPy.
 """
@@ -36,13 +36,13 @@ class PiecewiseCubic:
         return float(self.breaks[-1])
 
     def derivatives(self, t: ArrayLike) -> Array:
-        """s and its first three time derivatives at times t [s] of shape (m,), shape (4, m).
+        """The parameter s and its first three time derivatives at times t [s] of shape (m,), shape (4, m).
 
         A time outside the law counts as the nearest end. At a break the piece that begins there is evaluated.
         """
-        t = np.clip(np.asarray(t, dtype=float), 0.0, self.breaks[-1])
-        piece = _piece(self.breaks, t)
-        u = t - self.breaks[piece]
+        inside = np.clip(np.asarray(t, dtype=float), 0.0, self.breaks[-1])
+        piece = _piece(self.breaks, inside)
+        u = inside - self.breaks[piece]
         c0, c1, c2, c3 = self.coefficients[piece].T
         return np.stack(
             [c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2 * c2 + u * 3 * c3), 2 * c2 + u * 6 * c3, 6 * c3 + 0 * u]
@@ -72,7 +72,8 @@ class Path:
     """A path of n joints over the parameter s in [0, 1]: a Chebyshev polynomial per piece and joint.
 
     breaks: where the pieces begin, and the end of the last one, rising from 0 to 1, shape (p + 1,).
-    coefficients: of the Chebyshev polynomials T_0..T_d over each piece, mapped to [-1, 1] [rad or m], shape (p, d + 1, n).
+    coefficients: of the Chebyshev polynomials T_0..T_d over each piece, mapped to [-1, 1] [rad or m],
+    shape (p, d + 1, n).
     """
 
     breaks: Array
@@ -85,41 +86,41 @@ class Path:
     @classmethod
     def line(cls, q0: ArrayLike, q1: ArrayLike) -> Path:
         """The straight line in joint space from q0 to q1, shape (n,) each."""
-        q0, q1 = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
-        return cls(np.array([0.0, 1.0]), np.array([[0.5 * (q1 + q0), 0.5 * (q1 - q0)]]))
+        start, end = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
+        return cls(np.array([0.0, 1.0]), np.array([[0.5 * (end + start), 0.5 * (end - start)]]))
 
     def positions(self, s: ArrayLike) -> Array:
         """Joint positions [rad or m] at s of shape (m,), shape (m, n)."""
         return self.derivatives(s, 0)
 
     def derivatives(self, s: ArrayLike, order: int) -> Array:
-        """The derivative of the given order with respect to s, at s of shape (m,), shape (m, n); order 0 is the position.
+        """The derivative of an order with respect to s, at s of shape (m,), shape (m, n); order 0 is the position.
 
         An s outside [0, 1] counts as the nearest end. At a break the piece that begins there is evaluated.
         """
-        s = np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
-        piece = _piece(self.breaks, s)
+        inside = np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
+        piece = _piece(self.breaks, inside)
         width = np.diff(self.breaks)
         coefficients = np.moveaxis(self.coefficients, 1, 0)
         if order:
             coefficients = np.polynomial.chebyshev.chebder(coefficients, order) * (2.0 / width[:, None]) ** order
-        x = 2.0 * (s - self.breaks[piece]) / width[piece] - 1.0
+        x = 2.0 * (inside - self.breaks[piece]) / width[piece] - 1.0
         values: Array = np.polynomial.chebyshev.chebval(x[:, None], coefficients[:, piece], tensor=False)
         return values
 
-    def slopes(self) -> Array:
-        """An upper bound of |dq/ds| over each piece, for every joint, shape (p, n); exact for straight lines.
+    def derivative_bounds(self, order: int = 1) -> Array:
+        """An upper bound of the derivative's magnitude over each piece, for every joint, shape (p, n).
 
-        It is the sum of the magnitudes of the derivative's Chebyshev coefficients, as |T_k| <= 1.
+        It is the sum of the magnitudes of the derivative's Chebyshev coefficients, as |T_k| <= 1; exact for lines.
         """
-        derivative = np.polynomial.chebyshev.chebder(self.coefficients, axis=1)
-        bound: Array = np.abs(derivative).sum(axis=1) * 2.0 / np.diff(self.breaks)[:, None]
-        return bound
+        derivative = np.polynomial.chebyshev.chebder(self.coefficients, order, axis=1)
+        bounds: Array = np.abs(derivative).sum(axis=1) * (2.0 / np.diff(self.breaks)[:, None]) ** order
+        return bounds
 
     def shifted(self, offset: ArrayLike) -> Path:
         """The same path moved by a constant, shape (n,), such as whole turns of some joints."""
         coefficients = self.coefficients.copy()
-        coefficients[:, 0] += offset
+        coefficients[:, 0] += np.asarray(offset, dtype=float)
         return Path(self.breaks, coefficients)
 
 
@@ -151,17 +152,8 @@ class Trajectory:
         Where the law's pieces meet, jerk jumps: the later piece counts, and the earlier one just before
         (`numpy.nextafter`). The formulas are those of the chain rule.
         """
-        s, ds, dds, ddds = (values[:, None] for values in self.law.derivatives(t))
-        first = self.path.derivatives(s[:, 0], 1)
-        if order == 1:
-            return first * ds
-        second = self.path.derivatives(s[:, 0], 2)
-        if order == 2:
-            return second * ds**2 + first * dds
-        if order == 3:
-            third = self.path.derivatives(s[:, 0], 3)
-            return third * ds**3 + 3 * second * ds * dds + first * ddds
-        raise ValueError(f"the order of a derivative is 1, 2 or 3, not {order}")
+        law = self.law.derivatives(t)
+        return chain_rule(law[1:, :, None], [self.path.derivatives(law[0], k) for k in range(1, order + 1)])
 
     def to_numbers(self) -> dict[str, Any]:
         """Nested lists of plain numbers, from which `from_numbers` makes the same trajectory again, bit for bit."""
@@ -178,6 +170,24 @@ class Trajectory:
             Path(np.array(path["breaks"]), np.array(path["coefficients"])),
             PiecewiseCubic(np.array(law["breaks"]), np.array(law["coefficients"])),
         )
+
+
+def chain_rule(law: Array, path: Sequence[Array]) -> Array:
+    """The time derivative of q(s(t)) of order len(path), 1 to 3.
+
+    law: the first three derivatives of s, shape (3, ...). path: those of q with respect to s, in order, shape (...)
+    each, broadcast. Given bounds of their magnitudes, the result bounds its magnitude.
+    """
+    ds, dds, ddds = law
+    if len(path) == 1:
+        derivative: Array = path[0] * ds
+    elif len(path) == 2:
+        derivative = path[1] * ds**2 + path[0] * dds
+    elif len(path) == 3:
+        derivative = path[2] * ds**3 + 3 * path[1] * ds * dds + path[0] * ddds
+    else:
+        raise ValueError(f"the order of a derivative is 1, 2 or 3, not {len(path)}")
+    return derivative
 
 
 def _piece(breaks: Array, values: Array) -> NDArray[np.intp]:

@@ -57,14 +57,17 @@ def read_calibration(path: Path) -> tuple[Intrinsics, Document]:
     """Intrinsics from a ROS camera calibration file (`camera_info` YAML, or OpenCV's FileStorage with the same keys).
 
     The projection matrix, if any, is that of the rectified image and is not used: cameras see through their lens.
-    Raises InputError, with the line, for missing keys, unknown models, wrong lengths and matrices that are none of a camera.
+    Raises InputError, with the line, for missing keys, unknown models, wrong lengths and matrices that no camera has.
     """
     document = read_document(path, tags=frozenset({"!!opencv-matrix"}))
     file = validate(document, _CalibrationFile)
-    for name, matrix in (("camera_matrix", file.camera_matrix), ("distortion_coefficients", file.distortion_coefficients)):
-        if matrix.rows * matrix.cols != len(matrix.data):
-            expected = f"{matrix.rows} x {matrix.cols} = {matrix.rows * matrix.cols}"
-            message = f"found {len(matrix.data)} numbers, expected {expected}"
+    for name, entry in (
+        ("camera_matrix", file.camera_matrix),
+        ("distortion_coefficients", file.distortion_coefficients),
+    ):
+        if entry.rows * entry.cols != len(entry.data):
+            expected = f"{entry.rows} x {entry.cols} = {entry.rows * entry.cols}"
+            message = f"found {len(entry.data)} numbers, expected {expected}"
             raise InputError(document.problem("wrong-length", (name, "data"), message))
     matrix = _camera_matrix(document, file.camera_matrix)
     coefficients = file.distortion_coefficients.data
@@ -95,7 +98,9 @@ def _camera_matrix(document: Document, entry: _Matrix) -> Array:
         raise InputError(document.problem("wrong-length", path, message))
     K = np.array(entry.data).reshape(3, 3)
     if K[0, 0] <= 0 or K[1, 1] <= 0:
-        message = f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+        message = (
+            f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+        )
         raise InputError(document.problem("wrong-value", path, message))
     if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
         message = "found skew or a last row that is not 0, 0, 1; expected [fx, 0, cx, 0, fy, cy, 0, 0, 1]"

@@ -109,7 +109,9 @@ AnyQuantity = Annotated[
     Quantity,
     BeforeValidator(_joint_quantity),
     PlainSerializer(lambda quantity: quantity.value),
-    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}], "description": "A number, or one with its unit."}),
+    WithJsonSchema(
+        {"anyOf": [{"type": "number"}, {"type": "string"}], "description": "A number, or one with its unit."}
+    ),
 ]
 """A quantity whose dimension is checked later, against what it is used for."""
 
@@ -133,8 +135,8 @@ Quaternion = Annotated[tuple[Number, Number, Number, Number], _of_length(4)]
 Range = Annotated[tuple[Distance, Distance], _of_length(2)]
 Scale = Annotated[
     tuple[Number, Number, Number],
-    BeforeValidator(lambda value: value if isinstance(value, list) else [value] * 3),
     _of_length(3),
+    BeforeValidator(lambda value: value if isinstance(value, list) else [value] * 3),
     WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}),
 ]
 
@@ -142,9 +144,11 @@ Scale = Annotated[
 class Pose(Entry):
     """A pose: a position, and an orientation in one of two notations."""
 
-    position: Position = Field((0.0, 0.0, 0.0), description="x, y, z.")
-    quaternion: Quaternion | None = Field(None, description="Orientation as x, y, z, w; of length 1.")
-    rpy: Rotation | None = Field(None, description="Orientation as roll, pitch, yaw about fixed x, y, z, as in URDF.")
+    position: Position = Field(default=(0.0, 0.0, 0.0), description="x, y, z.")
+    quaternion: Quaternion | None = Field(default=None, description="Orientation as x, y, z, w; of length 1.")
+    rpy: Rotation | None = Field(
+        default=None, description="Orientation as roll, pitch, yaw about fixed x, y, z, as in URDF."
+    )
 
     @model_validator(mode="after")
     def _one_orientation(self) -> Pose:
@@ -167,8 +171,10 @@ class Pose(Entry):
 class CameraPose(Pose):
     """The pose of a camera's optical frame (z forward, x right, y down)."""
 
-    look_at: Position | None = Field(None, description="The point in the middle of the image, instead of an orientation.")
-    up: Direction = Field((0.0, 0.0, 1.0), description="With look_at: the direction that is up in the image.")
+    look_at: Position | None = Field(
+        default=None, description="The point in the middle of the image, instead of an orientation."
+    )
+    up: Direction = Field(default=(0.0, 0.0, 1.0), description="With look_at: the direction that is up in the image.")
 
     @model_validator(mode="after")
     def _one_direction(self) -> CameraPose:
@@ -187,4 +193,3 @@ class CameraPose(Pose):
     def matrix(self) -> Array:
         """The 4x4 pose."""
         return super().matrix() if self.look_at is None else look_at(self.position, self.look_at, self.up)
-

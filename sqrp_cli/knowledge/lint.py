@@ -15,8 +15,8 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     """Every finding, first those of the skills, then those of cameras and objects; none if the workspace is fine.
 
     Codes: literal-without-target, box-moves-with-lost-object, contradictory-formulas, too-few-cameras,
-    too-small-for-every-camera, unused-parameter, camera-sees-nothing, overlapping-objects. Intervals that end before they
-    start and frames that do not exist are refused when the workspace is read.
+    too-small-for-every-camera, unused-parameter, camera-sees-nothing, overlapping-objects. Intervals that end before
+    they start and frames that do not exist are refused when the workspace is read.
     """
     findings: list[Problem] = []
     for skill in workspace.skills.values():
@@ -47,7 +47,9 @@ def _too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     available = len(workspace.cameras)
     for target in skill.targets.values():
         if target.cameras > available:
-            message = f"skill `{skill.name}`: `{target.predicate}` needs {target.cameras} cameras, the cell has {available}"
+            message = (
+                f"skill `{skill.name}`: `{target.predicate}` needs {target.cameras} cameras, the cell has {available}"
+            )
             place = skill.places.get(f"targets.{target.predicate}.cameras", target.place)
             yield Problem("too-few-cameras", message, place, mend="lower `cameras` of the target, or add cameras")
 

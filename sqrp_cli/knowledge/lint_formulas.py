@@ -33,7 +33,7 @@ def predicates_of(formula: Formula) -> tuple[str, ...]:
 
 
 def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
-    """Boxes of fault literals whose frame moves with an object that the skill grasps, and so with the object once lost."""
+    """Boxes of fault literals that move with an object that the skill grasps, and so still do once it is lost."""
     grasped = {primitive.object for primitive in skill.primitives if isinstance(primitive, Grasp)}
     reported: set[tuple[str, str]] = set()
     for requirement in skill.requirements:
@@ -46,8 +46,8 @@ def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
                     continue
                 reported.add((predicate, box.name))
                 message = (
-                    f"skill `{skill.name}`: fault `{requirement.name}` is seen by box `{box.name}` of `{predicate}`, which "
-                    f"moves with `{box.frame}`; once that is lost, the box is where it fell"
+                    f"skill `{skill.name}`: fault `{requirement.name}` is seen by box `{box.name}` of `{predicate}`, "
+                    f"which moves with `{box.frame}`; once that is lost, the box is where it fell"
                 )
                 mend = f"give the box a frame that stays: `tool`, or `{box.frame}@start`"
                 yield Problem("box-moves-with-lost-object", message, box.place, mend=mend)
@@ -72,7 +72,9 @@ def contradictions(skill: Skill) -> Iterator[Problem]:
 
 
 def _contradiction(skill: Skill, requirement: Requirement, other: Requirement, claim: _Claim) -> Problem:
-    message = f"skill `{skill.name}`: `{requirement.formula}` demands `{claim[0]}` and `not {claim[0]}` at the same time"
+    message = (
+        f"skill `{skill.name}`: `{requirement.formula}` demands `{claim[0]}` and `not {claim[0]}` at the same time"
+    )
     if other is not requirement:
         message = (
             f"skill `{skill.name}`: `{requirement.formula}` and `{other.formula}` (line {other.place.line}) demand "

@@ -10,7 +10,7 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.overlap import box_penetration
-from sqrp_cli.knowledge.read_cell import WORLD, camera_axes_as_body, is_a
+from sqrp_cli.knowledge.read_cell import WORLD, camera_axes_as_body
 from sqrp_cli.knowledge.scene import Box, SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.workspace import Workspace
@@ -33,8 +33,8 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
             ]
             if sizes and max(sizes) < detector.min_pixels:
                 message = (
-                    f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}` measures at most {max(sizes):.1f} pixels "
-                    f"in any camera, detector `{detector.name}` needs {detector.min_pixels:g}"
+                    f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}` measures at most {max(sizes):.1f} "
+                    f"pixels in any camera, detector `{detector.name}` needs {detector.min_pixels:g}"
                 )
                 mend = "use a larger box or marker, a nearer camera or a longer lens"
                 yield Problem("too-small-for-every-camera", message, box.place, mend=mend)
@@ -52,7 +52,9 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
         place = workspace.places.get(f"cameras.{camera.name}")
         mend = "check its pose; axes of an optical frame: z forward, x right, y down"
         convention = f"cameras.{camera.name}.convention"
-        if convention not in workspace.places and _sees_any(camera, camera_axes_as_body(camera.X_FC), np.concatenate(points)):
+        if convention not in workspace.places and _sees_any(
+            camera, camera_axes_as_body(camera.X_FC), np.concatenate(points)
+        ):
             mend = "add `convention: body` to the camera: with x forward, y left, z up it sees them"
         message = f"camera `{camera.name}` sees none of the objects"
         yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
@@ -72,7 +74,9 @@ def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
         one, other = things[first], things[second]
         depth = max(box_penetration(*a, *b) for a in boxes[one.name] for b in boxes[other.name])
         if depth > MIN_OVERLAP:
-            message = f"objects `{one.name}` and `{other.name}` are in one place: {1e3 * depth:.1f} mm deep in each other"
+            message = (
+                f"objects `{one.name}` and `{other.name}` are in one place: {1e3 * depth:.1f} mm deep in each other"
+            )
             place = workspace.places.get(f"objects.{other.name}.pose")
             yield Problem("overlapping-objects", message, place, mend=f"move one of them by {1e3 * depth:.1f} mm")
 
@@ -85,15 +89,15 @@ def _objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[Sce
     for parameter in skill.action.parameters:
         if parameter.name == name:
             things = workspace.objects.values()
-            return [thing for thing in things if is_a(thing.type, parameter.type, workspace.types)]
+            return [thing for thing in things if skill.domain.fits(thing.types, parameter.type)]
     return [None]
 
 
 def _largest_in_image(workspace: Workspace, box: BoxSpec, camera: Camera, thing: SceneObject | None) -> float:
     """An upper bound of a box's size in an image [pixels]: square root of its area.
 
-    The largest silhouette of a box has the norm of its three face areas as area; at distance r, perspective enlarges it by
-    at most (f / (r - half a diagonal))^2 / cos^3 of the angle to the optical axis, which is widest at the image's corners.
+    The largest silhouette of a box has the norm of its three face areas as area; at distance r, perspective enlarges it
+    by at most (f / (r - half a diagonal))^2 / cos^3 of the angle to the optical axis, widest at the image's corners.
     """
     enlarged = np.add(thing.size, 2 * box.margin) if thing is not None else (0.0, 0.0, 0.0)
     size = np.asarray(box.size if box.size is not None else enlarged)

@@ -16,6 +16,7 @@ from sqrp_cli.knowledge.source import Document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
+from sqrp_cli.logic.domain import merge_domains
 
 WORKSPACE_FILE = "workspace.yaml"
 
@@ -39,10 +40,12 @@ def load_workspace(path: Path) -> Workspace:
     robot = robot_reader.read()
     cell = CellReader(document, file, robot_reader.links, robot_reader.roots, digest)
     skills, problems = _skills(document, file, digest)
-    problems = [*robot_reader.problems, *problems]
     detectors, cameras, objects = cell.detectors(), cell.cameras(), cell.objects()
-    types = cell.types(skills)
-    state = cell.facts(skills, types)
+    problems = [*robot_reader.problems, *problems, *cell.problems]
+    if problems:
+        raise InputError(*problems)
+    domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
+    state = cell.facts(domain)
     problems += cell.problems
     for skill in skills.values():
         problems += _check_skill(skill, robot_reader.links, list(objects), list(detectors))
@@ -57,19 +60,18 @@ def load_workspace(path: Path) -> Workspace:
         cameras=cameras,
         detectors=detectors,
         objects=objects,
-        types=types,
         state=state,
         skills=skills,
         tasks=tasks,
         padding=file.padding,
         digest=digest.hexdigest(),
-        warnings=(),
+        warnings=tuple(robot_reader.warnings),
         places=document.places,
     )
 
 
 def _workspace_file(path: Path) -> Path:
-    path = Path(os.path.abspath(path))
+    path = Path.cwd() / path
     if path.is_dir():
         if (path / WORKSPACE_FILE).exists():
             return path / WORKSPACE_FILE
@@ -106,20 +108,7 @@ def _skills(document: Document, file: WorkspaceFile, digest: ContentDigest) -> t
             skills[folder.name] = read_skill(folder, place, digest)
         except InputError as error:
             problems.extend(error.problems)
-    problems.extend(_conflicting_predicates(skills))
     return skills, problems
-
-
-def _conflicting_predicates(skills: dict[str, Skill]) -> Iterator[Problem]:
-    """Predicates that two skills declare with different types: a fact could not mean the same for both."""
-    declared: dict[str, tuple[Skill, tuple[str, ...]]] = {}
-    for skill in skills.values():
-        for name, signature in skill.domain.predicates.items():
-            types = tuple(parameter.type for parameter in signature.parameters)
-            other, known = declared.setdefault(name, (skill, types))
-            if types != known:
-                message = f"skill `{skill.name}` declares `{signature}`, skill `{other.name}` declares it with ({', '.join(known)})"
-                yield Problem("conflicting-predicates", message, Place(skill.domain.path))
 
 
 def _check_skill(
@@ -128,7 +117,8 @@ def _check_skill(
     """Names in a skill that only the workspace knows: frames, enclosed things, detectors, constants."""
     for constant in skill.domain.constants:
         if constant not in objects:
-            message = f"skill `{skill.name}` has the constant `{constant}`, which is no object; {expected_names(constant, objects)}"
+            expected = expected_names(constant, objects)
+            message = f"skill `{skill.name}` has the constant `{constant}`, which is no object; {expected}"
             yield Problem("unknown-object", message, Place(skill.domain.path))
     for target in skill.targets.values():
         for index, box in enumerate(target.boxes):
@@ -145,20 +135,22 @@ def _check_box(
     def unknown(code: str, key: str, name: str, what: str, valid: Sequence[str]) -> Iterator[Problem]:
         if name not in valid:
             place = skill.places.get(f"{path}.{key}", box.place)
-            yield Problem(code, f"`{path}.{key}`: found `{name}`, expected {what}; {expected_names(name, valid)}", place)
+            yield Problem(
+                code, f"`{path}.{key}`: found `{name}`, which is {what}; {expected_names(name, valid)}", place
+            )
 
     if box.frame.endswith(START):
-        what = "a skill parameter or object before `@start`"
+        what = "no skill parameter or object, as `@start` needs"
         yield from unknown("unknown-frame", "frame", box.frame.removesuffix(START), what, things)
     else:
-        what = "`world`, `tool`, a link, a skill parameter or an object"
+        what = "neither `world` nor `tool`, a link, a skill parameter or an object"
         yield from unknown("unknown-frame", "frame", box.frame, what, [WORLD, TOOL, *things, *links])
     if box.fits is not None:
-        yield from unknown("unknown-object", "fits", box.fits, "a skill parameter or an object", things)
+        yield from unknown("unknown-object", "fits", box.fits, "no skill parameter or object", things)
     for index, name in enumerate(box.encloses or ()):
-        what = "a link, an object, a skill parameter or `tool`"
+        what = "neither a link nor an object, a skill parameter or `tool`"
         yield from unknown("unknown-enclosed", f"encloses.{index}", name, what, [TOOL, *things, *links])
-    yield from unknown("unknown-detector", "detector", box.detector, "a detector of the workspace", detectors)
+    yield from unknown("unknown-detector", "detector", box.detector, "no detector of the workspace", detectors)
 
 
 def _task(entry: TaskEntry) -> ExpectedTask:

@@ -12,8 +12,8 @@ def box_penetration(X_WA: Array, size_A: Array, X_WB: Array, size_B: Array) -> f
 
     X_WA, X_WB: poses of the boxes' centres, shape (4, 4); size_A, size_B: full extents [m], shape (3,).
 
-    Exact for boxes: the separating-axis theorem over the 3 + 3 face normals and the 9 cross products of edges (Gottschalk
-    et al., OBBTree, SIGGRAPH 1996); the shortest way out of a convex body lies along one of these axes.
+    Exact for boxes: the separating-axis theorem over the 3 + 3 face normals and the 9 cross products of edges
+    (Gottschalk et al., OBBTree, SIGGRAPH 1996); the shortest way out of a convex body lies along one of these axes.
     """
     axes_A, axes_B = X_WA[:3, :3].T, X_WB[:3, :3].T
     crosses = np.cross(axes_A[:, None, :], axes_B[None, :, :]).reshape(-1, 3)

@@ -37,10 +37,10 @@ def package_roots(stated: Sequence[Path] = ()) -> tuple[Path, ...]:
 def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place) -> Path:
     """The existing file that `reference` names.
 
-    reference: a path (relative to `folder`), a `file://` URL, or `package://NAME/PATH`, which is looked up in `roots`: a
-    root matches that contains a folder NAME or is itself named NAME. place: where the reference stands.
+    reference: a path (relative to `folder`), a `file://` URL, or `package://NAME/PATH`, which is looked up in `roots`:
+    a root matches that contains a folder NAME or is itself named NAME. place: where the reference stands.
 
-    Raises InputError if there is no such file, with the roots that were tried and the command that installs the package.
+    Raises InputError if there is no such file, with the roots tried and the command that installs the package.
     """
     if reference.startswith("package://"):
         return _resolve_package(reference, roots, place)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -14,10 +14,10 @@ from sqrp_cli.knowledge.calibration import image_intrinsics, read_calibration
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.digest import ContentDigest
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere
-from sqrp_cli.knowledge.skill import Skill
+from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere, object_types
 from sqrp_cli.knowledge.source import Document, KeyPath
 from sqrp_cli.knowledge.workspace_file import CameraEntry, ObjectEntry, PartEntry, WorkspaceFile
+from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
 
 WORLD = "world"
@@ -49,9 +49,7 @@ class CellReader:
     def detectors(self) -> dict[str, Detector]:
         """The detectors by name."""
         return {
-            name: Detector(
-                name, entry.kind, entry.distance, entry.max_incidence, entry.min_pixels, entry.min_visible
-            )
+            name: Detector(name, entry.kind, entry.distance, entry.max_incidence, entry.min_pixels, entry.min_visible)
             for name, entry in self.file.detectors.items()
         }
 
@@ -71,40 +69,11 @@ class CellReader:
             self._check_object(name, entry)
         return {name: self._object(name, entry) for name, entry in self.file.objects.items()}
 
-    def types(self, skills: Mapping[str, Skill]) -> dict[str, str]:
-        """Every type of the skills and of the file, with the type above it."""
-        types: dict[str, str] = {}
-        for skill in skills.values():
-            for name, parent in skill.domain.types.items():
-                if types.setdefault(name, parent) != parent:
-                    message = f"skill `{skill.name}` makes type `{name}` a kind of `{parent}`, another skill of `{types[name]}`"
-                    self.problems.append(Problem("conflicting-types", message, Place(skill.domain.path)))
-        known = {*types, *self.file.types, "object"}
-        for name, parent in self.file.types.items():
-            if parent not in known:
-                self._report("unknown-type", ("types", name), f"found `{parent}`; {expected_names(parent, known)}")
-            if types.get(name, parent) != parent:
-                message = f"the skills already define this type, as a kind of `{types[name]}`"
-                self._report("conflicting-types", ("types", name), message)
-        types.update(self.file.types)
-        for name in self.file.types:
-            seen = [name]
-            while (above := types.get(seen[-1])) is not None and above not in seen:
-                seen.append(above)
-            if above == name:
-                self._report("cyclic-type", ("types", name), f"leads back to itself: {' - '.join([*seen, name])}")
-        for name, entry in self.file.objects.items():
-            if entry.type not in known:
-                message = f"found `{entry.type}`, which is a type neither of a skill nor under `types`; "
-                message += expected_names(entry.type, known)
-                self._report("unknown-type", ("objects", name, "type"), message)
-        return types
-
-    def facts(self, skills: Mapping[str, Skill], types: Mapping[str, str]) -> frozenset[Atom]:
-        """The facts of `state`, checked against the predicates of the skills."""
+    def facts(self, domain: Domain | None) -> frozenset[Atom]:
+        """The facts of `state`, checked against the common domain of the skills (None: there are no skills)."""
         facts: dict[Atom, None] = {}
         for index, text in enumerate(self.file.state):
-            fact = self._fact(("state", index), text, skills, types)
+            fact = self._fact(("state", index), text, domain)
             if fact is not None:
                 if fact in facts:
                     self._report("repeated-value", ("state", index), f"`{fact}` is stated twice")
@@ -117,7 +86,8 @@ class CellReader:
     def _camera(self, name: str, entry: CameraEntry) -> Camera:
         path: KeyPath = ("cameras", name)
         if entry.frame != WORLD and entry.frame not in self.links:
-            message = f"found `{entry.frame}`, expected `world` or a link; {expected_names(entry.frame, [WORLD, *self.links])}"
+            expected = expected_names(entry.frame, [WORLD, *self.links])
+            message = f"found `{entry.frame}`, expected `world` or a link; {expected}"
             self._report("unknown-frame", (*path, "frame"), message)
         if entry.calibration is not None:
             place = self.document.value_place((*path, "calibration"))
@@ -155,7 +125,9 @@ class CellReader:
             others = [other for other in self.file.objects if other != name]
             self._report("unknown-object", (*path, "on"), f"found `{entry.on}`; {expected_names(entry.on, others)}")
         if entry.fixed and entry.pose == UNKNOWN:
-            self._report("wrong-value", (*path, "pose"), "found `unknown`, expected a pose, because the object is fixed")
+            self._report(
+                "wrong-value", (*path, "pose"), "found `unknown`, expected a pose, because the object is fixed"
+            )
 
     def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
         X_WO = None if isinstance(entry.pose, str) else read_only(entry.pose.matrix())
@@ -197,44 +169,33 @@ class CellReader:
             return None
         return Mesh(mesh, entry.scale)
 
-    def _fact(
-        self, path: KeyPath, text: str, skills: Mapping[str, Skill], types: Mapping[str, str]
-    ) -> Atom | None:
+    def _fact(self, path: KeyPath, text: str, domain: Domain | None) -> Atom | None:
         match = _FACT.fullmatch(text)
         if match is None:
             self._report("wrong-fact", path, f"found `{text}`, expected a fact such as `hand_empty` or `on(g1, table)`")
             return None
         predicate = match[1].lower()
         arguments = tuple(word.strip() for word in match[2].split(",")) if match[2] else ()
-        signatures = {name: sign for skill in skills.values() for name, sign in skill.domain.predicates.items()}
-        if predicate not in signatures:
+        signatures = domain.predicates if domain is not None else {}
+        if domain is None or predicate not in signatures:
             message = f"found `{match[1]}`, which is no predicate of a skill; {expected_names(predicate, signatures)}"
             self._report("unknown-predicate", path, message)
             return None
-        parameters = signatures[predicate].parameters
-        if len(arguments) != len(parameters):
-            message = f"`{predicate}` has {len(arguments)} arguments, expected {len(parameters)}: {signatures[predicate]}"
+        signature = signatures[predicate]
+        if len(arguments) != len(signature.parameters):
+            message = f"`{predicate}` has {len(arguments)} arguments, expected {len(signature.parameters)}: {signature}"
             self._report("wrong-arity", path, message)
             return None
-        for argument, parameter in zip(arguments, parameters, strict=True):
-            thing = self.file.objects.get(argument)
-            if thing is None:
-                self._report("unknown-object", path, f"found `{argument}`; {expected_names(argument, self.file.objects)}")
-            elif not is_a(thing.type, parameter.type, types):
-                message = f"`{argument}` is of type `{thing.type}`, expected `{parameter.type}`: {signatures[predicate]}"
+        for argument, parameter in zip(arguments, signature.parameters, strict=True):
+            entry = self.file.objects.get(argument)
+            if entry is None:
+                self._report(
+                    "unknown-object", path, f"found `{argument}`; {expected_names(argument, self.file.objects)}"
+                )
+            elif not domain.fits(object_types(entry.type, entry.fixed), parameter.type):
+                message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
                 self._report("wrong-object-type", path, message)
         return Atom(predicate, arguments)
-
-
-def is_a(type_name: str, other: str, types: Mapping[str, str]) -> bool:
-    """Whether a type is another one or, through the types above it, a kind of it. types: each with the type above it."""
-    seen: set[str] = set()
-    while type_name not in seen:
-        if other in (type_name, "object"):
-            return True
-        seen.add(type_name)
-        type_name = types.get(type_name, "object")
-    return False
 
 
 def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:

@@ -46,6 +46,7 @@ class RobotReader:
     entry: RobotEntry
     digest: ContentDigest
     problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         folder = self.document.path.parent
@@ -60,7 +61,9 @@ class RobotReader:
             self.srdf_path = self._resolve(self.entry.srdf, ("robot", "srdf"))
             self.digest.add_file("robot.srdf", self.srdf_path)
             self.srdf = read_srdf(self.srdf_path, self.urdf)
-        self.tool = None if self.entry.tool is None else self._read_urdf(self.entry.tool.urdf, ("robot", "tool", "urdf"))
+        self.tool = (
+            None if self.entry.tool is None else self._read_urdf(self.entry.tool.urdf, ("robot", "tool", "urdf"))
+        )
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -139,6 +142,8 @@ class RobotReader:
     def _home(self, arm: Sequence[UrdfJoint]) -> dict[str, float]:
         path = ("robot", "home")
         home = self.entry.home
+        if not arm:
+            return {}
         if isinstance(home, str):
             states = self.srdf.states if self.srdf else {}
             if home not in states:
@@ -149,7 +154,7 @@ class RobotReader:
         else:
             positions = self._positions(home, arm)
         missing = [joint.name for joint in arm if joint.name not in positions]
-        if missing:
+        if missing and len(positions) == len(home):
             names = ", ".join(f"`{name}`" for name in missing)
             self._report("missing-joint", path, f"lacks a position for {names}")
         for joint in arm:
@@ -165,7 +170,7 @@ class RobotReader:
         for name, quantity in entries.items():
             path = ("robot", "home", name)
             if name not in joints:
-                message = f"is no joint that moves the tool frame; {expected_names(name, joints)}"
+                message = f"found `{name}`, which is no joint that moves the tool frame; {expected_names(name, joints)}"
                 self._report("unknown-joint", path, message)
                 continue
             dimension = units.LENGTH if joints[name].type == "prismatic" else units.ANGLE
@@ -178,6 +183,12 @@ class RobotReader:
         velocity = self._values("velocity", joints)
         acceleration = self._values("acceleration", joints)
         jerk = self._values("jerk", joints)
+        unlimited = [joint.name for joint in joints if not joint.velocity and joint.name not in velocity]
+        if unlimited:
+            message = f"no velocity limit for {', '.join(unlimited)}: {DEFAULT_VELOCITY:g} rad/s or m/s is assumed"
+            place = self.document.key_place(("robot", "limits", "velocity"))
+            mend = "state it under `robot.limits.velocity`"
+            self.warnings.append(Problem("assumed-limit", message, place, severity="warning", mend=mend))
         return {
             joint.name: JointLimits(
                 joint.lower,
@@ -207,7 +218,11 @@ class RobotReader:
             paths = {name: (*path, name) for name in values}
         for name, quantity in values.items():
             if name not in dimensions:
-                self._report("unknown-joint", paths[name], f"is no movable joint; {expected_names(name, dimensions)}")
+                self._report(
+                    "unknown-joint",
+                    paths[name],
+                    f"found `{name}`, which is no movable joint; {expected_names(name, dimensions)}",
+                )
             elif quantity.dimension not in (None, dimensions[name]):
                 self._wrong_unit(paths[name], quantity, dimensions[name])
         if any(quantity.value <= 0.0 for quantity in values.values()):

@@ -27,20 +27,23 @@ class Kind:
     above: bool = False
     words: tuple[str, ...] = ()
 
-    def complaint(self, value: Quantity | str) -> str | None:
-        """What is wrong with a value, or None."""
+    def complaint(self, value: Quantity | str) -> tuple[str, str] | None:
+        """What is wrong with a value, as the code and message of a problem, or None."""
         if isinstance(value, str):
             if value in self.words:
                 return None
             close = nearest(value, self.words)
             hint = f"; did you mean `{close}`?" if close else ""
-            return f"found `{value}`, expected {self._expected()}{hint}"
+            return "wrong-value", f"found `{value}`, expected {self._expected()}{hint}"
         if self.dimension is None or value.dimension not in (None, self.dimension):
             found = value.dimension.name if value.dimension else f"`{value.value:g}`"
-            return f"found {found}, expected {self._expected()}"
+            return "wrong-unit", f"found {found}, expected {self._expected()}"
         if value.value < self.least or (self.above and value.value <= self.least):
-            return f"found {value.value:g}, expected a value {'above' if self.above else 'of at least'} {self.least:g}"
-        return f"found {value.value:g}, expected a value of at most {self.most:g}" if value.value > self.most else None
+            bound = f"{'above' if self.above else 'of at least'} {self.least:g}"
+            return "wrong-value", f"found {value.value:g}, expected a value {bound}"
+        if value.value > self.most:
+            return "wrong-value", f"found {value.value:g}, expected a value of at most {self.most:g}"
+        return None
 
     def _expected(self) -> str:
         if self.dimension is not None:
@@ -66,13 +69,18 @@ class SettingsReader:
     entries: Mapping[str, ListedValues | ValueRange | Quantity | str]
     problems: list[Problem] = field(default_factory=list)
 
+    def __post_init__(self) -> None:
+        self._values = {name: self._read_values(name) for name in self.entries}
+
     def parameters(self) -> tuple[MotionParameter, ...]:
         """The motion parameters with their values in SI units."""
         parameters = []
         for name in self.entries:
-            values = tuple(value.value if isinstance(value, Quantity) else value for value in self._values(name))
+            values = tuple(value.value if isinstance(value, Quantity) else value for value in self._values[name])
             if len(set(values)) < len(values):
-                self.problems.append(self.document.problem("repeated-value", ("motion", name), "a value is given twice"))
+                self.problems.append(
+                    self.document.problem("repeated-value", ("motion", name), "a value is given twice")
+                )
             parameters.append(MotionParameter(name, values))
         return tuple(parameters)
 
@@ -85,21 +93,20 @@ class SettingsReader:
                 self.problems.append(self.document.problem("unknown-parameter", path, message))
                 return value
             used_at = ".".join(str(part) for part in path)
-            for parameter_value in self._values(value.parameter):
+            for parameter_value in self._values[value.parameter]:
                 complaint = kind.complaint(parameter_value)
                 if complaint:
-                    message = f"{complaint}, because `{used_at}` uses it"
-                    problem = self.document.problem("wrong-unit", ("motion", value.parameter), message)
-                    self.problems.append(problem)
+                    code, message = complaint
+                    message += f", because `{used_at}` uses it"
+                    self.problems.append(self.document.problem(code, ("motion", value.parameter), message))
                     break
             return value
         complaint = kind.complaint(value)
         if complaint:
-            code = "wrong-value" if isinstance(value, str) or value.dimension in (None, kind.dimension) else "wrong-unit"
-            self.problems.append(self.document.problem(code, path, complaint))
+            self.problems.append(self.document.problem(complaint[0], path, complaint[1]))
         return _plain(value)
 
-    def _values(self, name: str) -> tuple[Quantity | str, ...]:
+    def _read_values(self, name: str) -> tuple[Quantity | str, ...]:
         entry = self.entries[name]
         if isinstance(entry, ListedValues):
             return tuple(entry.values)

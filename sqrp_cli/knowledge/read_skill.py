@@ -34,7 +34,6 @@ from sqrp_cli.knowledge.skill import (
 from sqrp_cli.knowledge.skill_file import BoxEntry, FormulaEntry, PrimitiveEntry, SkillFile, WaypointEntry
 from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_bytes, read_document
 from sqrp_cli.knowledge.validation import validate
-
 from sqrp_cli.logic.mtl import Formula, check_formula, parse_formula
 from sqrp_cli.logic.pddl import Action, Domain, parse_domain
 
@@ -44,8 +43,8 @@ SKILL_FILE = "skill.yaml"
 def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
     """The skill in `folder`, whose name is the folder's.
 
-    place: where the workspace names the folder. Raises InputError with everything that is wrong with its two files; names
-    of links, objects and detectors are left to the workspace.
+    place: where the workspace names the folder. Raises InputError with everything that is wrong with its two files;
+    names of links, objects and detectors are left to the workspace.
     """
     if not folder.is_dir():
         known = [entry.name for entry in folder.parent.iterdir() if entry.is_dir()] if folder.parent.is_dir() else []
@@ -118,7 +117,11 @@ class _SkillReader:
     def _known(self, name: str, valid: list[str] | Mapping[str, object], what: str, path: KeyPath) -> bool:
         if name in valid:
             return True
-        self._report(f"unknown-{what.replace(' ', '-')}", path, f"found `{name}`, which is no {what}; {expected_names(name, valid)}")
+        self._report(
+            f"unknown-{what.replace(' ', '-')}",
+            path,
+            f"found `{name}`, which is no {what}; {expected_names(name, valid)}",
+        )
         return False
 
     def _waypoint(self, name: str, entry: WaypointEntry) -> Waypoint:
@@ -139,7 +142,9 @@ class _SkillReader:
     def _check_waypoints(self) -> None:
         """Every `from` names another waypoint, and none leads back to itself; `home` is not redefined."""
         if HOME in self.file.waypoints:
-            self._report("ambiguous-name", ("waypoints", HOME), "`home` is the robot's home configuration; take another name")
+            self._report(
+                "ambiguous-name", ("waypoints", HOME), "`home` is the robot's home configuration; take another name"
+            )
         origins = {name: getattr(entry, "origin", None) for name, entry in self.file.waypoints.items()}
         for name, origin in origins.items():
             path = ("waypoints", name, "from")
@@ -149,7 +154,7 @@ class _SkillReader:
             while origin is not None and origin in origins and origin not in seen:
                 seen.append(origin)
                 origin = origins[origin]
-            if origin == name:
+            if origin == name and name == next(other for other in origins if other in seen):
                 self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join([*seen, name])}")
 
     def _primitive(self, index: int, entry: PrimitiveEntry) -> PrimitiveAction:
@@ -191,7 +196,9 @@ class _SkillReader:
             requirements.append(self._requirement(name, entry, ("faults", name), ("faults", name, "formula")))
         return tuple(requirement for requirement in requirements if requirement is not None)
 
-    def _requirement(self, name: str | None, entry: FormulaEntry, path: KeyPath, text_path: KeyPath) -> Requirement | None:
+    def _requirement(
+        self, name: str | None, entry: FormulaEntry, path: KeyPath, text_path: KeyPath
+    ) -> Requirement | None:
         formula = self._formula(entry.formula, text_path)
         condition = None
         if isinstance(entry.response, str):
@@ -231,7 +238,9 @@ class _SkillReader:
         if entry.at is not None and self._known(entry.at, self.file.waypoints, "waypoint", (*path, "at")):
             waypoint = self.file.waypoints[entry.at]
             if not isinstance(waypoint, skill_file.GraspWaypointEntry) or waypoint.object != entry.fits:
-                message = f"found waypoint `{entry.at}`, expected one that grasps `{entry.fits}` (with `object` and `side`)"
+                message = (
+                    f"found waypoint `{entry.at}`, expected one that grasps `{entry.fits}` (with `object` and `side`)"
+                )
                 self._report("wrong-value", (*path, "at"), message)
         normal = None
         if entry.normal is not None:

@@ -84,3 +84,13 @@ class SceneObject:
     on: str | None
     marker: int | None
     parts: tuple[Part, ...]
+
+    @property
+    def types(self) -> tuple[str, str]:
+        """Its PDDL types: its own, and `fixture` or `movable`."""
+        return object_types(self.type, self.fixed)
+
+
+def object_types(own_type: str, fixed: bool) -> tuple[str, str]:
+    """The PDDL types of an object: its own (PDDL knows lower case only), and `fixture` or `movable`."""
+    return own_type.lower(), "fixture" if fixed else "movable"

@@ -85,7 +85,7 @@ class GraspWaypointEntry(Entry):
 
     object: Name = Field(description="The skill parameter that names the object.")
     side: SettingEntry = Field(description="Outward axis of that side: +x, -x, +y, -y, +z or -z.")
-    yaw: SettingEntry = Field(Quantity(0.0, None), description="Turn of the tool about its z axis.")
+    yaw: SettingEntry = Field(default=Quantity(0.0, None), description="Turn of the tool about its z axis.")
 
 
 class RetreatWaypointEntry(Entry):
@@ -122,7 +122,7 @@ class JointMoveEntry(Entry):
 
     name: Name
     joint_move: Name = Field(description="The waypoint to go to; `home` is the robot's home configuration.")
-    speed: SettingEntry = Field(Quantity(1.0, None), description="Share of the joints' velocity limits.")
+    speed: SettingEntry = Field(default=Quantity(1.0, None), description="Share of the joints' velocity limits.")
 
 
 class StraightMoveEntry(Entry):
@@ -131,8 +131,8 @@ class StraightMoveEntry(Entry):
     name: Name
     straight_move: Name = Field(description="The waypoint to go to.")
     speed: SettingEntry = Field(description="Speed of the tool, such as 5 cm/s.")
-    acceleration: SettingEntry = Field(Quantity(0.5, None), description="Acceleration of the tool [m/s^2].")
-    jerk: SettingEntry = Field(Quantity(5.0, None), description="Jerk of the tool [m/s^3].")
+    acceleration: SettingEntry = Field(default=Quantity(0.5, None), description="Acceleration of the tool [m/s^2].")
+    jerk: SettingEntry = Field(default=Quantity(5.0, None), description="Jerk of the tool [m/s^3].")
 
 
 class GraspEntry(Entry):
@@ -171,7 +171,7 @@ class RetryEntry(Entry):
     """Try the skill again."""
 
     retry: Annotated[int, Field(strict=True, ge=1, le=100)] = Field(description="How often at most.")
-    when: Text | None = Field(None, description="What must be seen before a retry starts, as a formula.")
+    when: Text | None = Field(default=None, description="What must be seen before a retry starts, as a formula.")
 
 
 ResponseEntry = Annotated[
@@ -183,13 +183,11 @@ class FormulaEntry(Entry):
     """An MTL formula with the response to its violation."""
 
     formula: Text = Field(description="Such as always[a1.start, a2.end] (not hold and obj_on_table).")
-    response: ResponseEntry = Field("stop", description="stop, continue, or {retry: N, when: FORMULA}.")
-    settle: Time = Field(0.5, description="Time that a literal may lag behind its expected change.")
+    response: ResponseEntry = Field(default="stop", description="stop, continue, or {retry: N, when: FORMULA}.")
+    settle: Time = Field(default=0.5, description="Time that a literal may lag behind its expected change.")
 
 
-FormulaOrText = Annotated[
-    Annotated[FormulaEntry, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
-]
+FormulaOrText = Annotated[Annotated[FormulaEntry, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()]
 
 
 class BoxEntry(Entry):
@@ -200,15 +198,18 @@ class BoxEntry(Entry):
         description="`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with "
         "`@start` (where it was when the skill began)."
     )
-    fits: Name | None = Field(None, description="The skill parameter or object that gives the box its size.")
-    at: Name | None = Field(None, description="With `fits` in frame `tool`: the waypoint at which it is held.")
-    margin: Length = Field(0.0, description="With `fits`: enlargement on every side.")
-    size: Extents | None = Field(None, description="Full extents, instead of `fits`.")
-    pose: Pose = Field(Pose(), description="Pose of the box in the frame.")
+    fits: Name | None = Field(default=None, description="The skill parameter or object that gives the box its size.")
+    at: Name | None = Field(default=None, description="With `fits` in frame `tool`: the waypoint at which it is held.")
+    margin: Length = Field(default=0.0, description="With `fits`: enlargement on every side.")
+    size: Extents | None = Field(default=None, description="Full extents, instead of `fits`.")
+    pose: Pose = Field(default=Pose(), description="Pose of the box in the frame.")
     detector: Name = Field(description="The detector of the workspace that looks for it.")
-    normal: Direction | None = Field(None, description="Direction away from the surface that it lies on (markers).")
+    normal: Direction | None = Field(
+        default=None, description="Direction away from the surface that it lies on (markers)."
+    )
     encloses: list[Text] | None = Field(
-        None, description="Links, objects, skill parameters or `tool` that it encloses; default: the object of its frame."
+        default=None,
+        description="Links, objects, skill parameters or `tool` that it encloses; default: the object of its frame.",
     )
 
     @model_validator(mode="after")
@@ -229,19 +230,21 @@ class BoxEntry(Entry):
 class TargetEntry(Entry):
     """What decides a predicate."""
 
-    cameras: Annotated[int, Field(strict=True, ge=1)] = Field(1, description="How many cameras must each see all boxes.")
+    cameras: Annotated[int, Field(strict=True, ge=1)] = Field(
+        default=1, description="How many cameras must each see all boxes."
+    )
     boxes: list[BoxEntry] = Field(min_length=1, max_length=20)
 
 
 class SkillFile(Entry):
     """How a skill moves, and what the cameras must see while it does."""
 
-    motion: dict[Name, MotionEntry] = Field({}, description="Parameters of the motion with the values to try.")
-    waypoints: dict[Name, WaypointEntry] = Field({}, description="Poses of the tool frame.")
+    motion: dict[Name, MotionEntry] = Field(default={}, description="Parameters of the motion with the values to try.")
+    waypoints: dict[Name, WaypointEntry] = Field(default={}, description="Poses of the tool frame.")
     primitives: list[PrimitiveEntry] = Field(min_length=1, max_length=100)
-    formulas: list[FormulaOrText] = Field([], description="What must hold while all goes well.")
-    faults: dict[Name, FormulaEntry] = Field({}, description="What may go wrong.")
-    targets: dict[Name, TargetEntry] = Field({}, description="What decides each predicate, and where to look.")
+    formulas: list[FormulaOrText] = Field(default=[], description="What must hold while all goes well.")
+    faults: dict[Name, FormulaEntry] = Field(default={}, description="What may go wrong.")
+    targets: dict[Name, TargetEntry] = Field(default={}, description="What decides each predicate, and where to look.")
 
 
 def skill_schema() -> dict[str, Any]:

@@ -33,10 +33,11 @@ _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN|Nan)")
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 _SYNTAX_HINTS = {
+    "<stream end>": "the file ends inside a list, a mapping or a value",
     "mapping values are not allowed here": "a second `: ` on one line; put text that contains `: ` in quotes",
-    "expected <block end>": "this line does not fit the lines above: check its indentation and that every key ends in `:`",
+    "expected <block end>": "this line does not fit the lines above: check its indentation and the `:` of each key",
     "could not find expected ':'": "a key without `:`",
-    "cannot start any token": "a character that cannot start a value; indent with spaces, quote text that starts with it",
+    "cannot start any token": "a character that cannot start a value; indent with spaces, or put the text in quotes",
     "expected ',' or ']'": "a list `[` that is not closed with `]`, or a missing `,`",
     "expected ',' or '}'": "a mapping `{` that is not closed with `}`, or a missing `,`",
     "expected a single document": "a second document (`---`); one file holds one document",
@@ -101,7 +102,9 @@ def read_document(path: Path, tags: frozenset[str] = frozenset()) -> Document:
     data = builder.build(root, ())
     if not isinstance(data, dict):
         place = builder.values[()]
-        raise InputError(Problem("not-a-mapping", f"found {describe(data)}, expected a mapping of keys to values", place))
+        raise InputError(
+            Problem("not-a-mapping", f"found {describe(data)}, expected a mapping of keys to values", place)
+        )
     return Document(path, content, data, builder.keys, builder.values)
 
 
@@ -179,7 +182,7 @@ class _DepthLimitedLoader(yaml.SafeLoader):
         self.depth += 1
         if self.depth > MAX_DEPTH:
             problem = f"nested deeper than {MAX_DEPTH} levels"
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.peek_event().start_mark)
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.peek_event().start_mark)  # type: ignore[no-untyped-call]
         node = super().compose_node(parent, index)
         self.depth -= 1
         return node
@@ -193,15 +196,20 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
     except yaml.reader.ReaderError as error:
         line = text.count("\n", 0, error.position) + 1
         column = error.position - text.rfind("\n", 0, error.position)
-        message = f"character U+{ord(str(error.character)):04X} is not allowed in YAML"
+        message = f"character U+{ord(text[error.position]):04X} is not allowed in YAML"
         raise InputError(Problem("yaml-syntax", message, Place(path, line, column))) from error
 
 
 def _syntax_problem(path: Path, text: str, error: yaml.MarkedYAMLError) -> Problem:
     mark = error.problem_mark or error.context_mark
+    opened = error.context_mark
+    context = error.context or ""
+    if mark and opened and opened.line < mark.line and context.startswith("while") and "block" not in context:
+        mark = opened  # where a bracket, quote or key was opened that is not closed in its line
     problem = error.problem or error.context or "not YAML"
     code = "nesting-too-deep" if problem.startswith("nested deeper") else "yaml-syntax"
-    hint = next((hint for fragment, hint in _SYNTAX_HINTS.items() if fragment in problem), problem)
+    said = f"{error.context} {problem}"
+    hint = next((hint for fragment, hint in _SYNTAX_HINTS.items() if fragment in said), problem)
     if mark is None:
         return Problem(code, hint, Place(path))
     lines = text.splitlines()
@@ -234,7 +242,7 @@ class _Builder:
             return self._mapping(node, path)
         if isinstance(node, yaml.SequenceNode):
             return [self._item(child, (*path, index)) for index, child in enumerate(node.value)]
-        return self._scalar(node)
+        return self._scalar(node) if isinstance(node, yaml.ScalarNode) else None
 
     def _item(self, node: yaml.Node, path: KeyPath) -> Any:  # noqa: ANN401
         self.keys[path] = self._place(node)
@@ -258,20 +266,24 @@ class _Builder:
         merged: list[yaml.Node] = []
         for key_node, value_node in node.value:
             if not isinstance(key_node, yaml.ScalarNode):
-                raise InputError(Problem("yaml-key", "a key must be a word, not a list or mapping", self._place(key_node)))
-            if key_node.value == "<<":
+                raise InputError(
+                    Problem("yaml-key", "a key must be a word, not a list or mapping", self._place(key_node))
+                )
+            if key_node.value == "<<" and key_node.style is None:
                 merged.append(value_node)
             else:
                 own.add(key_node.value)
                 yield key_node, value_node
         for value_node in merged:
             if not isinstance(value_node, yaml.MappingNode) or value_node is node:
-                raise InputError(Problem("yaml-key", "`<<` merges one mapping, such as `*base`", self._place(value_node)))
+                raise InputError(
+                    Problem("yaml-key", "`<<` merges one mapping, such as `*base`", self._place(value_node))
+                )
             for pair in value_node.value:
                 if pair[0].value not in own:
                     yield pair
 
-    def _scalar(self, node: yaml.Node) -> str | float | int | bool | None:
+    def _scalar(self, node: yaml.ScalarNode) -> str | float | int | bool | None:
         text = str(node.value)
         if node.style is not None:
             return text

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import pi
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
@@ -14,12 +14,12 @@ _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 _ANGLES = {"rad": 1.0, "deg": pi / 180, "°": pi / 180}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Dimension:
     """A kind of quantity, with its units and their values in SI units. example: how messages show one."""
 
     name: str
-    units: dict[str, float]
+    units: dict[str, float] = field(repr=False)
     example: str
 
 
@@ -88,5 +88,6 @@ def expected_quantity(*dimensions: Dimension) -> str:
     if not dimensions:
         return "a number"
     return " or ".join(
-        f"{dimension.name} such as `{dimension.example}` (units {', '.join(dimension.units)})" for dimension in dimensions
+        f"{dimension.name} such as `{dimension.example}` (units {', '.join(dimension.units)})"
+        for dimension in dimensions
     )

@@ -95,13 +95,11 @@ def _path_in(data: object, location: tuple[int | str, ...]) -> tuple[KeyPath, st
     path: KeyPath = ()
     absent = ""
     for step in location:
-        if isinstance(data, dict) and step in data:
-            data = data[step]
-        elif isinstance(data, list) and isinstance(step, int) and step < len(data):
-            data = data[step]
-        else:
-            if isinstance(step, str) and not step.startswith(("<", "[")):
-                absent = step
-            continue
-        path = (*path, step)
+        in_mapping = isinstance(data, dict) and step in data
+        in_list = isinstance(data, list) and isinstance(step, int) and step < len(data)
+        if in_mapping or in_list:
+            data = data[step]  # type: ignore[index]
+            path = (*path, step)
+        elif isinstance(step, str) and not step.startswith(("<", "[")):
+            absent = step
     return path, absent

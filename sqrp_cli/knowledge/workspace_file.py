@@ -42,31 +42,35 @@ class ToolEntry(Entry):
 
     urdf: Text = Field(description="The tool's own URDF; relative to this file, or package://.")
     link: Text = Field(description="The link of the robot that carries the tool's root link.")
-    pose: Pose = Field(Pose(), description="Pose of the tool's root link in that link.")
+    pose: Pose = Field(default=Pose(), description="Pose of the tool's root link in that link.")
 
 
 class LimitsEntry(Entry):
     """Limits of the joints: one value for all of them, or one for each joint by name."""
 
-    velocity: PerJoint | None = Field(None, description="Default: the URDF's.")
-    acceleration: PerJoint | None = Field(None, description="Default: 5 rad/s^2 or m/s^2.")
-    jerk: PerJoint | None = Field(None, description="Default: 50 rad/s^3 or m/s^3.")
+    velocity: PerJoint | None = Field(default=None, description="Default: the URDF's.")
+    acceleration: PerJoint | None = Field(default=None, description="Default: 5 rad/s^2 or m/s^2.")
+    jerk: PerJoint | None = Field(default=None, description="Default: 50 rad/s^3 or m/s^3.")
 
 
 class RobotEntry(Entry):
     """The robot, its tool and where it stands."""
 
     urdf: Text = Field(description="The robot's URDF; relative to this file, or package://.")
-    srdf: Text | None = Field(None, description="Its SRDF: named states and collision pairs that need no check.")
-    package_roots: list[Text] = Field([], description="Folders in which package://NAME/ is looked up first.")
-    base: Pose = Field(Pose(), description="Pose of the robot's root link in the world.")
-    tool: ToolEntry | None = Field(None, description="A tool on the robot, with a URDF of its own.")
+    srdf: Text | None = Field(
+        default=None, description="Its SRDF: named states and collision pairs that need no check."
+    )
+    package_roots: list[Text] = Field(default=[], description="Folders in which package://NAME/ is looked up first.")
+    base: Pose = Field(default=Pose(), description="Pose of the robot's root link in the world.")
+    tool: ToolEntry | None = Field(default=None, description="A tool on the robot, with a URDF of its own.")
     tool_frame: Text = Field(description="The link that grasps; its z axis points out of the tool, into the object.")
     home: Annotated[
         Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
     ] = Field(description="Position of every joint of the arm by its name, or the name of a state of the SRDF.")
-    limits: LimitsEntry = Field(LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
-    geometry: Geometry = Field("collision", description="The geometry of the links that is solid and hides things.")
+    limits: LimitsEntry = Field(default=LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
+    geometry: Geometry = Field(
+        default="collision", description="The geometry of the links that is solid and hides things."
+    )
 
 
 class DetectorEntry(Entry):
@@ -76,7 +80,7 @@ class DetectorEntry(Entry):
     distance: Range = Field(description="Nearest and farthest distance from the camera.")
     max_incidence: Angle = Field(description="Largest angle between a box's normal and the direction to the camera.")
     min_pixels: Pixels = Field(description="Least size in the image: square root of the area in pixels.")
-    min_visible: Share = Field(1.0, gt=0, description="Least share of the box that must be seen.")
+    min_visible: Share = Field(default=1.0, gt=0, description="Least share of the box that must be seen.")
 
     @model_validator(mode="after")
     def _range_in_order(self) -> DetectorEntry:
@@ -88,7 +92,9 @@ class DetectorEntry(Entry):
 class DistortionEntry(Entry):
     """Lens distortion as in ROS camera calibration files."""
 
-    model: DistortionModel = Field(description="plumb_bob (5), rational_polynomial (8) or equidistant (4 coefficients).")
+    model: DistortionModel = Field(
+        description="plumb_bob (5), rational_polynomial (8) or equidistant (4 coefficients)."
+    )
     coefficients: list[Number] = Field(description="In the order of ROS: k1, k2, p1, p2, k3, ...")
 
 
@@ -97,12 +103,18 @@ class ImageEntry(Entry):
 
     width: PixelCount
     height: PixelCount
-    horizontal_fov: Angle | None = Field(None, description="Angle from the left to the right edge; square pixels.")
-    fx: Pixels | None = Field(None, gt=0, description="Focal length along x.")
-    fy: Pixels | None = Field(None, gt=0, description="Focal length along y; default fx.")
-    cx: Number | None = Field(None, description="Principal point; default the middle of the image, (width - 1) / 2.")
-    cy: Number | None = Field(None, description="Principal point; default the middle of the image, (height - 1) / 2.")
-    distortion: DistortionEntry | None = Field(None, description="Default: none.")
+    horizontal_fov: Angle | None = Field(
+        default=None, description="Angle from the left to the right edge; square pixels."
+    )
+    fx: Pixels | None = Field(default=None, gt=0, description="Focal length along x.")
+    fy: Pixels | None = Field(default=None, gt=0, description="Focal length along y; default fx.")
+    cx: Number | None = Field(
+        default=None, description="Principal point; default the middle of the image, (width - 1) / 2."
+    )
+    cy: Number | None = Field(
+        default=None, description="Principal point; default the middle of the image, (height - 1) / 2."
+    )
+    distortion: DistortionEntry | None = Field(default=None, description="Default: none.")
 
     @model_validator(mode="after")
     def _one_focal_length(self) -> ImageEntry:
@@ -118,17 +130,17 @@ class ImageEntry(Entry):
 class CameraEntry(Entry):
     """A camera."""
 
-    frame: Text = Field("world", description="`world`, or the link that carries the camera.")
+    frame: Text = Field(default="world", description="`world`, or the link that carries the camera.")
     pose: CameraPose = Field(description="Pose of the optical frame (z forward, x right, y down) in `frame`.")
     convention: Literal["optical", "body"] = Field(
-        "optical", description="Axes of the stated orientation; body: x forward, y left, z up."
+        default="optical", description="Axes of the stated orientation; body: x forward, y left, z up."
     )
-    image: ImageEntry | None = Field(None, description="Size and field of view or focal lengths of the image.")
-    calibration: Text | None = Field(None, description="A ROS camera calibration file, instead of `image`.")
-    near: Size = Field(0.1, description="Nearest depth at which the camera sees.")
-    far: Size = Field(10.0, description="Farthest depth at which the camera sees.")
+    image: ImageEntry | None = Field(default=None, description="Size and field of view or focal lengths of the image.")
+    calibration: Text | None = Field(default=None, description="A ROS camera calibration file, instead of `image`.")
+    near: Size = Field(default=0.1, description="Nearest depth at which the camera sees.")
+    far: Size = Field(default=10.0, description="Farthest depth at which the camera sees.")
     rate: Frequency = Field(description="Images per second.")
-    latency: Time = Field(0.0, description="From exposure to the image being available.")
+    latency: Time = Field(default=0.0, description="From exposure to the image being available.")
 
     @model_validator(mode="after")
     def _consistent(self) -> CameraEntry:
@@ -138,7 +150,8 @@ class CameraEntry(Entry):
             raise PydanticCustomError("empty-range", "`near` must be less than `far`")
         if self.convention == "body" and self.pose.look_at is not None:
             raise PydanticCustomError(
-                "conflicting-keys", "`look_at` gives the viewing direction; `convention: body` goes with rpy or quaternion"
+                "conflicting-keys",
+                "`look_at` gives the viewing direction; `convention: body` goes with rpy or quaternion",
             )
         return self
 
@@ -153,14 +166,14 @@ class RoundEntry(Entry):
 class PartEntry(Entry):
     """A solid piece of an object: a box (full extents), sphere (radius), cylinder, capsule or mesh."""
 
-    name: Name | None = Field(None, description="What output calls it; default: the object and a number.")
+    name: Name | None = Field(default=None, description="What output calls it; default: the object and a number.")
     box: Extents | None = None
     sphere: Size | None = None
     cylinder: RoundEntry | None = None
     capsule: RoundEntry | None = None
-    mesh: Text | None = Field(None, description="STL, OBJ or DAE file; relative to this file, or package://.")
-    scale: Scale = Field((1.0, 1.0, 1.0), description="Scale of the mesh, one for all axes or one for each.")
-    pose: Pose = Field(Pose(), description="Pose of the piece in the object's frame.")
+    mesh: Text | None = Field(default=None, description="STL, OBJ or DAE file; relative to this file, or package://.")
+    scale: Scale = Field(default=(1.0, 1.0, 1.0), description="Scale of the mesh, one for all axes or one for each.")
+    pose: Pose = Field(default=Pose(), description="Pose of the piece in the object's frame.")
 
     @model_validator(mode="after")
     def _one_shape(self) -> PartEntry:
@@ -174,17 +187,22 @@ class PartEntry(Entry):
 class ObjectEntry(Entry):
     """A thing in the cell."""
 
-    type: Name = Field(description="A type of the skills, or of `types`.")
+    type: Name = Field(
+        description="A type of the skills or any other noun, such as `cube`. Besides, every object is a `fixture` or a "
+        "`movable`, by `fixed`."
+    )
     color: Text | None = None
-    attributes: list[Name] = Field([], description="Further words that a task may use for it.")
+    attributes: list[Name] = Field(default=[], description="Further words that a task may use for it.")
     size: Extents = Field(description="Full extents of the box around it, along its own axes.")
     pose: Annotated[
         Annotated[Pose, Tag("<mapping>")] | Annotated[Literal["unknown"], Tag("<else>")], mapping_or_else()
     ] = Field(description="Pose of the centre of that box in the world, or `unknown`.")
-    fixed: bool = Field(False, description="Whether it never moves.")
-    on: Name | None = Field(None, description="The object that it stands on.")
-    marker: Annotated[int, Field(strict=True, ge=0, le=1023)] | None = Field(None, description="Id of the ArUco marker on it.")
-    parts: list[PartEntry] = Field([], description="Its solid pieces; default: the box.")
+    fixed: bool = Field(default=False, description="Whether it never moves.")
+    on: Name | None = Field(default=None, description="The object that it stands on.")
+    marker: Annotated[int, Field(strict=True, ge=0, le=1023)] | None = Field(
+        default=None, description="Id of the ArUco marker on it."
+    )
+    parts: list[PartEntry] = Field(default=[], description="Its solid pieces; default: the box.")
 
 
 class TaskEntry(Entry):
@@ -195,22 +213,21 @@ class TaskEntry(Entry):
     min_q_eoi: Share | None = None
     max_time: Time | None = None
     max_delay: Time | None = None
-    feasible: bool | None = Field(None, description="Whether a feasible candidate is expected at all.")
-    winner: Name | None = Field(None, description="The object that the best candidate is expected to use.")
+    feasible: bool | None = Field(default=None, description="Whether a feasible candidate is expected at all.")
+    winner: Name | None = Field(default=None, description="The object that the best candidate is expected to use.")
 
 
 class WorkspaceFile(Entry):
     """A cell: robot, cameras, detectors, objects, what is true now, skills and expected tasks."""
 
     robot: RobotEntry
-    detectors: dict[Name, DetectorEntry] = {}
-    cameras: dict[Name, CameraEntry] = Field({}, max_length=200)
-    skills: list[Text] = Field([], description="Folders of the skills that may be used.")
-    types: dict[Name, Name] = Field({}, description="Further types of objects, each with the type it is a kind of.")
-    objects: dict[Name, ObjectEntry] = Field({}, max_length=2000)
-    state: list[Text] = Field([], description="The facts that hold now; every other one does not.")
-    tasks: list[TaskEntry] = []
-    padding: Length = Field(0.0, ge=0, description="Least distance that motions keep from fixed objects.")
+    detectors: dict[Name, DetectorEntry] = Field(default={}, description="Detection algorithms by name.")
+    cameras: dict[Name, CameraEntry] = Field(default={}, max_length=200, description="Cameras by name.")
+    skills: list[Text] = Field(default=[], description="Folders of the skills that may be used.")
+    objects: dict[Name, ObjectEntry] = Field(default={}, max_length=2000, description="Things in the cell by name.")
+    state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
+    tasks: list[TaskEntry] = Field(default=[], description="Tasks that the cell must support.")
+    padding: Length = Field(default=0.0, ge=0, description="Least distance that motions keep from fixed objects.")
 
 
 def workspace_schema() -> dict[str, Any]:

@@ -39,6 +39,13 @@ class Signature:
         """Types of the parameters."""
         return tuple(parameter.type for parameter in self.parameters)
 
+    def mismatch(self, arguments: Sequence[object]) -> str | None:
+        """What to say about a use with another number of arguments than declared; None if the number is right."""
+        found, expected = len(arguments), len(self.parameters)
+        if found == expected:
+            return None
+        return f"`{self.name}` has {found} argument{'s' * (found != 1)}; expected {expected}: {self}"
+
     def __str__(self) -> str:
         return f"({' '.join([self.name, *map(str, self.parameters)])})"
 

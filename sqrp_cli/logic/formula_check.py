@@ -108,9 +108,9 @@ def _check_predicate(use: Predicate, domain: Domain, action: Action) -> tuple[Pr
         uses = ", ".join(f"{use.name}({', '.join(names)})" for names in known)
         message = f"the arguments of `{use.name}` must be given, because action `{action.name}` uses it as {uses}"
         return (_problem(use.origin, "mtl-missing-arguments", message),)
-    if len(use.arguments) != len(signature.parameters):
-        message = f"`{use.name}` has {len(use.arguments)} arguments; expected {len(signature.parameters)}: {signature}"
-        return (_problem(use.origin, "mtl-arity", message),)
+    mismatch = signature.mismatch(use.arguments)
+    if mismatch:
+        return (_problem(use.origin, "mtl-arity", mismatch),)
     types = dict(domain.constants) | {parameter.name: parameter.type for parameter in action.parameters}
     problems = []
     for name, expected in zip(use.arguments, signature.parameters, strict=True):

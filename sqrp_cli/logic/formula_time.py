@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal as OneOf
 
 from sqrp_cli.errors import InputError, Problem
@@ -94,9 +94,9 @@ def ground_operators(
     if literals:
         entries.insert(0, GroundOperator(str(formula), "always", 0.0, 0.0, literals))
     return tuple(
-        GroundOperator(entry.text, entry.operator, max(entry.start, 0.0), min(entry.end, total), entry.literals)
+        replace(entry, start=min(max(entry.start, 0.0), total), end=min(max(entry.end, 0.0), total))
         for entry in entries
-        if entry.end >= 0.0 and entry.start <= total
+        if entry.end > -SAME_INSTANT and entry.start < total + SAME_INSTANT
     )
 
 

@@ -133,8 +133,9 @@ class _Reader:
     def sections(self, nodes: Sequence[Node]) -> dict[str, list[WordList]]:
         sections: dict[str, list[WordList]] = {head: [] for head in _SECTIONS}
         for node in nodes:
-            if not isinstance(node, WordList):
-                raise self.failure(f"expected a section such as `(:action ...)`, found `{node.text}`", node)
+            if not isinstance(node, WordList) or not node.head:
+                found = f"`{node.text}`" if isinstance(node, Word) else "a list without a name"
+                raise self.failure(f"expected a section such as `(:action ...)`, found {found}", node)
             if node.head in sections:
                 sections[node.head].append(node)
             elif node.head in (":functions", ":derived", ":durative-action", ":constraints", ":event", ":process"):
@@ -310,18 +311,17 @@ class _Reader:
 
     def holds(self, node: WordList, scope: Scope) -> Holds:
         word = self.word(node.items[0], "a predicate's name")
-        terms = [self.term(item, scope) for item in node.items[1:]]
-        signature = self.predicates.get(word.text)
         if word.text in _NUMERIC:
             raise self.failure(f"numbers (`{word.text}`) are not supported", node, "pddl-unsupported")
         if word.text == "when":
             raise self.failure("`when` cannot be part of a condition", node)
+        terms = [self.term(item, scope) for item in node.items[1:]]
+        signature = self.predicates.get(word.text)
         if signature is None:
             message = self.unknown("predicate", word.text, self.predicates)
             self.report("pddl-unknown-predicate", message, word)
-        elif len(terms) != len(signature.parameters):
-            message = f"`{word.text}` has {len(terms)} arguments; expected {len(signature.parameters)}: {signature}"
-            self.report("pddl-arity", message, node)
+        elif mismatch := signature.mismatch(terms):
+            self.report("pddl-arity", mismatch, node)
         else:
             for item, (term, found), parameter in zip(node.items[1:], terms, signature.parameters, strict=True):
                 if found is not None and parameter.type not in with_ancestors(found, self.types):
@@ -362,19 +362,20 @@ class _Reader:
     def exactly(self, count: int, node: WordList) -> tuple[Node, ...]:
         arguments = node.items[1:]
         if len(arguments) != count:
-            raise self.failure(f"`{node.head}` has {len(arguments)} arguments; expected {count}", node)
+            found = f"{len(arguments)} argument{'s' * (len(arguments) != 1)}"
+            raise self.failure(f"`{node.head}` has {found}; expected {count}", node)
         return arguments
 
     def word(self, node: Node, what: str) -> Word:
         if isinstance(node, WordList):
-            missing = f"; is a `)` missing before `({node.head}`?" if node.head.startswith(":") else ""
-            raise self.failure(f"expected {what}, found a list{missing}", node)
+            raise self.failure(f"expected {what}, found a list", node)
         return node
 
     def name(self, node: Node, what: str) -> Word:
         word = self.word(node, what)
         if not _NAME.fullmatch(word.text):
-            raise self.failure(f"expected {what}, found `{word.text}`", word)
+            missing = f"; is a `)` missing before `({word.text}`?" if word.text in _SECTIONS else ""
+            raise self.failure(f"expected {what}, found `{word.text}`{missing}", word)
         return word
 
     def variable(self, node: Node) -> Word:

@@ -7,12 +7,12 @@ Intelligence Research 14, 2001. Negative preconditions are treated as facts of t
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from typing import TypeAlias
 
-from sqrp_cli.logic.conditions import All, Binding, Failure, GroundCondition, Objects, Some, UnmetCondition
+from sqrp_cli.logic.conditions import Binding, Failure, Objects, Some, UnmetCondition
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.planning_task import GroundAction, Need, PlanningTask, Step, TooManyActionsError, planning_task
@@ -34,7 +34,8 @@ class AlreadySatisfied:
 class ProvenImpossible:
     """No plan exists.
 
-    never: the parts of the goal that no sequence of actions can make true; empty if each can be, but not all together.
+    never: the parts of the goal that no sequence of actions can make true; empty if each can be made true, but not all
+    together, or if the budget did not suffice to tell them apart.
     """
 
     never: tuple[Failure, ...]
@@ -46,6 +47,9 @@ class GaveUp:
 
     states: int
 
+
+_PLATEAU = 500
+"""States that hill climbing looks at in order to get nearer to the goal, before it counts as stuck."""
 
 PlanningResult: TypeAlias = Plan | AlreadySatisfied | ProvenImpossible | GaveUp
 
@@ -79,8 +83,19 @@ def find_plan(
         return AlreadySatisfied()
     reachable = _reachable(task)
     if not task.goal.holds(reachable):
-        return ProvenImpossible(tuple(dict.fromkeys(_unreachable(task.ground_goal, task, reachable))))
-    return _Search(task, tuple(action for action in task.actions if action.need.holds(reachable)), budget.states).run()
+        never = (_failure(part) for part, need in task.goal_parts if not need.holds(reachable))
+        return ProvenImpossible(tuple(dict.fromkeys(never)))
+    actions = tuple(action for action in task.actions if action.need.holds(reachable))
+    result = _Search(task.initial, task.goal, actions, budget.states).run()
+    if not isinstance(result, ProvenImpossible):
+        return result
+    alone = [(part, _Search(task.initial, need, actions, budget.states).run()) for part, need in task.goal_parts]
+    never = (_failure(part) for part, outcome in alone if isinstance(outcome, ProvenImpossible))
+    return ProvenImpossible(tuple(dict.fromkeys(never)))
+
+
+def _failure(part: Literal | Some) -> Failure:
+    return part if isinstance(part, Literal) else UnmetCondition(part.text)
 
 
 def _reachable(task: PlanningTask) -> int:
@@ -94,19 +109,6 @@ def _reachable(task: PlanningTask) -> int:
         if literals == before:
             return literals
         waiting = [action for action in waiting if not action.need.holds(before)]
-
-
-def _unreachable(condition: GroundCondition, task: PlanningTask, reachable: int) -> Iterator[Failure]:
-    match condition:
-        case Literal():
-            if not task.bit(condition) & reachable:
-                yield condition
-        case All(parts):
-            for part in parts:
-                yield from _unreachable(part, task, reachable)
-        case Some(alternatives, text):
-            if all(next(_unreachable(part, task, reachable), None) for part in alternatives):
-                yield UnmetCondition(text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,8 +126,9 @@ class _OutOfBudgetError(Exception):
 class _Search:
     """One search for a plan; counts the states that it looks at."""
 
-    def __init__(self, task: PlanningTask, actions: tuple[GroundAction, ...], max_states: int) -> None:
-        self.task = task
+    def __init__(self, initial: int, goal: Need, actions: tuple[GroundAction, ...], max_states: int) -> None:
+        self.initial = initial
+        self.goal = goal
         self.actions = actions
         self.max_states = max_states
         self.states = 0
@@ -140,8 +143,8 @@ class _Search:
         return ProvenImpossible(()) if steps is None else Plan(steps)
 
     def climb(self) -> tuple[Step, ...] | None:
-        """Enforced hill climbing along helpful actions; None at a dead end or after half of the budget."""
-        state = self.task.initial
+        """Enforced hill climbing along helpful actions; None at a dead end."""
+        state = self.initial
         path: tuple[Step, ...] = ()
         best = self.estimate(state)
         while best is not None and best.steps > 0:
@@ -156,7 +159,8 @@ class _Search:
         """The nearest state, breadth first, that is estimated to be nearer to the goal than `start`."""
         seen = {state}
         queue: deque[tuple[int, tuple[Step, ...], _Estimate]] = deque([(state, (), start)])
-        while queue and self.states <= self.max_states // 2:
+        last = self.states + _PLATEAU
+        while queue and self.states <= last:
             current, steps, estimate = queue.popleft()
             for action in estimate.helpful:
                 following = action.after(current)
@@ -172,15 +176,18 @@ class _Search:
         return None
 
     def best_first(self) -> tuple[Step, ...] | None:
-        """Greedy best-first search over all actions; None once every state that may lead to the goal was looked at."""
-        start = self.task.initial
+        """Greedy best-first search over all actions, helpful ones first among equals.
+
+        None once every state that may lead to the goal was looked at.
+        """
+        start = self.initial
         estimate = self.estimate(start)
         if estimate is None:
             return None
         came_from: dict[int, tuple[int, Step] | None] = {start: None}
-        queue = [(estimate.steps, 0, start)]
+        queue = [(estimate.steps, False, 0, start, estimate.helpful)]
         while queue:
-            steps, _, state = heappop(queue)
+            steps, _, _, state, helpful = heappop(queue)
             if steps == 0:
                 return _path(came_from, state)
             for action in self.actions:
@@ -192,27 +199,35 @@ class _Search:
                 came_from[following] = (state, action.step)
                 found = self.estimate(following)
                 if found is not None:
-                    heappush(queue, (found.steps, len(came_from), following))
+                    unhelpful = action not in helpful
+                    heappush(queue, (found.steps, unhelpful, len(came_from), following, found.helpful))
         return None
 
     def estimate(self, state: int) -> _Estimate | None:
         """The relaxed plan from a state; None if even that does not exist, which proves a dead end."""
-        self.states += 1
-        if self.states > self.max_states:
+        if self.states >= self.max_states:
             raise _OutOfBudgetError
-        goal = self.task.goal
-        layers, new_actions, waiting = [state], [], self.actions
-        while not goal.holds(layers[-1]):
+        self.states += 1
+        layers, new_actions = [state], []
+        waiting: Sequence[GroundAction] = self.actions
+        while not self.goal.holds(layers[-1]):
             literals = layers[-1]
-            applicable = [action for action in waiting if action.need.holds(literals)]
-            waiting = tuple(action for action in waiting if not action.need.holds(literals))
+            missing = ~literals
+            applicable, later = [], []
+            for action in waiting:
+                need = action.need
+                if need.bits & missing or (need.choices and not need.holds(literals)):
+                    later.append(action)
+                else:
+                    applicable.append(action)
+            waiting = later
             for action in applicable:
                 literals |= action.gains
             if literals == layers[-1]:
                 return None
             layers.append(literals)
             new_actions.append(applicable)
-        return _extract(goal, layers, new_actions)
+        return _extract(self.goal, layers, new_actions)
 
 
 def _extract(goal: Need, layers: list[int], new_actions: list[list[GroundAction]]) -> _Estimate:

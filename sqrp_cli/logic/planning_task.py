@@ -6,7 +6,7 @@ for every atom; a relaxed state, in which nothing ever stops being true, may hav
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 from sqrp_cli.logic.conditions import (
@@ -60,6 +60,20 @@ class Need:
         )
 
 
+NEVER = Need(0, ((),))
+"""Holds for no set of literals."""
+
+
+def joined(needs: Iterable[Need]) -> Need:
+    """The conjunction."""
+    bits = 0
+    choices: list[tuple[Need, ...]] = []
+    for need in needs:
+        bits |= need.bits
+        choices += need.choices
+    return Need(bits, tuple(choices))
+
+
 @dataclass(frozen=True, eq=False)
 class GroundAction:
     """A step with its precondition and the literals that it makes true (`gains`) and false (`losses`)."""
@@ -76,17 +90,12 @@ class GroundAction:
 
 @dataclass(frozen=True, eq=False)
 class PlanningTask:
-    """What the search works on; atoms: by number."""
+    """What the search works on; goal_parts: the conjuncts of the goal, each with what it needs."""
 
-    atoms: tuple[Atom, ...]
     initial: int
     goal: Need
-    ground_goal: GroundCondition
+    goal_parts: tuple[tuple[Literal | Some, Need], ...]
     actions: tuple[GroundAction, ...]
-
-    def bit(self, literal: Literal) -> int:
-        """The bit of a literal whose atom has a number."""
-        return 1 << (2 * self.atoms.index(literal.atom) + (not literal.positive))
 
 
 class TooManyActionsError(Exception):
@@ -107,8 +116,10 @@ def planning_task(
         for change in (*action.effect.adds, *action.effect.deletes)
     )
     numbering = _Numbering(facts, changeable)
-    ground_goal = ground_condition(goal, binding, objects, domain)
-    need = numbering.need(ground_goal, keep=True)
+    parts = [
+        (part, numbering.need(part, keep=True) or NEVER)
+        for part in _ground_conjuncts(ground_condition(goal, binding, objects, domain))
+    ]
     actions: list[GroundAction] = []
     for action in domain.actions.values():
         for bound in _bindings(action, objects, facts, changeable, domain):
@@ -123,7 +134,7 @@ def planning_task(
             if len(actions) > max_actions:
                 raise TooManyActionsError(max_actions)
     initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
-    return PlanningTask(tuple(numbering.numbers), initial, need or Need(0, ((),)), ground_goal, tuple(actions))
+    return PlanningTask(initial, joined(need for _, need in parts), tuple(parts), tuple(actions))
 
 
 @dataclass
@@ -153,15 +164,8 @@ class _Numbering:
                 return Need(0) if (atom in self.facts) == positive else None
             case All(parts):
                 needs = [self.need(part, keep) for part in parts]
-                found = [need for need in needs if need is not None]
-                if len(found) < len(needs):
-                    return None
-                bits = 0
-                choices: list[tuple[Need, ...]] = []
-                for part_need in found:
-                    bits |= part_need.bits
-                    choices += part_need.choices
-                return Need(bits, tuple(choices))
+                possible = [need for need in needs if need is not None]
+                return joined(possible) if len(possible) == len(needs) else None
             case Some(alternatives):
                 needs = [self.need(part, keep) for part in alternatives]
                 possible = [need for need in needs if need is not None]
@@ -194,6 +198,14 @@ def _bindings(
         bound.pop(remaining[0].name, None)
 
     return extend({}, action.parameters)
+
+
+def _ground_conjuncts(condition: GroundCondition) -> Iterator[Literal | Some]:
+    if isinstance(condition, All):
+        for part in condition.parts:
+            yield from _ground_conjuncts(part)
+    else:
+        yield condition
 
 
 def _conjuncts(condition: Condition) -> Iterator[Condition]:

@@ -34,8 +34,8 @@ def fastest_sequence(
     """The branch of each station with which the whole takes the shortest time, ties by lexicographic joint values.
 
     move_durations: of the moves from each branch of a station to each of the next one, shape (k_i, k_i+1) [s] each.
-    works(i, previous, branch): whether a branch of station i, and the move to it from the one before, can be done. It is asked
-    for the most promising sequences only, once for each question. None when no sequence works.
+    works(i, previous, branch): whether a branch of station i and the move to it from the one before can be done. It is
+    asked for the most promising sequences only, once for each question. None when no sequence works.
 
     A* search: the time still to go, ignoring what does not work, is exact by dynamic programming, so that sequences are
     completed in the order of their total times.
@@ -83,7 +83,7 @@ def fastest_sequence(
 
 @dataclass(frozen=True)
 class _Entry:
-    """A sequence of branches so far: its bound of the total time, its joint values, and the time spent until its end."""
+    """A sequence of branches so far: a bound of the total time, its joint values, and the time spent until its end."""
 
     bound: float
     key: tuple[float, ...]

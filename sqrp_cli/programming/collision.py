@@ -6,7 +6,7 @@ they can move against each other within it. Stretches over which they are not ar
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +32,7 @@ FIRST_STRETCH = 0.25
 """Motion of the arm's outermost point within half of each stretch that a check begins with [m]."""
 
 MESHES_WITHIN = 0.02
-"""Distance [m] up to which meshes themselves are asked; beyond it their convex hulls decide, or the stretch is halved."""
+"""Motion within a stretch [m] up to which meshes themselves are asked; above it only their hulls, which is quicker."""
 
 SPHERES = 5
 """Spheres that cover a solid for culling."""
@@ -41,6 +41,8 @@ Pairs = frozenset[tuple[str, str]]
 """Pairs of names of links or objects, each in alphabetical order."""
 
 Indices = NDArray[np.intp]
+Geometry = Any
+Placement = Any
 
 
 def pair(first: str, second: str) -> tuple[str, str]:
@@ -67,13 +69,13 @@ class Contact:
 class _Body:
     """A solid with its hull for coal, and with bounds for culling, all in the frame of its parent P.
 
-    X_PG: pose of the geometry. center, radius: sphere around it. centers (SPHERES, 3), radii (SPHERES,): spheres that cover
-    its surface. X_PB, half: pose and half extents of a box around it.
+    X_PG: pose of the geometry. center, radius: sphere around it. centers (SPHERES, 3), radii (SPHERES,): spheres that
+    cover its surface. X_PB, half: pose and half extents of a box around it.
     """
 
     name: str
-    geometry: Any
-    hull: Any
+    geometry: Geometry
+    hull: Geometry
     X_PG: Array
     center: Array
     radius: float
@@ -110,8 +112,8 @@ class _Body:
 def _covering_spheres(solid: Solid, X_PB: Array, half: Array) -> tuple[Array, Array]:
     """Centres (SPHERES, 3) and radii (SPHERES,) of spheres that together contain the solid's surface.
 
-    The solid is cut into slices across its longest side; a sphere goes around the triangles that are centred in its slice,
-    or around the slice of the box, whichever makes the smaller spheres.
+    The solid is cut into slices across its longest side; a sphere goes around the triangles that are centred in its
+    slice, or around the slice of the box, whichever makes the smaller spheres.
     """
     axis = int(half.argmax())
     slice_half = half.copy()
@@ -153,7 +155,9 @@ class CollisionScene:
         self.bound = MotionBound(model)
         objects = tuple(objects)
         self.bodies = tuple(_Body.of(load_solid(part)) for part in model.parts)
-        self.object_bodies = {thing.name: tuple(_Body.of(load_solid(part)) for part in thing.parts) for thing in objects}
+        self.object_bodies = {
+            thing.name: tuple(_Body.of(load_solid(part)) for part in thing.parts) for thing in objects
+        }
         self.clearance = {thing.name: CLEARANCE + (padding if thing.fixed else 0.0) for thing in objects}
         skipped = {pair(*names) for names in (*disabled_pairs, *model.adjacent_pairs)}
         depth = self.bound.depth
@@ -172,7 +176,7 @@ class CollisionScene:
         return PlacedScene(self, world, allowed)
 
     def supports(self, name: str, X_WO: Array, world: World) -> frozenset[str]:
-        """Names of the objects that carry object `name` at `X_WO`: it touches them, but not once it is raised a little."""
+        """Names of the objects that carry object `name` at `X_WO`: those it touches, but not once raised a little."""
         raised = pose(position=(0.0, 0.0, 3 * CLEARANCE)) @ X_WO
         others = [(other, X_WB) for other, X_WB in world.X_WO.items() if other not in (name, world.held)]
         return frozenset(
@@ -209,6 +213,21 @@ class _Stretches:
     pairs: Indices
 
 
+@dataclass(frozen=True)
+class _Near:
+    """A combination of stretch and pair that is not proven apart.
+
+    combination: its index. bound: how far the pair can move against each other from the middle of the stretch [m].
+    touches: whether that counts as the contact. contact: what it would be.
+    """
+
+    combination: int
+    stretch: int
+    bound: float
+    touches: bool
+    contact: Contact
+
+
 class PlacedScene:
     """A collision scene with every object in its place."""
 
@@ -243,7 +262,7 @@ class PlacedScene:
                 X_CP.append(world.X_TO)
         pairs = [entry for entry in pairs if pair(bodies[entry[0]].name, bodies[entry[1]].name) not in allowed]
         self._bodies = bodies
-        self._links = links
+        self._carried = [(i, link) for i, link in enumerate(links) if link is not None]
         self._X_CP = np.array(X_CP)
         self._depth = np.array([0 if link is None else depth_of[link] for link in links])
         self._inner = np.array([entry[0] for entry in pairs], dtype=np.intp)
@@ -261,8 +280,14 @@ class PlacedScene:
         self._covered = np.where(large_first, self._outer, self._inner)
 
     def check(self, q: Array) -> Contact | None:
-        """The contact at joint positions q, shape (n,), or None when everything keeps its clearance."""
-        return self.check_path(Path.line(q, q))
+        """A contact at joint positions q, shape (n,), or None when everything keeps its clearance."""
+        return self.check_all(q[None])[0]
+
+    def check_all(self, q: Array) -> tuple[Contact | None, ...]:
+        """A contact, or None, at each of m joint positions, shape (m, n)."""
+        still = np.zeros(len(q))
+        found = {near.stretch: near.contact for near in self._near(self._all_open(still, still, q, np.zeros_like(q)))}
+        return tuple(found.get(k) for k in range(len(q)))
 
     def check_motion(self, trajectory: Trajectory) -> Contact | None:
         """The first contact along a motion; None proves that there is none at any time. See `check_path`."""
@@ -271,21 +296,28 @@ class PlacedScene:
     def check_path(self, path: Path) -> Contact | None:
         """The first contact along a path; None proves that there is none, not only at samples.
 
-        None: all pairs keep their clearance everywhere. A contact: in some place a pair comes closer than its clearance plus
+        None: all pairs keep their clearance everywhere. A contact: there a pair is closer than its clearance plus
         `RESOLUTION`; the path keeps the clearance up to there.
         """
-        contact: Contact | None = None
-        stretches = self._first_stretches(path)
+        slopes = path.derivative_bounds()
+        first: Contact | None = None
+        s, half = self._first_stretches(path, slopes)
+        stretches = self._all_open(s, half, path.positions(s), _variation(path, slopes, s, half))
         while len(stretches.stretch):
-            found, open_ones = self._examine(stretches)
-            if found is not None and (contact is None or found.s < contact.s):
-                contact = found
-            stretches = self._halved(path, stretches, open_ones, contact.s if contact is not None else np.inf)
-        return contact
+            open_ones, seen = [], -1
+            for near in self._near(stretches):
+                if first is not None and near.stretch > seen and near.contact.s >= first.s:
+                    break
+                seen = near.stretch
+                if near.bound >= RESOLUTION:
+                    open_ones.append(near.combination)
+                if near.touches and (first is None or near.contact.s < first.s):
+                    first = near.contact
+            stretches = _halved(path, slopes, stretches, np.array(open_ones, dtype=np.intp), first)
+        return first
 
-    def _first_stretches(self, path: Path) -> _Stretches:
-        """The path in stretches of at most twice `FIRST_STRETCH` of motion, all pairs open over each."""
-        slopes = path.slopes()
+    def _first_stretches(self, path: Path, slopes: Array) -> tuple[Array, Array]:
+        """Middles and half lengths of stretches of at most twice `FIRST_STRETCH` of motion."""
         middles, halves = [], []
         for piece, (start, end) in enumerate(zip(path.breaks[:-1], path.breaks[1:], strict=True)):
             motion = float(slopes[piece] @ self._bound.radii) * (end - start)
@@ -293,32 +325,21 @@ class PlacedScene:
             half = (end - start) / (2 * count)
             middles.append(start + half * (2 * np.arange(count) + 1))
             halves.append(np.full(count, half))
-        s, half = np.concatenate(middles), np.concatenate(halves)
+        return np.concatenate(middles), np.concatenate(halves)
+
+    def _all_open(self, s: Array, half: Array, q: Array, variation: Array) -> _Stretches:
         stretch, pairs = np.divmod(np.arange(len(s) * len(self._inner)), len(self._inner) or 1)
-        return self._stretches(path, s, half, stretch, pairs)
+        return _Stretches(s, half, q, variation, stretch, pairs)
 
-    def _stretches(self, path: Path, s: Array, half: Array, stretch: Indices, pairs: Indices) -> _Stretches:
-        piece = np.clip(np.searchsorted(path.breaks, s) - 1, 0, len(path.breaks) - 2)
-        return _Stretches(s, half, path.positions(s), path.slopes()[piece] * half[:, None], stretch, pairs)
-
-    def _halved(self, path: Path, old: _Stretches, open_ones: Indices, until: float) -> _Stretches:
-        """Both halves of every stretch with an open pair that begins before `until`."""
-        open_ones = open_ones[(old.s - old.half)[old.stretch[open_ones]] < until]
-        kept, stretch = np.unique(old.stretch[open_ones], return_inverse=True)
-        half = np.repeat(old.half[kept] / 2, 2)
-        s = np.repeat(old.s[kept], 2) + half * np.tile([-1.0, 1.0], len(kept))
-        both = np.concatenate([2 * stretch, 2 * stretch + 1])
-        order = np.argsort(both, kind="stable")
-        return self._stretches(path, s, half, both[order], np.tile(old.pairs[open_ones], 2)[order])
-
-    def _examine(self, stretches: _Stretches) -> tuple[Contact | None, Indices]:
-        """The earliest contact in the middle of a stretch, if any, and the combinations that need a closer look."""
+    def _near(self, stretches: _Stretches) -> Iterator[_Near]:
+        """The combinations that are not proven apart over their stretch, in order."""
         carriers = self._link_poses(stretches.q)
         stretch, pairs = stretches.stretch, stretches.pairs
         inner, outer = self._inner[pairs], self._outer[pairs]
         X_WC = np.empty((len(self._bodies), len(stretches.s), 4, 4))
-        for i, link in enumerate(self._links):
-            X_WC[i] = np.eye(4) if link is None else carriers[link]
+        X_WC[:] = np.eye(4)
+        for i, link in self._carried:
+            X_WC[i] = carriers[link]
         centers = transform(X_WC @ self._X_CP[:, None], self._center[:, None, None])[:, :, 0]
         motion = self._bound.between(carriers, stretches.variation, centers, self._radius, self._depth)
         bound = motion[outer, stretch, self._depth[inner]]
@@ -326,10 +347,26 @@ class PlacedScene:
         apart = np.linalg.norm(centers[inner, stretch] - centers[outer, stretch], axis=1)
         close = np.flatnonzero(apart - self._radius[inner] - self._radius[outer] < need)
         close = close[self._gap(X_WC, stretch[close], pairs[close]) < need[close]]
-        return self._ask_coal(stretches, X_WC, close, bound, need)
+        placements: dict[tuple[int, int], Placement] = {}
+
+        def placement(body: int, stretch: int) -> Placement:
+            if (body, stretch) not in placements:
+                placements[body, stretch] = _placement(X_WC[body, stretch] @ self._X_CG[body])
+            return placements[body, stretch]
+
+        columns = (values.tolist() for values in (close, stretch[close], inner[close], outer[close]))
+        for k, at, i, j in zip(*columns, strict=True):
+            first, second = self._bodies[j], self._bodies[i]
+            distance = _bodies_distance(
+                first, placement(j, at), second, placement(i, at), float(need[k] - bound[k]), float(need[k])
+            )
+            if distance is not None:
+                touches = distance <= need[k] - bound[k] or bound[k] < RESOLUTION
+                contact = Contact(first.name, second.name, float(stretches.s[at]))
+                yield _Near(k, at, float(bound[k]), bool(touches), contact)
 
     def _gap(self, X_WC: Array, stretch: Indices, pairs: Indices) -> Array:
-        """A lower bound of the distance [m] of pairs in the middles of stretches: spheres around one, a box around the other."""
+        """A lower bound of the distance [m] of pairs, from a box around one and spheres around the other."""
         boxed, covered = self._boxed[pairs], self._covered[pairs]
         X_WB = X_WC[boxed, stretch] @ self._X_CB[boxed]
         X_WP = X_WC[covered, stretch] @ self._X_CP[covered]
@@ -338,45 +375,36 @@ class PlacedScene:
         gap: Array = (np.linalg.norm(outside, axis=-1) - self._radii[covered]).min(axis=-1)
         return gap
 
-    def _ask_coal(
-        self, stretches: _Stretches, X_WC: Array, close: Indices, bound: Array, need: Array
-    ) -> tuple[Contact | None, Indices]:
-        open_ones = []
-        placements: dict[tuple[int, int], Any] = {}
 
-        def placement(body: int, stretch: int) -> Any:
-            if (body, stretch) not in placements:
-                placements[body, stretch] = _placement(X_WC[body, stretch] @ self._X_CG[body])
-            return placements[body, stretch]
+def _variation(path: Path, slopes: Array, s: Array, half: Array) -> Array:
+    """How far each joint can be from where it is at s, within `half` of s, shape (m, n)."""
+    piece = np.clip(np.searchsorted(path.breaks, s) - 1, 0, len(path.breaks) - 2)
+    variation: Array = slopes[piece] * half[:, None]
+    return variation
 
-        for k in close:
-            stretch, index = int(stretches.stretch[k]), stretches.pairs[k]
-            i, j = int(self._inner[index]), int(self._outer[index])
-            first, second = self._bodies[j], self._bodies[i]
-            at, against = placement(j, stretch), placement(i, stretch)
-            clearance = self._clearance[index]
-            distance = _distance(first.hull, at, second.hull, against, need[k])
-            if distance is None:
-                continue
-            if first.geometry is not first.hull or second.geometry is not second.hull:
-                distance = _mesh_distance(first, at, second, against, distance, clearance, need[k])
-                if distance is None:
-                    continue
-            if distance <= clearance or bound[k] < RESOLUTION:
-                return Contact(first.name, second.name, float(stretches.s[stretch])), np.array([*open_ones, k], dtype=np.intp)
-            open_ones.append(k)
-        return None, np.array(open_ones, dtype=np.intp)
+
+def _halved(path: Path, slopes: Array, old: _Stretches, open_ones: Indices, until: Contact | None) -> _Stretches:
+    """Both halves of every stretch with an open combination that begins before a contact."""
+    if until is not None:
+        open_ones = open_ones[(old.s - old.half)[old.stretch[open_ones]] < until.s]
+    kept, stretch = np.unique(old.stretch[open_ones], return_inverse=True)
+    half = np.repeat(old.half[kept] / 2, 2)
+    s = np.repeat(old.s[kept], 2) + half * np.tile([-1.0, 1.0], len(kept))
+    both = np.concatenate([2 * stretch, 2 * stretch + 1])
+    order = np.argsort(both, kind="stable")
+    pairs = np.tile(old.pairs[open_ones], 2)[order]
+    return _Stretches(s, half, path.positions(s), _variation(path, slopes, s, half), both[order], pairs)
 
 
 _REQUEST = coal.CollisionRequest()
 _RESULT = coal.CollisionResult()
 
 
-def _placement(X: Array) -> Any:
+def _placement(X: Array) -> Placement:
     return coal.Transform3s(X[:3, :3], X[:3, 3])
 
 
-def _distance(first: Any, X_1: Any, second: Any, X_2: Any, within: float) -> float | None:
+def _distance(first: Geometry, X_1: Placement, second: Geometry, X_2: Placement, within: float) -> float | None:
     """Signed distance [m] of two of coal's geometries if it is at most `within`, otherwise None.
 
     Between meshes, it is that of the first two triangles that are found within, which need not be the nearest.
@@ -388,18 +416,18 @@ def _distance(first: Any, X_1: Any, second: Any, X_2: Any, within: float) -> flo
     return float(_RESULT.getContact(0).penetration_depth)
 
 
-def _mesh_distance(
-    first: _Body, X_1: Any, second: _Body, X_2: Any, hull_distance: float, clearance: float, need: float
+def _bodies_distance(
+    first: _Body, X_1: Placement, second: _Body, X_2: Placement, clearance: float, need: float
 ) -> float | None:
-    """As `_distance`, for meshes whose hulls are `hull_distance` apart.
+    """None only if two bodies are further than `need` [m] apart; at most `clearance` only if they are that close.
 
-    Any value above `clearance` only says that the distance may lie between it and `need`.
+    Hulls enclose meshes, so hulls that are far apart prove the meshes apart, and quickly.
     """
-    if hull_distance <= clearance:
-        distance = _distance(first.geometry, X_1, second.geometry, X_2, clearance)
-        if distance is not None:
-            return clearance
-    if need <= MESHES_WITHIN:
-        distance = _distance(first.geometry, X_1, second.geometry, X_2, need)
-        return None if distance is None else max(distance, np.nextafter(clearance, np.inf))
-    return need
+    distance = _distance(first.hull, X_1, second.hull, X_2, need)
+    if distance is None or (first.geometry is first.hull and second.geometry is second.hull):
+        return distance
+    if distance <= clearance and _distance(first.geometry, X_1, second.geometry, X_2, clearance) is not None:
+        return clearance
+    if need - clearance <= MESHES_WITHIN and _distance(first.geometry, X_1, second.geometry, X_2, need) is None:
+        return None
+    return need if need > clearance else None

@@ -69,7 +69,7 @@ def ground_primitives(
     model: RobotModel,
     scene: CollisionScene,
 ) -> GroundSkill | Infeasible:
-    """Follow tool and objects through the skill; infeasible where the place of an object is not known, or nothing is held."""
+    """Follow tool and objects through the skill; infeasible where it is not known where an object is."""
     X_home = model.tool_pose(model.home)
     X_WT = model.tool_pose(start_configuration(model, world))
     grounded: list[GroundPrimitive] = []
@@ -140,7 +140,7 @@ def _after(primitive: PrimitiveAction, binding: Mapping[str, str], X_WT: Array, 
 def _with_allowed_contacts(
     primitives: Sequence[GroundPrimitive], final: World, scene: CollisionScene
 ) -> tuple[GroundPrimitive, ...]:
-    """The primitives with the contacts that a grasp or release allows until the nearest joint move on either side of it.
+    """The primitives with the contacts that grasps and releases allow, up to the nearest joint moves around them.
 
     The tool may touch what it takes or leaves; that may touch what carries it.
     """

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.detector import Detector
+from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, TargetSpec
 from sqrp_cli.knowledge.workspace import World
@@ -44,6 +45,17 @@ def ground_formulas(
     )
 
 
+def on_robot(robot: Robot, model: RobotModel, frame: str, X_FB: Array) -> tuple[str, Array]:
+    """The same pose in the link of the robot that carries the tool, if `frame` is a link of the tool.
+
+    So that whoever reads the output needs the robot's URDF only.
+    """
+    if robot.tool is None or frame not in model.tool_links:
+        return frame, X_FB
+    X_WL = model.link_poses(model.home[None])
+    return robot.tool.link, inverse(X_WL[robot.tool.link][0]) @ X_WL[frame][0] @ X_FB
+
+
 @dataclass(frozen=True)
 class TargetGrounder:
     """Grounds the targets of one candidate in the world in which its skill begins."""
@@ -52,6 +64,7 @@ class TargetGrounder:
     world: World
     objects: Mapping[str, SceneObject]
     detectors: Mapping[str, Detector]
+    robot: Robot
     model: RobotModel
 
     def targets(self, formulas: Sequence[GroundFormula]) -> tuple[Target, ...]:
@@ -78,8 +91,7 @@ class TargetGrounder:
             if spec.at is not None:
                 X_FB = self._pose_in_tool(fitted, spec.at, binding) @ X_FB
         assert size is not None
-        if frame in self.model.tool_links:
-            frame, X_FB = self.model.carrier, self.model.pose_on_carrier(frame) @ X_FB
+        frame, X_FB = on_robot(self.robot, self.model, frame, X_FB)
         return TargetBox(
             name=spec.name,
             detector=self.detectors[spec.detector],

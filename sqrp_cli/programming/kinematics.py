@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,14 +13,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.geometry import Array, inverse, pose, read_only, transform
+from sqrp_cli.geometry import Array, read_only, transform
 from sqrp_cli.knowledge.packages import resolve
-from sqrp_cli.knowledge.robot import Robot, Tool
+from sqrp_cli.knowledge.robot import JointLimits, Robot
 from sqrp_cli.knowledge.scene import Part
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
-
-WORLD_JOINT = 0
-"""Pinocchio's joint that carries what never moves; its pose is the world's."""
+from sqrp_cli.programming.joint_tree import JointTree
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,245 +31,265 @@ class BoundingSphere:
 
 
 @dataclass(frozen=True, eq=False)
-class Joints:
-    """Joints of a tree as matrices, for many positions at once.
-
-    A joint at position q has the pose `still + sin(q) sine + (1 - cos(q)) versine` in its parent if it turns (Rodrigues'
-    formula), and `still + q sine` if it slides; the matrices have shape (N, 4, 4).
-
-    parent: index of each joint's parent in this list, -1 for the world; parents come first. turns: whether each joint
-    turns, (N,). axes: unit vectors in the joints' frames, (N, 3).
-    """
-
-    parent: tuple[int, ...]
-    turns: NDArray[np.bool_]
-    axes: Array
-    still: Array
-    sine: Array
-    versine: Array
-
-    @staticmethod
-    def of(X_PJ: Sequence[Array], joints: Sequence[UrdfJoint], parent: Sequence[int]) -> Joints:
-        """Joints at poses X_PJ (4, 4) in their parents when at 0, with the types and axes of URDF joints."""
-        still = np.stack(X_PJ)
-        turns = np.array([joint.type != "prismatic" for joint in joints])
-        axes = np.stack([joint.axis for joint in joints])
-        motion = np.zeros_like(still)
-        motion[turns, :3, :3] = _cross_matrices(axes[turns])
-        motion[~turns, :3, 3] = axes[~turns]
-        sine = still @ motion
-        return Joints(tuple(parent), turns, axes, still, sine, sine @ np.where(turns[:, None, None], motion, 0.0))
-
-    def chain(self, last: int) -> list[int]:
-        """Indices of the joints from the world to joint `last`, which may be -1."""
-        chain = []
-        while last >= 0:
-            chain.append(last)
-            last = self.parent[last]
-        return chain[::-1]
-
-    def only(self, chain: Sequence[int]) -> Joints:
-        """The joints of a chain that begins at the world."""
-        rows = list(chain)
-        parent = tuple(range(-1, len(rows) - 1))
-        return Joints(parent, self.turns[rows], self.axes[rows], self.still[rows], self.sine[rows], self.versine[rows])
-
-    def poses(self, positions: Array) -> Array:
-        """World poses X_WJ of all joints, shape (m, N, 4, 4), at positions of shape (m, N) [rad or m]."""
-        a = np.where(self.turns, np.sin(positions), positions)[..., None, None]
-        b = np.where(self.turns, 1.0 - np.cos(positions), 0.0)[..., None, None]
-        X_WJ = self.still + a * self.sine + b * self.versine
-        for index, parent in enumerate(self.parent):
-            if parent >= 0:
-                X_WJ[:, index] = X_WJ[:, parent] @ X_WJ[:, index]
-        return X_WJ
-
-
-@dataclass(frozen=True, eq=False)
 class RobotModel:
     """A robot with its tool, placed in the world, that moves with the joints of its arm.
 
-    The arm's joints are the movable ones from the robot's root to the tool frame, n of them. Joints off that way rest at
-    their home position, or at 0, or at the limit nearest to it; joints that mimic another one follow it.
+    The arm's joints are the movable ones from the robot's root to the tool frame, n of them. Joints off that way rest
+    at their home position, else at 0 or at the limit nearest to it; joints that mimic another one follow it.
 
-    arm: names of the arm's joints, from the root outwards. lower, upper, velocity, acceleration, jerk: their limits [rad or
-    m, and s], shape (n,). home: their positions at the start of a program, (n,). turns: which of them turn, the others
-    slide, (n,).
+    arm: names of the arm's joints, from the root outwards. turns: which of them turn, (n,); the others slide.
+    lower, upper, velocity, acceleration, jerk: their limits [rad or m, and s], (n,).
+    home: their positions at the start of a program, (n,).
     links: every link of robot and tool. tool_links: those of the tool. tool_frame: the link that grasps.
     parts: the solid parts of robot and tool.
-    adjacent_pairs: pairs of links with parts, each in alphabetical order, that are rigidly connected or meet at one joint.
+    adjacent_pairs: pairs of links with parts, each in alphabetical order, that are rigidly connected or meet at a joint.
     """
 
     arm: tuple[str, ...]
+    turns: NDArray[np.bool_]
     lower: Array
     upper: Array
     velocity: Array
     acceleration: Array
     jerk: Array
     home: Array
-    turns: NDArray[np.bool_]
     links: tuple[str, ...]
     tool_links: frozenset[str]
     tool_frame: str
     parts: tuple[Part, ...]
     adjacent_pairs: frozenset[tuple[str, str]]
-    _joint_names: tuple[str, ...]
-    _joints: Joints
-    _ratios: Array
-    _offsets: Array
-    _carriers: NDArray[np.intp]
-    _X_JL: Array
-    _tool_chain: tuple[int, ...]
-    _chain_joints: Joints
-    _model: Any
-    _data: Any
+    _tree: JointTree
+    _chain: JointTree
+    _couplings: Couplings
+    _chain_couplings: Couplings
+    _pinocchio: PinocchioChain
 
     @staticmethod
     def load(robot: Robot) -> RobotModel:
         """Read the URDFs of robot and tool and put them together.
 
         Raises InputError for a URDF or mesh reference that cannot be used, a name that robot and tool share, an unknown
-        link or joint, or a tool frame that no joint moves.
+        link, a joint without limits, or a tool frame that no joint moves.
         """
         urdf = read_urdf(robot.urdf)
-        tool_urdf = read_urdf(robot.tool.urdf) if robot.tool else None
-        urdfs = [urdf] if tool_urdf is None else [urdf, tool_urdf]
-        _check_names(robot, urdfs)
-        model = _assemble(robot, tool_urdf)
-
-        names = tuple(model.names)[WORLD_JOINT + 1 :]
-        urdf_joints = {name: joint for description in urdfs for name, joint in description.joints.items()}
-        ordered = [urdf_joints[name] for name in names]
-        parent = [int(index) - 1 for index in list(model.parents)[1:]]
-        joints = Joints.of([X.homogeneous for X in list(model.jointPlacements)[1:]], ordered, parent)
-
-        links = tuple(name for description in urdfs for name in description.links)
-        frames = [model.frames[model.getFrameId(name, pin.FrameType.BODY)] for name in links]
-        carriers = np.array([frame.parentJoint - 1 for frame in frames])
-        chain = joints.chain(carriers[links.index(robot.tool_frame)])
-        arm = [index for index in chain if ordered[index].mimic is None]
+        tool = read_urdf(robot.tool.urdf) if robot.tool else None
+        _check_names(robot, urdf, tool)
+        if robot.tool is None or tool is None:
+            tree = JointTree.of(urdf, robot.X_WB, None, None, None)
+        else:
+            tree = JointTree.of(urdf, robot.X_WB, tool, robot.tool.link, robot.tool.X_LT)
+        chain = tree.chain(robot.tool_frame)
+        arm = [index for index in chain if tree.joints[index].mimic is None]
         if not arm:
             message = f"no joint moves the tool frame `{robot.tool_frame}`"
             raise InputError(Problem("no-arm", message, Place(robot.urdf)))
-        limits = [_of_joint(robot.limits, names[index], robot) for index in arm]
-        ratios, offsets = _couplings(ordered, arm, robot.home)
-        parts = tuple(part for description in urdfs for part in _parts(description, robot))
+        couplings = Couplings.of(tree.joints, arm, robot.home)
+        limits = [_limits(robot, tree.joints[index]) for index in arm]
+        parts = tuple(part for model in (urdf, tool) if model for part in _parts(model, robot))
+        chain_tree, chain_couplings = tree.along(chain), couplings.along(chain)
         return RobotModel(
-            arm=tuple(names[index] for index in arm),
+            arm=tuple(tree.joints[index].name for index in arm),
+            turns=tree.turns[arm],
             lower=read_only([limit.lower for limit in limits]),
             upper=read_only([limit.upper for limit in limits]),
             velocity=read_only([limit.velocity for limit in limits]),
             acceleration=read_only([limit.acceleration for limit in limits]),
             jerk=read_only([limit.jerk for limit in limits]),
-            home=read_only([_rest(ordered[index], robot.home) for index in arm]),
-            turns=joints.turns[arm],
-            links=links,
-            tool_links=frozenset(tool_urdf.links if tool_urdf else ()),
+            home=read_only([_rest(tree.joints[index], robot.home) for index in arm]),
+            links=tuple(tree.mounts),
+            tool_links=frozenset(tool.links if tool else ()),
             tool_frame=robot.tool_frame,
             parts=parts,
-            adjacent_pairs=_adjacent_pairs(parts, dict(zip(links, carriers.tolist(), strict=True)), joints),
-            _joint_names=names,
-            _joints=joints,
-            _ratios=ratios,
-            _offsets=offsets,
-            _carriers=carriers,
-            _X_JL=np.stack([frame.placement.homogeneous for frame in frames]),
-            _tool_chain=tuple(chain),
-            _chain_joints=joints.only(chain),
-            _model=model,
-            _data=model.createData(),
+            adjacent_pairs=_adjacent_pairs(parts, tree),
+            _tree=tree,
+            _chain=chain_tree,
+            _couplings=couplings,
+            _chain_couplings=chain_couplings,
+            _pinocchio=PinocchioChain(chain_tree, chain_couplings, tree.mounts[robot.tool_frame].X_JL),
         )
 
     def link_poses(self, q: Array) -> Mapping[str, Array]:
         """World pose X_WL of every link, shape (m, 4, 4) each, at arm positions of shape (m, n)."""
-        X_WJ = self._joints.poses(self._positions(q))
-        moved = self._carriers >= 0
-        X_WL = iter(np.moveaxis(X_WJ[:, self._carriers[moved]] @ self._X_JL[moved], 1, 0))
-        still = (len(q), 4, 4)
+        X_WJ = self._tree.poses(self._couplings.positions(q))
+        mounts = self._tree.mounts.values()
+        moved = [mount for mount in mounts if mount.joint >= 0]
+        X_WL = X_WJ[:, [mount.joint for mount in moved]] @ np.stack([mount.X_JL for mount in moved])
+        moving = iter(np.moveaxis(X_WL, 1, 0))
         return {
-            name: next(X_WL) if moves else np.broadcast_to(X_JL, still)
-            for name, moves, X_JL in zip(self.links, moved, self._X_JL, strict=True)
+            link: next(moving) if mount.joint >= 0 else np.broadcast_to(mount.X_JL, (len(q), 4, 4))
+            for link, mount in self._tree.mounts.items()
         }
 
     def tool_pose(self, q: Array) -> Array:
         """World pose X_WT of the tool frame, shape (4, 4), at arm positions of shape (n,)."""
-        pin.forwardKinematics(self._model, self._data, self._configuration(q))
-        X_WT: Array = pin.updateFramePlacement(self._model, self._data, self._tool_frame_id).homogeneous
-        return X_WT
+        return self._pinocchio.tool_pose(q)
 
     def jacobian(self, q: Array) -> Array:
         """Velocity of the tool frame's origin over its angular velocity, in world axes, per joint velocity; (6, n)."""
-        frame, axes = self._tool_frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        full = pin.computeFrameJacobian(self._model, self._data, self._configuration(q), frame, axes)
-        jacobian: Array = full @ self._ratios
-        return jacobian
+        return self._pinocchio.jacobian(q)
 
     def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
         """As `tool_pose` and `jacobian` at m positions of shape (m, n): shapes (m, 4, 4) and (m, 6, n)."""
-        joints, rows = self._chain_joints, list(self._tool_chain)
-        X_WJ = joints.poses(q @ self._ratios[rows].T + self._offsets[rows])
-        X_WT = X_WJ[:, -1] @ self._X_JL[self.links.index(self.tool_frame)]
-        axes = (X_WJ[:, :, :3, :3] @ joints.axes[:, :, None])[..., 0]
+        turns = self._chain.turns[:, None]
+        X_WJ = self._chain.poses(self._chain_couplings.positions(q))
+        X_WT = X_WJ[:, -1] @ self._tree.mounts[self.tool_frame].X_JL
+        axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]
         arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
-        columns = np.zeros((len(q), len(rows), 6))
-        columns[:, :, :3] = np.where(joints.turns[:, None], _cross(axes, arms), axes)
-        columns[:, :, 3:] = np.where(joints.turns[:, None], axes, 0.0)
-        return X_WT, np.swapaxes(columns, 1, 2) @ self._ratios[rows]
+        columns = np.concatenate([np.where(turns, _cross(axes, arms), axes), np.where(turns, axes, 0.0)], axis=-1)
+        return X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios
 
     def joint_values(self, q: Array) -> dict[str, float]:
         """Position [rad or m] of every movable joint of robot and tool, at arm positions of shape (n,)."""
-        return dict(zip(self._joint_names, self._positions(q).tolist(), strict=True))
+        positions = self._couplings.positions(q).tolist()
+        return {joint.name: value for joint, value in zip(self._tree.joints, positions, strict=True)}
 
     def joint_radii(self, spheres: Iterable[BoundingSphere]) -> Array:
         """How far a unit of each arm joint's motion can move any point of the spheres, in any configuration; (n,).
 
-        For a joint that turns: an upper bound of the distance from its axis [m]; for one that slides: 1. A point moves by
-        at most the sum over the joints of |change of position| * radius. A held object is one more sphere, on the tool frame.
+        For a joint that turns, an upper bound of the distance from its axis [m]; for one that slides, 1. A point moves
+        by at most the sum over the joints of |change of position| * radius. A held object is one more sphere, on the
+        tool frame.
 
-        The bound: from a sphere's center inwards, drop the perpendicular onto the axis of the joint that carries it, which
-        leaves the foot unmoved by that joint, from the foot onto the next axis, and so on; add up the perpendiculars.
+        The bound: drop the perpendicular from the sphere's center onto the axis of the joint that carries it, whose foot
+        that joint leaves where it is, from there onto the next axis inwards, and so on, and add up their lengths.
         """
         radii = np.zeros(len(self.arm))
         for sphere in spheres:
-            link = self.links.index(sphere.link)
-            point = transform(self._X_JL[link], sphere.center[None])[0]
             reach, radius = sphere.radius, np.zeros(len(self.arm))
-            for joint in reversed(self._joints.chain(self._carriers[link])):
-                axis = self._joints.axes[joint]
-                if self._joints.turns[joint]:
+            point = transform(self._tree.mounts[sphere.link].X_JL, sphere.center[None])[0]
+            for joint in reversed(self._tree.chain(sphere.link)):
+                axis, ratios = self._tree.axes[joint], np.abs(self._couplings.ratios[joint])
+                if self._tree.turns[joint]:
                     foot = (point @ axis) * axis
                     reach += float(np.linalg.norm(point - foot))
-                    radius += np.abs(self._ratios[joint]) * reach
+                    radius += ratios * reach
                     point = foot
                 else:
-                    ends = self._ratios[joint] * np.stack([self.lower, self.upper])
-                    ends = np.where(self._ratios[joint] == 0.0, 0.0, ends).sum(axis=1) + self._offsets[joint]
-                    reach += float(abs(ends[1] - ends[0])) / 2
-                    radius += np.abs(self._ratios[joint])
-                    point = point + axis * ends.mean()
-                point = transform(self._joints.still[joint], point[None])[0]
+                    first, last = self._couplings.span(joint, self.lower, self.upper)
+                    reach += (last - first) / 2
+                    radius += ratios
+                    point = point + axis * (first + last) / 2
+                point = transform(self._tree.still[joint], point[None])[0]
             radii = np.maximum(radii, radius)
         return radii
 
-    def _positions(self, q: Array) -> Array:
-        """Positions of all movable joints, shape (..., N), at arm positions of shape (..., n)."""
-        positions: Array = q @ self._ratios.T + self._offsets
+
+@dataclass(frozen=True, eq=False)
+class Couplings:
+    """How N joints follow the n joints of the arm: q @ ratios.T + offsets; shapes (N, n) and (N,)."""
+
+    ratios: Array
+    offsets: Array
+
+    @staticmethod
+    def of(joints: Sequence[UrdfJoint], arm: Sequence[int], home: Mapping[str, float]) -> Couplings:
+        """Couplings of all joints of a robot to those of its arm, given by index."""
+        ratios = np.zeros((len(joints), len(arm)))
+        offsets = np.zeros(len(joints))
+        ratios[arm, range(len(arm))] = 1.0
+        rows = {joint.name: row for row, joint in enumerate(joints)}
+        for row, joint in enumerate(joints):
+            if joint.mimic is None and row not in arm:
+                offsets[row] = _rest(joint, home)
+        for row, joint in enumerate(joints):
+            if joint.mimic is not None:
+                leader = rows[joint.mimic.joint]
+                ratios[row] = joint.mimic.multiplier * ratios[leader]
+                offsets[row] = joint.mimic.multiplier * offsets[leader] + joint.mimic.offset
+        return Couplings(ratios, offsets)
+
+    def along(self, chain: Sequence[int]) -> Couplings:
+        """Those of some of the joints."""
+        return Couplings(self.ratios[list(chain)], self.offsets[list(chain)])
+
+    def positions(self, q: Array) -> Array:
+        """Positions of the joints, shape (..., N), at arm positions of shape (..., n)."""
+        positions: Array = q @ self.ratios.T + self.offsets
         return positions
 
-    def _configuration(self, q: Array) -> Array:
-        """Pinocchio's configuration vector: cosine and sine in place of the angle of a joint without limits."""
-        positions = self._positions(q)
-        if self._model.nq == len(positions):
-            return positions
-        configuration = np.empty(self._model.nq)
-        for joint, start, size, position in zip(
-            self._joint_names, list(self._model.idx_qs)[1:], list(self._model.nqs)[1:], positions, strict=True
-        ):
-            if size not in (1, 2):
-                raise RuntimeError(f"Pinocchio gives joint {joint} {size} coordinates")
-            configuration[start : start + size] = position if size == 1 else (np.cos(position), np.sin(position))
-        return configuration
+    def span(self, joint: int, lower: Array, upper: Array) -> tuple[float, float]:
+        """The least and the greatest position that a joint takes while the arm is within its limits."""
+        driven = np.flatnonzero(self.ratios[joint])
+        ends = [self.ratios[joint, driven] @ limit[driven] + self.offsets[joint] for limit in (lower, upper)]
+        return float(min(ends)), float(max(ends))
 
-    @property
-    def _tool_frame_id(self) -> int:
-        return int(self._model.getFrameId(self.tool_frame, pin.FrameType.BODY))
+
+class PinocchioChain:
+    """The chain of joints from the world to the tool frame in Pinocchio, for one configuration at a time."""
+
+    def __init__(self, chain: JointTree, couplings: Couplings, X_JT: Array) -> None:
+        """X_JT: pose of the tool frame in the last joint, shape (4, 4)."""
+        self._model: Any = pin.Model()
+        self._couplings = couplings
+        last = 0
+        for joint, X_PJ in zip(chain.joints, chain.still, strict=True):
+            kind = pin.JointModelPrismaticUnaligned if joint.type == "prismatic" else pin.JointModelRevoluteUnaligned
+            last = self._model.addJoint(last, kind(joint.axis), pin.SE3(X_PJ), joint.name)
+        self._last, self._X_JT = last, pin.SE3(X_JT)
+        self._data = self._model.createData()
+
+    def tool_pose(self, q: Array) -> Array:
+        """X_WT, shape (4, 4)."""
+        pin.forwardKinematics(self._model, self._data, self._couplings.positions(q))
+        X_WT: Array = (self._data.oMi[self._last] * self._X_JT).homogeneous
+        return X_WT
+
+    def jacobian(self, q: Array) -> Array:
+        """Of the tool frame's origin, linear over angular, world axes, shape (6, n)."""
+        pin.computeJointJacobians(self._model, self._data, self._couplings.positions(q))
+        frame = self._data.oMi[self._last] * self._X_JT
+        jacobian: Array = (
+            pin.SE3(np.eye(3), frame.translation).toActionMatrixInverse() @ self._data.J @ self._couplings.ratios
+        )
+        return jacobian
+
+
+def _check_names(robot: Robot, urdf: UrdfModel, tool: UrdfModel | None) -> None:
+    links = [*urdf.links, *(tool.links if tool else ())]
+    if robot.tool is not None and tool is not None:
+        if robot.tool.link not in urdf.links:
+            message = f"unknown link `{robot.tool.link}` for the tool; {expected_names(robot.tool.link, urdf.links)}"
+            raise InputError(Problem("unknown-link", message, Place(robot.urdf)))
+        places = [(link.name, link.place) for link in tool.links.values() if link.name in urdf.links]
+        places += [(joint.name, joint.place) for joint in tool.joints.values() if joint.name in urdf.joints]
+        for name, place in places:
+            message = f"`{name}` is also a name in the robot's URDF, {urdf.path}"
+            raise InputError(Problem("duplicate-name", message, place, mend="rename it in the tool's URDF"))
+    if robot.tool_frame not in links:
+        message = f"unknown tool frame `{robot.tool_frame}`; {expected_names(robot.tool_frame, links)}"
+        raise InputError(Problem("unknown-link", message, Place(robot.urdf)))
+
+
+def _parts(urdf: UrdfModel, robot: Robot) -> tuple[Part, ...]:
+    def find(reference: str, file: Path) -> Path:
+        return resolve(reference, file.parent, robot.package_roots, Place(file))
+
+    return link_parts(urdf, robot.geometry, find)
+
+
+def _limits(robot: Robot, joint: UrdfJoint) -> JointLimits:
+    if joint.name not in robot.limits:
+        raise InputError(Problem("missing-limit", f"no limits are given for joint `{joint.name}`", joint.place))
+    return robot.limits[joint.name]
+
+
+def _rest(joint: UrdfJoint, home: Mapping[str, float]) -> float:
+    """Where a joint is at home: 0 or the limit nearest to it unless the robot's home says otherwise."""
+    return home.get(joint.name, min(max(0.0, joint.lower), joint.upper))
+
+
+def _adjacent_pairs(parts: Sequence[Part], tree: JointTree) -> frozenset[tuple[str, str]]:
+    def meet(first: int, second: int) -> bool:
+        return first == second or (first >= 0 and tree.parents[first] == second)
+
+    carried = sorted({(part.parent, tree.mounts[part.parent].joint) for part in parts})
+    return frozenset((a, b) for (a, on), (b, by) in combinations(carried, 2) if meet(on, by) or meet(by, on))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """The cross product along the last axis; several times faster than `np.cross` on small arrays."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for axis in range(3):
+        second, third = (axis + 1) % 3, (axis + 2) % 3
+        product[..., axis] = a[..., second] * b[..., third] - a[..., third] * b[..., second]
+    return product

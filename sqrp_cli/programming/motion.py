@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from itertools import product
 
 import numpy as np
@@ -13,7 +14,7 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import JointMove, MotionValue, Skill, StraightMove
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.branch_search import Station, fastest_sequence
-from sqrp_cli.programming.collision import CollisionScene, PlacedScene
+from sqrp_cli.programming.collision import CollisionScene
 from sqrp_cli.programming.ground_primitives import (
     GroundPrimitive,
     GroundSkill,
@@ -23,12 +24,12 @@ from sqrp_cli.programming.ground_primitives import (
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.inverse_kinematics import all_solutions
 from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.straight_line import ToolLine, follow, limit_reason
+from sqrp_cli.programming.straight_line import LIMIT_SAMPLES, LIMIT_SLACK, ToolLine, follow, limit_reason
 from sqrp_cli.programming.timing import MotionLimits, joint_move, joint_move_duration, time_path
-from sqrp_cli.trajectory import Trajectory
+from sqrp_cli.trajectory import Path, Trajectory
 
 MAX_REASONS = 5
-"""Reasons given for an infeasible motion; more branches may have failed for the same or other ones."""
+"""Reasons given for an infeasible motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,7 @@ def plan_motion(
 ) -> Motion | Infeasible:
     """The fastest feasible motion of a skill among all branches of inverse kinematics, joint turns included.
 
-    binding: the object that each skill parameter stands for. values: of every motion parameter. world: before the skill.
+    binding: the object that each skill parameter stands for. values: of every motion parameter. world: before it.
     Joint moves are straight in joint space; every move keeps its clearance at all times. Infeasible names, most useful
     first, what is out of reach, which joint is at its limit, or what hits what and where.
     """
@@ -103,6 +104,11 @@ class _Section:
     first: int
     tied: tuple[GroundPrimitive, ...]
 
+    @property
+    def is_fixed(self) -> bool:
+        """Whether it begins at given joint positions, not at any that bring the tool to a pose."""
+        return self.move is None or self.move.home
+
 
 @dataclass(frozen=True, eq=False)
 class _Branch:
@@ -115,11 +121,11 @@ class _Branch:
     trajectories: tuple[Trajectory, ...]
     turns: Array
 
-    @property
+    @cached_property
     def q_end(self) -> Array:
         return _end(self.trajectories[-1]) if self.trajectories else self.q
 
-    @property
+    @cached_property
     def duration(self) -> float:
         return sum(trajectory.duration for trajectory in self.trajectories)
 
@@ -131,7 +137,6 @@ class _Planner:
         self._model, self._skill, self._q_start = model, skill, q_start
         self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
         self._scenes = [scene.placed(primitive.world, primitive.allowed) for primitive in skill.primitives]
-        self._turning = scene.bound.turning
         self._failures: list[tuple[int, str]] = []
 
     def plan(self) -> Motion | Infeasible:
@@ -167,7 +172,7 @@ class _Planner:
 
     def _branches(self, section: _Section) -> list[_Branch]:
         """The branches of a section that can be followed, and that are free of contacts where its joint move ends."""
-        move, fixed = section.move, section.move is None or section.move.home
+        move = section.move
         if move is None:
             configurations = [self._q_start]
         elif move.home:
@@ -178,17 +183,23 @@ class _Planner:
             if not configurations:
                 self._failures.append((section.first - 1, f"{move.name}: `{move.to}` {solutions.reason}"))
         branches = []
-        for q in configurations:
-            if move is not None and (contact := self._scenes[section.first - 1].check(q)) is not None:
-                self._failures.append((section.first - 1, f"{contact} at the end of {move.name}"))
-                continue
+        for q in self._clear_ends(section, configurations):
             trajectories = self._tied_trajectories(section, q)
             if trajectories is None:
                 continue
-            turns = self._turns(section, q, trajectories, fixed)
+            turns = self._turns(section, q, trajectories)
             if len(turns):
                 branches.append(_Branch(q, trajectories, turns))
         return branches
+
+    def _clear_ends(self, section: _Section, configurations: Sequence[Array]) -> list[Array]:
+        """The configurations that a section's joint move may end in without touching anything."""
+        if section.move is None or not configurations:
+            return list(configurations)
+        contacts = self._scenes[section.first - 1].check_all(np.stack(configurations))
+        ends = f"at the end of {section.move.name}"
+        self._failures += [(section.first - 1, f"{contact} {ends}") for contact in contacts if contact is not None]
+        return [q for q, contact in zip(configurations, contacts, strict=True) if contact is None]
 
     def _tied_trajectories(self, section: _Section, q: Array) -> tuple[Trajectory, ...] | None:
         trajectories: list[Trajectory] = []
@@ -204,3 +215,103 @@ class _Planner:
             else:
                 trajectories.append(Trajectory.standstill(q, primitive.hold))
         return tuple(trajectories)
+
+    def _turns(self, section: _Section, q: Array, trajectories: Sequence[Trajectory]) -> Array:
+        """Offsets by whole turns that keep a branch within the joints' limits, shape (k, n); only 0 if q is given.
+
+        A joint without limits goes at most one turn beyond where it is at the start and at home.
+        """
+        s = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
+        passed = np.concatenate([q[None], *(trajectory.path.positions(s) for trajectory in trajectories)])
+        near = np.stack([self._q_start, self._model.home])
+        lower = np.where(np.isinf(self._model.lower), near.min(axis=0) - 2 * np.pi, self._model.lower)
+        upper = np.where(np.isinf(self._model.upper), near.max(axis=0) + 2 * np.pi, self._model.upper)
+        fewest = np.ceil((lower - LIMIT_SLACK - passed.min(axis=0)) / (2 * np.pi))
+        most = np.floor((upper + LIMIT_SLACK - passed.max(axis=0)) / (2 * np.pi))
+        if section.is_fixed:
+            fewest, most = np.maximum(fewest, 0.0), np.minimum(most, 0.0)
+        fewest[~self._model.turns], most[~self._model.turns] = 0.0, 0.0
+        ranges = [np.arange(low, high + 1) for low, high in zip(fewest, most, strict=True)]
+        turns = 2 * np.pi * np.array(list(product(*ranges))).reshape(-1, len(q))
+        if not len(turns):
+            for k, (primitive, trajectory) in enumerate(zip(section.tied, trajectories, strict=True)):
+                reason = limit_reason(self._model, trajectory.path, ToolLine(primitive.X_start, primitive.X_end))
+                if reason is not None:
+                    self._failures.append((section.first + k, f"{primitive.name}: {reason}"))
+                    break
+        return turns
+
+    def _is_free(self, index: int, trajectory: Trajectory) -> bool:
+        """Whether nothing touches during a primitive; notes what does, and when."""
+        contact = self._scenes[index].check_motion(trajectory)
+        if contact is not None:
+            share = trajectory.law.time_at(contact.s) / trajectory.duration if trajectory.duration > 0 else 0.0
+            self._failures.append((index, f"{contact} at {100 * share:.0f} % of {self._skill.primitives[index].name}"))
+        return contact is None
+
+    def _move_limits(self, move: GroundPrimitive | None) -> MotionLimits:
+        share = 1.0 if move is None else move.speed
+        return replace(self._limits, velocity=share * self._limits.velocity)
+
+    def _infeasible(self) -> Infeasible:
+        """The reasons collected, those of the branches that got furthest first."""
+        furthest_first = sorted(self._failures, key=lambda failure: -failure[0])
+        return Infeasible(tuple(dict.fromkeys(reason for _, reason in furthest_first))[:MAX_REASONS])
+
+    def _motion(self, sections: Sequence[_Section], chosen: Sequence[tuple[_Branch, Array]]) -> Motion:
+        q = self._q_start
+        trajectories = []
+        for section, (branch, turn) in zip(sections, chosen, strict=True):
+            if section.move is not None:
+                trajectories.append(joint_move(q, branch.q + turn, self._move_limits(section.move)))
+            trajectories += [Trajectory(t.path.shifted(turn), t.law) for t in branch.trajectories]
+            q = branch.q_end + turn
+        primitives, start = [], 0.0
+        for primitive, trajectory in zip(self._skill.primitives, trajectories, strict=True):
+            world, end = primitive.world, start + trajectory.duration
+            resting = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
+            primitives.append(TimedPrimitive(primitive.name, start, end, trajectory, world.held, world.X_TO, resting))
+            start = end
+        return Motion(self._model.arm, tuple(primitives), self._final(q))
+
+    def _final(self, q: Array) -> World:
+        world = self._skill.final
+        X_WO = dict(world.X_WO)
+        if world.held is not None and world.X_TO is not None:
+            X_WO[world.held] = self._model.tool_pose(q) @ world.X_TO
+        return replace(world, X_WO=X_WO, joints=dict(zip(self._model.arm, q.tolist(), strict=True)))
+
+
+def _sections(primitives: Sequence[GroundPrimitive]) -> list[_Section]:
+    """The primitives cut before each joint move; the first section has none, and may be empty."""
+    cuts = [i for i, primitive in enumerate(primitives) if primitive.kind is JointMove]
+    sections = [_Section(None, 0, tuple(primitives[: cuts[0] if cuts else None]))]
+    for cut, following in zip(cuts, [*cuts[1:], len(primitives)], strict=True):
+        sections.append(_Section(primitives[cut], cut + 1, tuple(primitives[cut + 1 : following])))
+    return sections
+
+
+def _station(ways: Sequence[tuple[_Branch, Array]]) -> Station:
+    return Station(
+        np.stack([branch.q + turn for branch, turn in ways]),
+        np.stack([branch.q_end + turn for branch, turn in ways]),
+        np.array([branch.duration for branch, _ in ways]),
+    )
+
+
+def _straight_move(path: Path, line: ToolLine, primitive: GroundPrimitive, limits: MotionLimits) -> Trajectory:
+    """The motion along a tool line at the primitive's speed, or slower where the joints cannot keep up.
+
+    A line on which the tool only turns has no speed; the joints alone limit it.
+    """
+    tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
+    if line.length > 1e-9:
+        return time_path(path, limits, MotionLimits(*(tool / line.length)))
+    if line.turn.any():
+        return time_path(path, limits)
+    return Trajectory.standstill(path.positions([0.0])[0], 0.0)
+
+
+def _end(trajectory: Trajectory) -> Array:
+    q: Array = trajectory.path.positions([1.0])[0]
+    return q

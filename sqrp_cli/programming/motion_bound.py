@@ -22,12 +22,12 @@ class MotionBound:
     def __init__(self, model: RobotModel) -> None:
         """Find the axes of the arm's joints, in the frames of links that they move."""
         n = len(model.arm)
+        self._turns = model.turns
         q = np.asarray(model.home) + 0.1 * np.arange(1, n + 1)
         poses = model.link_poses(np.stack([q, *(q + 0.3 * np.eye(n))]))
         moves = {link: np.abs(X_WL[1:] - X_WL[0]).max(axis=(1, 2)) > 1e-9 for link, X_WL in poses.items()}
         self.depth = {link: int(np.flatnonzero(by)[-1]) + 1 if by.any() else 0 for link, by in moves.items()}
         linear, angular = (rows.T for rows in np.split(model.jacobian(q), 2))
-        self._turns = np.linalg.norm(angular, axis=1) > 0.5
         points = model.tool_pose(q)[:3, 3] + np.cross(angular, linear)
         self._links = [next(link for link in poses if self.depth[link] == j + 1) for j in range(n)]
         X_LW = np.stack([inverse(poses[link][0]) for link in self._links])
@@ -40,13 +40,13 @@ class MotionBound:
     def between(
         self, link_poses: Mapping[str, Array], variation: Array, centers: Array, radii: Array, depth: NDArray[np.intp]
     ) -> Array:
-        """How far any point of each of S spheres can move against each link, around m configurations, (S, m, n + 1) [m].
+        """How far any point of each of S spheres can move around m configurations [m], shape (S, m, n + 1).
 
         Entry k: against the links of depth k (0: against the world), for spheres no less deep.
 
-        link_poses: at the configurations, shape (m, 4, 4) each. variation: by how much each joint may differ from them, (m, n).
-        centers: of the spheres at the configurations, in the world, (S, m, 3) [m]; radii (S,) [m]. depth: of the link that
-        carries each sphere, (S,).
+        link_poses: at the configurations, shape (m, 4, 4) each. variation: how much each joint may differ, (m, n).
+        centers: of the spheres at the configurations, in the world, (S, m, 3) [m]; radii (S,) [m]. depth: of the link
+        that carries each sphere, (S,).
 
         Turn the joints one after the other, the outermost first: joint j then still stands where it did, and moves a
         point by at most its angle times the point's distance from the axis, which is the distance at the configuration
@@ -60,7 +60,9 @@ class MotionBound:
             step = np.broadcast_to(variation[:, j], (int(carried.sum()), len(variation)))
             if self._turns[j]:
                 axis = X_WL[:, :3, :3] @ self._axes[j]
-                arms = np.cross(centers[carried] - transform(X_WL, self._points[j][None])[:, 0], axis)
-                step = step * (np.linalg.norm(arms, axis=-1) + radii[carried][:, None] + motion[carried, :, j + 1])
+                arms = centers[carried] - transform(X_WL, self._points[j][None])[:, 0]
+                along = (arms * axis).sum(axis=-1)
+                distance = np.sqrt(np.maximum((arms * arms).sum(axis=-1) - along * along, 0.0))
+                step = step * (distance + radii[carried][:, None] + motion[carried, :, j + 1])
             motion[carried, :, j] = motion[carried, :, j + 1] + step
         return motion

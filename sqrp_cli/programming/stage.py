@@ -51,8 +51,7 @@ class Stage:
         """Positions of the arm joints, shape (m, n)."""
         q = np.empty((len(samples), len(self.model.arm)))
         for index, rows in self._by_primitive(samples):
-            primitive = self.motion.primitives[index]
-            q[rows] = primitive.trajectory.positions(samples.t[rows] - primitive.start)
+            q[rows] = self.motion.positions(index, samples.t[rows])
         return q
 
     def held(self, samples: Samples) -> list[str | None]:
@@ -75,21 +74,10 @@ class Stage:
     def _carried_poses(self, name: str, samples: Samples, X_WT: Array) -> Array:
         """Poses of an object that is carried in some primitives and rests in the others, shape (m, 4, 4)."""
         X_WO = np.empty((len(samples), 4, 4))
-        rests = self._resting_poses(name)
         for index, rows in self._by_primitive(samples):
             primitive = self.motion.primitives[index]
-            X_WO[rows] = X_WT[rows] @ primitive.X_TO if primitive.held == name else rests[index]
+            X_WO[rows] = X_WT[rows] @ primitive.X_TO if primitive.held == name else primitive.X_WO[name]
         return X_WO
-
-    def _resting_poses(self, name: str) -> list[Array]:
-        """Where an object rests during each primitive that does not carry it, shape (4, 4) each."""
-        rests, X_WO = [], self._X_WO.get(name)
-        for primitive in self.motion.primitives:
-            if primitive.held == name:
-                q_end = primitive.trajectory.positions(np.array([primitive.end - primitive.start]))
-                X_WO = self.model.link_poses(q_end)[self.model.tool_frame][0] @ primitive.X_TO
-            rests.append(np.full((4, 4), np.nan) if X_WO is None else X_WO)
-        return rests
 
     def _by_primitive(self, samples: Samples) -> list[tuple[int, NDArray[np.int64]]]:
         primitive = self._primitive[samples.piece]

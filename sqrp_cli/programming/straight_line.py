@@ -33,6 +33,9 @@ FIRST_DEGREE, LAST_DEGREE = 4, 64
 LIMIT_SAMPLES = 101
 """Points along a line at which joint limits are checked, ends included."""
 
+LIMIT_SLACK = 1e-9
+"""By how much joint positions may exceed a limit [rad or m], so that rounding does not matter at the limit."""
+
 
 @dataclass(frozen=True, eq=False)
 class ToolLine:
@@ -100,7 +103,7 @@ def follow(model: RobotModel, q0: Array, line: ToolLine) -> Path | Infeasible:
         path = Path(np.array([0.0, 1.0]), (_fit_matrix(degree) @ q)[None])
         between = _points(2 * degree)[1::2]
         guesses = path.positions(between)
-        errors = np.array([_pose_error(model, guess, line.pose(at)) for guess, at in zip(guesses, between, strict=True)])
+        errors = np.array([_pose_error(model, q_s, line.pose(at)) for q_s, at in zip(guesses, between, strict=True)])
         if np.linalg.norm(errors.reshape(-1, 2, 3), axis=-1).max() <= TOLERANCE:
             return path
         if degree == LAST_DEGREE:
@@ -121,7 +124,7 @@ def limit_reason(model: RobotModel, path: Path, line: ToolLine) -> str | None:
     """Why a path along the line is outside the joints' limits, or None when it keeps them."""
     s = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
     q = path.positions(s)
-    outside = (q < model.lower - 1e-9) | (q > model.upper + 1e-9)
+    outside = (q < model.lower - LIMIT_SLACK) | (q > model.upper + LIMIT_SLACK)
     if not outside.any():
         return None
     first = int(outside.any(axis=1).argmax())
@@ -162,10 +165,11 @@ def rotation_vector(R: Array) -> Array:
     skew = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sine, cosine = float(np.sqrt(skew @ skew)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
     if cosine > -0.9:
-        return skew * (np.arctan2(sine, cosine) / sine) if sine > 1e-9 else skew
+        return skew * (float(np.arctan2(sine, cosine)) / sine) if sine > 1e-9 else skew
     column = (R + R.T + (1 - np.trace(R)) * np.eye(3))[:, int(np.diag(R).argmax())]
-    axis = column / np.linalg.norm(column)
-    return axis * np.copysign(np.arctan2(sine, cosine), skew @ axis or 1.0)
+    angle = float(np.copysign(np.arctan2(sine, cosine), skew @ column or 1.0))
+    vector: Array = column * (angle / np.linalg.norm(column))
+    return vector
 
 
 def rotation_matrix(vector: Array) -> Array:
@@ -174,8 +178,8 @@ def rotation_matrix(vector: Array) -> Array:
     if angle == 0.0:
         return np.eye(3)
     x, y, z = vector / angle
-    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * (K @ K)
+    K: Array = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + float(np.sin(angle)) * K + float(1.0 - np.cos(angle)) * (K @ K)
 
 
 @cache
@@ -189,4 +193,6 @@ def _points(degree: int) -> Array:
 @cache
 def _fit_matrix(degree: int) -> Array:
     """Maps values at the Chebyshev points to the coefficients of the polynomial through them."""
-    return np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _points(degree) - 1, degree))
+    matrix: Array = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _points(degree) - 1, degree))
+    matrix.setflags(write=False)
+    return matrix

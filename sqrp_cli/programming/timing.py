@@ -10,10 +10,10 @@ from ruckig import InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory
+from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory, chain_rule
 
-SAMPLES_PER_PHASE = 64
-"""Instants within each phase of a law at which `time_path` compares derivatives with the limits, ends included."""
+SAMPLES_PER_DEGREE = 32
+"""Instants within each phase of a law, for each coefficient of the path, at which limits are checked, ends included."""
 
 STRETCH_MARGIN = 1e-3
 """By how much `time_path` stretches beyond what its samples ask for, to cover the peaks between samples."""
@@ -36,8 +36,8 @@ class MotionLimits:
     def along(self, direction: Array) -> MotionLimits:
         """The limits that these, of shape (n,), put on the parameter of motions along `direction`, shape (..., n).
 
-        Moving by s * direction keeps every joint's limit iff s keeps these, which have shape (...); they are infinite for
-        a direction of zero.
+        Moving by s * direction keeps every joint's limit iff s keeps these, which have shape (...); they are infinite
+        for a direction of zero.
         """
         with np.errstate(divide="ignore"):
             return MotionLimits(
@@ -118,18 +118,24 @@ def time_path(path: Path, limits: MotionLimits, along: MotionLimits | None = Non
     those that the joints would put on it if the path were a straight line as steep as its steepest place.
 
     The fastest law under `along` is slowed down as a whole by k = max(1, r_v, sqrt(r_a), cbrt(r_j)), where r are the
-    largest ratios of a joint's velocity, acceleration and jerk to its limit, taken `SAMPLES_PER_PHASE` times per phase and on
-    both sides of every switch, and k gets a margin of `STRETCH_MARGIN`.
+    largest ratios of a joint's velocity, acceleration and jerk to its limit. They are taken at `SAMPLES_PER_DEGREE`
+    instants per phase and coefficient of the path, on both sides of every switch, and k gets a margin of
+    `STRETCH_MARGIN`; where bounds of the derivatives already show that no limit is met, none are taken.
     """
-    law = rest_to_rest(along if along is not None else limits.along(path.slopes().max(axis=0)))
+    law = rest_to_rest(along if along is not None else limits.along(path.derivative_bounds().max(axis=0)))
     trajectory = Trajectory(path, law)
-    t = phase_samples(trajectory, SAMPLES_PER_PHASE)
-    ratios = [
-        float((np.abs(trajectory.derivatives(t, order)) / limit).max()) ** (1.0 / order)
-        for order, limit in ((1, limits.velocity), (2, limits.acceleration), (3, limits.jerk))
-    ]
-    excess = max(ratios) * (1.0 + STRETCH_MARGIN)
-    return Trajectory(path, law.stretched(excess)) if excess > 1.0 else trajectory
+    every = np.stack([limits.velocity, limits.acceleration, limits.jerk])
+    ends = np.concatenate([law.breaks[:-1], np.nextafter(law.breaks[1:], 0.0)])
+    peaks = np.abs(law.derivatives(ends)[1:]).max(axis=1)
+    bounds = [path.derivative_bounds(order).max(axis=0) for order in (1, 2, 3)]
+    if all((chain_rule(peaks, bounds[:order]) <= every[order - 1]).all() for order in (1, 2, 3)):
+        return trajectory
+    sampled = law.derivatives(phase_samples(trajectory, SAMPLES_PER_DEGREE * path.coefficients.shape[1]))
+    slopes = [path.derivatives(sampled[0], order) for order in (1, 2, 3)]
+    motion = [chain_rule(sampled[1:, :, None], slopes[:order]) for order in (1, 2, 3)]
+    ratios = [np.abs(values).max(axis=0) / limit for values, limit in zip(motion, every, strict=True)]
+    factor = max(float(ratio.max()) ** (1.0 / order) for order, ratio in enumerate(ratios, 1)) * (1.0 + STRETCH_MARGIN)
+    return Trajectory(path, law.stretched(factor)) if factor > 1.0 else trajectory
 
 
 def phase_samples(trajectory: Trajectory, count: int) -> Array:

@@ -40,8 +40,8 @@ def ground_waypoint(
 ) -> Array:
     """The pose X_WT of the tool frame at a waypoint, shape (4, 4).
 
-    waypoints: those that it may refer to. binding: the object that each skill parameter stands for. values: of the motion
-    parameters. X_WO: pose of every object that a waypoint may name.
+    waypoints: those that it may refer to. binding: the object that each skill parameter stands for. values: of the
+    motion parameters. X_WO: pose of every object that a waypoint may name.
 
     - grasp: X_WO @ `side_pose`, turned by yaw about the tool's z axis;
     - retreat: the other pose, moved by -distance along its own z axis;
@@ -78,8 +78,8 @@ def needed_objects(name: str, waypoints: Mapping[str, Waypoint], binding: Mappin
 def side_pose(size: tuple[float, float, float], side: str) -> Array:
     """The pose X_OT of a tool frame at yaw 0 in the centre of a side of a box of full extents `size` [m], shape (4, 4).
 
-    side: the side's outward axis, one of `+x -x +y -y +z -z`. The tool's z axis points into the box; its x axis lies along
-    the box's x axis, or y axis for the sides +x and -x.
+    side: the side's outward axis, one of `+x -x +y -y +z -z`. The tool's z axis points into the box; its x axis lies
+    along the box's x axis, or y axis for the sides +x and -x.
     """
     axis = "xyz".index(side[1])
     outward = np.zeros(3)

@@ -36,7 +36,9 @@ def test_argument_lists_are_those_of_precondition_and_effect() -> None:
 
 
 def test_binding_fills_in_left_out_arguments_and_replaces_parameters() -> None:
-    bound = bind(parse("always[a1.start, 2] (on and not hold(object) or hand_empty)"), {"object": "g1", "onto": "t2"}, LISTS)
+    bound = bind(
+        parse("always[a1.start, 2] (on and not hold(object) or hand_empty)"), {"object": "g1", "onto": "t2"}, LISTS
+    )
     assert str(bound) == "always[a1.start, 2] (on(g1, t2) and not hold(g1) or hand_empty)"
 
 

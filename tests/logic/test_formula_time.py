@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -43,7 +44,11 @@ def times(text: str) -> list[tuple[str, float, float]]:
     return [(entry.operator, entry.start, entry.end) for entry in ground(text)]
 
 
-HOLD, ON_TABLE, EMPTY = Literal(Atom("hold", ("g1",))), Literal(Atom("obj_on_table", ("g1",))), Literal(Atom("hand_empty"))
+HOLD, ON_TABLE, EMPTY = (
+    Literal(Atom("hold", ("g1",))),
+    Literal(Atom("obj_on_table", ("g1",))),
+    Literal(Atom("hand_empty")),
+)
 
 
 def test_a_fault_is_one_entry_with_its_literals_as_written() -> None:
@@ -131,7 +136,9 @@ def test_an_interval_may_be_a_single_instant() -> None:
 
 
 def test_formula_time_is_a_union_without_what_no_formula_covers() -> None:
-    entries = ground("always[a1.start, a2.end] hold and always[a4.start, a5.end] hold and eventually[a4.start, a4.end] hold")
+    entries = ground(
+        "always[a1.start, a2.end] hold and always[a4.start, a5.end] hold and eventually[a4.start, a4.end] hold"
+    )
     assert formula_time(entries) == (Stretch(0.0, 3.0), Stretch(4.0, 8.0))
     assert union_length(formula_time(entries)) == 7.0
     assert events_of_interest(entries) == (Stretch(4.0, 5.5),)
@@ -149,7 +156,7 @@ def test_the_length_of_the_union_counts_every_unit_of_time_once(spans: list[tupl
     units = {unit for start, length in spans for unit in range(start, start + length)}
     assert union_length(stretches) == len(units)
     merged = merge(stretches)
-    assert all(left.end < right.start for left, right in zip(merged, merged[1:], strict=False))
+    assert all(left.end < right.start for left, right in pairwise(merged))
 
 
 def test_bounds_become_numbers() -> None:

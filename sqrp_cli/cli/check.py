@@ -1,0 +1,96 @@
+"""`sqrp check`: is a workspace sound, and can a task be done in it?"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.cli.options import After, Json, WorkspacePath
+from sqrp_cli.errors import ExitCode, InputError, Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from sqrp_cli.programming.feasibility import Feasibility
+
+NAME = "check"
+
+
+def command(
+    workspace: WorkspacePath,
+    task: Annotated[
+        str | None, typer.Argument(metavar="[TASK]", help="Check this task as well, such as \"pickup green\".")
+    ] = None,
+    after: After = None,
+    as_json: Json = False,
+) -> ExitCode:
+    """Validate a workspace; with a task, say which of its candidates can be done and why the others cannot."""
+    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.cli.documents import as_text, check_document
+
+    try:
+        name, problems, found = _check(workspace, task, after)
+    except InputError as error:
+        if not as_json:
+            raise
+        say_raw(as_text(check_document(workspace.name, task, (), error.problems)))
+        return ExitCode.BAD_INPUT
+    if as_json:
+        say_raw(as_text(check_document(name, task, found, problems)))
+    else:
+        _print(name, task, problems, found)
+    if any(problem.severity == "error" for problem in problems):
+        return ExitCode.BAD_INPUT
+    if task is not None and not any(feasibility.feasible for feasibility in found):
+        return ExitCode.NONE_FEASIBLE
+    return ExitCode.OK
+
+
+def _check(
+    path: Path, task: str | None, after: Path | None
+) -> tuple[str, tuple[Problem, ...], tuple[Feasibility, ...]]:
+    """Name of the workspace, its findings, and the candidates of the task with their verdicts."""
+    from sqrp_cli.cli.console import progress
+    from sqrp_cli.cli.session import Session
+    from sqrp_cli.knowledge.lint import lint
+    from sqrp_cli.knowledge.load import load_workspace
+    from sqrp_cli.programming.feasibility import check_candidate
+    from sqrp_cli.programming.sampling import Adaptive
+
+    workspace = load_workspace(path)
+    problems = (*workspace.warnings, *lint(workspace))
+    if task is None or any(problem.severity == "error" for problem in problems):
+        return workspace.name, problems, ()
+    session = Session.begin(workspace, task, after, None, Adaptive(), 0)
+    found = []
+    with progress(f"Checking {task}", len(session.task.candidates)) as advance:
+        for candidate in session.task.candidates:
+            found.append(check_candidate(session.cell, candidate, session.assignment.world))
+            advance()
+    return workspace.name, problems, tuple(found)
+
+
+def _print(name: str, task: str | None, problems: Sequence[Problem], found: Sequence[Feasibility]) -> None:
+    from sqrp_cli.cli.console import Column, plain, print_problems, print_table, say
+
+    print_problems(problems)
+    if any(problem.severity == "error" for problem in problems):
+        return
+    if task is None:
+        findings = f"{len(problems)} warnings" if problems else "nothing to complain about"
+        say(f"{name} is valid: {findings}. Try: sqrp rank {name} TASK")
+        return
+    feasible = sum(feasibility.feasible for feasibility in found)
+    say(f"{task} in {name}: {feasible} of {len(found)} candidates can be done\n")
+    rows = [
+        (
+            feasibility.candidate.name,
+            plain("yes", "green") if feasibility.feasible else plain("no", "red"),
+            f"{feasibility.time:.2f}" if feasibility.time is not None else "",
+            "; ".join(feasibility.reasons),
+        )
+        for feasibility in found
+    ]
+    print_table([Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows)

@@ -1,0 +1,133 @@
+"""What the terminal shows: tables, bars, progress and problems. The only module that knows Rich."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from sqrp_cli.errors import Problem
+
+BAR_WIDTH = 8
+"""Cells of a bar in a table."""
+
+Styled = str | Text
+"""Text with or without a style."""
+
+_SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table; numbers are set to the right. shrink: whether long text may be folded to fit the terminal."""
+
+    title: str
+    right: bool = False
+    shrink: bool = False
+
+
+def output() -> Console:
+    """The console of results, on stdout."""
+    return Console(highlight=False, soft_wrap=False, emoji=False)
+
+
+def diagnostics() -> Console:
+    """The console of progress, warnings and errors, on stderr."""
+    return Console(stderr=True, highlight=False, emoji=False)
+
+
+def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Styled]]) -> None:
+    """A table without frames, two spaces between columns."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold", show_edge=False)
+    for column in columns:
+        table.add_column(
+            column.title, justify="right" if column.right else "left", no_wrap=not column.shrink, overflow="fold"
+        )
+    for row in rows:
+        table.add_row(*row)
+    output().print(table)
+
+
+def say(text: Styled = "", style: str | None = None) -> None:
+    """A paragraph of results, folded at the terminal's width."""
+    output().print(text, style=style, markup=False)
+
+
+def say_raw(text: str) -> None:
+    """Text for other programs, unchanged."""
+    sys.stdout.write(text + "\n")
+
+
+def note(text: str) -> None:
+    """A line that is not part of the results."""
+    diagnostics().print(text, style="dim", markup=False)
+
+
+def print_problems(problems: Iterable[Problem]) -> None:
+    """Problems on stderr: place, what was found and expected, the line with a caret, and what mends it."""
+    console = diagnostics()
+    for problem in problems:
+        line = Text.assemble((f"{problem.severity}: ", _SEVERITY_STYLES[problem.severity]))
+        if problem.place is not None:
+            line.append(f"{problem.place}: ", style="bold")
+        line.append(problem.message)
+        console.print(line, soft_wrap=True)
+        if problem.excerpt:
+            console.print(Text(problem.excerpt, style="dim"), soft_wrap=True)
+        if problem.mend:
+            console.print(Text.assemble(("  to mend it: ", "dim"), problem.mend), soft_wrap=True)
+
+
+def percentage(share: float | None) -> Text:
+    """A share as a bar and a number: green from 90 %, red below 50 %."""
+    if share is None:
+        return Text("-".rjust(BAR_WIDTH + 6), style="dim")
+    style = "green" if share >= 0.9 else "yellow" if share >= 0.5 else "red"
+    filled = bar(share)
+    return Text.assemble((filled, style), (f"{100 * share:6.1f}", style))
+
+
+def bar(share: float) -> str:
+    """A horizontal bar of `BAR_WIDTH` cells in eighths of a cell."""
+    eighths = round(share * BAR_WIDTH * 8)
+    full, rest = divmod(eighths, 8)
+    return ("█" * full + (" ▏▎▍▌▋▊▉"[rest] if rest else "")).ljust(BAR_WIDTH)
+
+
+class Step(Protocol):
+    """Called when one more part of the work is done."""
+
+    def __call__(self) -> None:
+        """Count one."""
+
+
+@contextmanager
+def progress(title: str, total: int) -> Iterator[Step]:
+    """Progress on stderr with done/total and time left; a line at the end of the terminal only, nothing in a log file."""
+    console = diagnostics()
+    columns = [
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(compact=True),
+    ]
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+        task = bars.add_task(title, total=total)
+        yield lambda: bars.advance(task)
+
+
+def plain(text: str, style: str = "") -> Text:
+    """Text in one style."""
+    return Text(text, style=style)
+
+
+def joined(parts: Sequence[Styled | tuple[str, str]]) -> Text:
+    """Pieces of text, each with its own style, in a row."""
+    return Text.assemble(*parts)

@@ -1,0 +1,75 @@
+"""The entry point: commands, and the one place where errors become messages and exit codes."""
+
+from __future__ import annotations
+
+import sys
+
+import click
+import typer
+
+from sqrp_cli import __version__
+from sqrp_cli.cli import check, explain, rank, schema, show
+from sqrp_cli.errors import ExitCode, InputError
+
+app = typer.Typer(
+    name="sqrp",
+    help="How well will the cameras of a robot cell see what matters? Asked and answered before the robot moves.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+
+for module in (check, rank, explain, show, schema):
+    app.command(module.NAME)(module.command)
+
+
+@app.callback()
+def options(
+    version: bool = typer.Option(False, "--version", help="Print the version.", is_eager=True),
+    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an internal error."),  # noqa: ARG001 - read by main
+) -> None:
+    """Options that go before the command."""
+    if version:
+        typer.echo(f"sqrp {__version__}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run a command and leave with its exit code."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run a command; returns its exit code. Every error ends up here."""
+    try:
+        result = app(arguments, prog_name="sqrp", standalone_mode=False)
+        return int(result or ExitCode.OK)
+    except click.exceptions.Exit as leaving:
+        return leaving.exit_code
+    except click.ClickException as error:
+        _print_usage_error(error)
+        return ExitCode.BAD_INPUT
+    except InputError as error:
+        from sqrp_cli.cli.console import print_problems
+
+        print_problems(error.problems)
+        return ExitCode.BAD_INPUT
+    except (KeyboardInterrupt, click.Abort):
+        return ExitCode.INTERRUPTED
+    except BrokenPipeError:
+        sys.stderr.close()
+        return ExitCode.OK
+    except Exception as error:
+        if "--debug" in arguments:
+            raise
+        typer.echo(f"internal error: {type(error).__name__}: {error}; run `sqrp --debug ...` for the traceback", err=True)
+        return ExitCode.INTERNAL_ERROR
+
+
+def _print_usage_error(error: click.ClickException) -> None:
+    typer.echo(f"error: {error.format_message()}", err=True)
+    context = getattr(error, "ctx", None)
+    if context is not None:
+        typer.echo(f"  to see what is expected: {context.command_path} --help", err=True)

@@ -1,0 +1,91 @@
+"""Arguments and options that several commands share, and what they mean."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.programming.sampling import Sampling
+
+WorkspacePath = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of a workspace, or its YAML file.")]
+TaskText = Annotated[
+    str, typer.Argument(metavar="TASK", help='A skill and what to do it with, such as "pickup red screw".')
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+SampleCount = Annotated[
+    int | None, typer.Option("--samples", metavar="N", help="N samples per primitive action, instead of as many as needed.")
+]
+SampleStep = Annotated[
+    str | None, typer.Option("--dt", metavar="S", help="A sample every S seconds, instead of as many as needed.")
+]
+Tolerance = Annotated[
+    float | None,
+    typer.Option("--tolerance", metavar="POINTS", help="Error of Q that sampling may leave, in points; 0.1 by default."),
+]
+Jobs = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes at most; by default one per core.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn at random.")]
+After = Annotated[
+    Path | None, typer.Option("--after", metavar="PROGRAM", help="Start from the world that this program leaves behind.")
+]
+
+LEAST_TOLERANCE = 1e-3
+"""Smallest `--tolerance` [points]; below it rounding decides."""
+
+LEAST_STEP = 1e-4
+"""Smallest `--dt` [s]."""
+
+MOST_SAMPLES = 20_000
+"""Largest `--samples`."""
+
+
+def open_workspace(path: Path) -> Workspace:
+    """Read a workspace and print its warnings."""
+    from sqrp_cli.cli.console import print_problems
+    from sqrp_cli.knowledge.load import load_workspace
+
+    workspace = load_workspace(path)
+    print_problems(workspace.warnings)
+    return workspace
+
+
+def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) -> Sampling:
+    """The sampling that the options ask for. Raises InputError for contradictory or senseless values."""
+    from sqrp_cli.knowledge.units import TIME, expected_quantity, read_quantity
+    from sqrp_cli.programming.sampling import Adaptive, FixedCount, FixedStep
+
+    given = [name for name, value in (("--samples", samples), ("--dt", dt), ("--tolerance", tolerance)) if value is not None]
+    if len(given) > 1:
+        raise _refused(f"{given[0]} and {given[1]} exclude each other; give one of them")
+    if samples is not None:
+        if not 2 <= samples <= MOST_SAMPLES:
+            raise _refused(f"--samples is {samples}, expected 2 to {MOST_SAMPLES:,} per primitive action")
+        return FixedCount(samples)
+    if dt is not None:
+        quantity = read_quantity(dt)
+        if quantity is None or quantity.dimension not in (None, TIME):
+            raise _refused(f"--dt is `{dt}`, expected {expected_quantity(TIME)}")
+        if quantity.value < LEAST_STEP:
+            raise _refused(f"--dt is {quantity.value:g} s, expected at least {LEAST_STEP:g} s")
+        return FixedStep(quantity.value)
+    if tolerance is not None:
+        if not (math.isfinite(tolerance) and LEAST_TOLERANCE <= tolerance <= 100):
+            raise _refused(f"--tolerance is {tolerance:g}, expected {LEAST_TOLERANCE:g} to 100 points")
+        return Adaptive(tolerance / 100)
+    return Adaptive()
+
+
+def job_count(jobs: int | None) -> int:
+    """Processes to use at most."""
+    return jobs or os.cpu_count() or 1
+
+
+def _refused(message: str) -> InputError:
+    return InputError(Problem("bad-option", message))

@@ -1,0 +1,122 @@
+"""`sqrp rank`: the candidates of a task, best first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.cli.options import (
+    After,
+    Jobs,
+    Json,
+    SampleCount,
+    SampleStep,
+    Seed,
+    TaskText,
+    Tolerance,
+    WorkspacePath,
+    job_count,
+    open_workspace,
+    read_sampling,
+)
+from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sqrp_cli.programming.ranking import Criterion, Ranked
+
+NAME = "rank"
+
+
+def command(
+    workspace: WorkspacePath,
+    task: TaskText,
+    by: Annotated[
+        str, typer.Option("--by", help="What counts first: q_eoi, q_avg, time, delay or expected_time.")
+    ] = "q_eoi",
+    samples: SampleCount = None,
+    dt: SampleStep = None,
+    tolerance: Tolerance = None,
+    program: Annotated[
+        Path | None, typer.Option("--program", metavar="FILE", help="Append the chosen candidate to this program file.")
+    ] = None,
+    choose: Annotated[
+        str, typer.Option("--choose", metavar="best|NAME", help="Which candidate goes into the program.")
+    ] = "best",
+    after: After = None,
+    jobs: Jobs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> ExitCode:
+    """Rank the ways of doing a task by how well the cameras will see what matters."""
+    from sqrp_cli.cli.console import note, progress, say_raw
+    from sqrp_cli.cli.documents import as_text, candidate_document, header, sampling_document
+    from sqrp_cli.cli.rank_table import print_ranking
+    from sqrp_cli.cli.session import Session, add_step
+    from sqrp_cli.programming.pipeline import assess_all
+    from sqrp_cli.programming.ranking import rank
+
+    criterion = _criterion(by)
+    sampling = read_sampling(samples, dt, tolerance)
+    session = Session.begin(open_workspace(workspace), task, after, program, sampling, seed)
+    assessments = []
+    interrupted = False
+    try:
+        with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
+            for assessment in assess_all(session.assignment, session.task.candidates, job_count(jobs)):
+                assessments.append(assessment)
+                advance()
+    except KeyboardInterrupt:
+        interrupted = True
+        note(f"interrupted after {len(assessments)} of {len(session.task.candidates)} candidates; these are finished:")
+    ranking = rank(assessments, criterion)
+    if as_json:
+        document = {
+            **header(session.workspace, session.task.text),
+            "by": criterion,
+            "sampling": sampling_document(sampling, assessments),
+            "candidates": [candidate_document(ranked) for ranked in ranking],
+        }
+        say_raw(as_text(document))
+    else:
+        print_ranking(session, ranking, criterion)
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    if ranking[0].rank is None:
+        return ExitCode.NONE_FEASIBLE
+    if program is None:
+        return ExitCode.OK
+    chosen = choose_candidate(ranking, choose)
+    if chosen.rank is None:
+        note(f"`{chosen.assessment.candidate.name}` is infeasible, so {program} was not written: {chosen.assessment.reasons[0]}")
+        return ExitCode.NONE_FEASIBLE
+    add_step(session, chosen.assessment, program)
+    note(f"{chosen.assessment.candidate.name} is now the last step of {program}")
+    return ExitCode.OK
+
+
+def choose_candidate(ranking: Sequence[Ranked], choice: str) -> Ranked:
+    """The candidate that `best` or a name stands for: the first in the ranking whose name has all its words.
+
+    Raises InputError for a name that no candidate has.
+    """
+    if choice == "best":
+        return ranking[0]
+    words = set(choice.split())
+    for ranked in ranking:
+        if words and words <= set(ranked.assessment.candidate.name.split()):
+            return ranked
+    names = [ranked.assessment.candidate.name for ranked in ranking]
+    raise InputError(Problem("unknown-candidate", f"there is no candidate `{choice}`; {expected_names(choice, names)}"))
+
+
+def _criterion(by: str) -> Criterion:
+    from sqrp_cli.programming.ranking import CRITERIA
+
+    for criterion in CRITERIA:
+        if criterion == by:
+            return criterion
+    raise InputError(Problem("bad-option", f"--by is `{by}`; {expected_names(by, CRITERIA)}"))

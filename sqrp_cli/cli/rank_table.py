@@ -1,0 +1,126 @@
+"""The ranked table of `sqrp rank`, and the sentences under it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from sqrp_cli.cli.console import Column, Styled, joined, percentage, plain, print_table, say
+from sqrp_cli.cli.session import Session
+from sqrp_cli.programming.assessment import Assessment
+from sqrp_cli.programming.faults import FaultMetrics
+from sqrp_cli.programming.ranking import Criterion, Ranked
+from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
+from sqrp_cli.programming.task import Candidate, shown
+
+_CRITERION_WORDS: dict[Criterion, str] = {
+    "q_eoi": "how well they see the events of interest (Q_eoi)",
+    "q_avg": "how well they see everything that matters (Q_avg)",
+    "time": "time",
+    "delay": "how soon a fault is noticed",
+    "expected_time": "when the task is done although a fault happened",
+}
+
+
+def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) -> None:
+    """The table: one row per feasible candidate, then the infeasible ones with their reasons, then what to make of it."""
+    feasible = [ranked for ranked in ranking if ranked.rank is not None]
+    counts = f"{len(feasible)} of {len(ranking)} candidates feasible"
+    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {counts}, by {_CRITERION_WORDS[by]}\n"]))
+    if feasible:
+        _print_feasible(session, feasible)
+    for ranked in ranking:
+        if ranked.rank is None:
+            say(joined([("infeasible ", "red"), f"{ranked.assessment.candidate.name}: {ranked.assessment.reasons[0]}"]))
+    if feasible:
+        say()
+        say(_praise(feasible, by))
+        if len(feasible) > 1:
+            last = feasible[-1].assessment
+            say(f"Last is {last.candidate.name}: {last.verdict}")
+        say(plain(f"* no other is better in Q_eoi, Q_avg and time alike. {_accuracy(session.assignment.sampling, feasible)}", "dim"))
+
+
+def _print_feasible(session: Session, feasible: Sequence[Ranked]) -> None:
+    differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
+    faults = list(feasible[0].assessment.faults)
+    columns = [Column("#", right=True), Column("")]
+    columns += [Column(name) for name in differing]
+    columns += [Column("Q_eoi %", right=True), Column("Q_avg %", right=True), Column("time s", right=True)]
+    for fault in faults:
+        columns += [Column(f"{fault} seen after s", right=True), Column("at worst", right=True), Column("redone by s", right=True)]
+    print_table(columns, (_row(ranked, differing, faults) for ranked in feasible))
+
+
+def _row(ranked: Ranked, differing: Sequence[str], faults: Sequence[str]) -> list[Styled]:
+    assessment = ranked.assessment
+    parameters = assessment.candidate.parameters
+    row: list[Styled] = [str(ranked.rank), "*" if ranked.pareto else ""]
+    row += [shown(parameters[name]) for name in differing]
+    row += [percentage(assessment.q_eoi), percentage(assessment.q_avg), f"{assessment.time:.2f}"]
+    for fault in faults:
+        row += _fault_cells(assessment.faults[fault])
+    return row
+
+
+def _fault_cells(fault: FaultMetrics) -> list[Styled]:
+    style = "red" if fault.unseen > 0 else ""
+    return [plain(f"{fault.delay_mean:.2f}", style), plain(f"{fault.delay_worst:.2f}", style), f"{fault.expected_time:.1f}"]
+
+
+def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
+    """Names of the parameters in which candidates differ; the first one if they are all the same."""
+    names = list(candidates[0].parameters)
+    differing = [name for name in names if len({candidate.parameters[name] for candidate in candidates}) > 1]
+    return differing or names[:1]
+
+
+def _praise(feasible: Sequence[Ranked], by: Criterion) -> str:
+    """One sentence about why the first is first."""
+    first = feasible[0].assessment
+    name = first.candidate.name
+    if len(feasible) == 1:
+        return f"{name} is the only feasible candidate: {_strengths(first)}."
+    second = feasible[1].assessment
+    margin = _margin(first, second, by)
+    return f"{name} is best: {_strengths(first)}; {margin}."
+
+
+def _strengths(assessment: Assessment) -> str:
+    parts = []
+    if assessment.q_eoi is not None:
+        parts.append(f"the cameras see {100 * assessment.q_eoi:.1f} % of the events of interest")
+    if assessment.q_avg is not None:
+        parts.append(f"{100 * assessment.q_avg:.1f} % of all that must be seen")
+    seen = " and ".join(parts) or "nothing has to be seen"
+    return f"{seen} in {assessment.time:.1f} s"
+
+
+def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
+    """How the first compares with the second, by the criterion or by what broke the tie."""
+    rival = second.candidate.name
+    figures: Mapping[Criterion, tuple[float | None, float | None]] = {
+        "q_eoi": (first.q_eoi, second.q_eoi),
+        "q_avg": (first.q_avg, second.q_avg),
+    }
+    for quality, label in ((by, None), ("q_avg", None)):
+        own, other = figures.get(quality, (None, None))
+        if own is not None and other is not None and round(own, 3) != round(other, 3):
+            label = "Q_eoi" if quality == "q_eoi" else "Q_avg"
+            return f"next comes {rival} with {label} {100 * other:.1f} %"
+    assert first.time is not None
+    assert second.time is not None
+    difference = second.time - first.time
+    return f"{rival} takes {abs(difference):.1f} s {'longer' if difference >= 0 else 'less'}"
+
+
+def _accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
+    error = max(ranked.assessment.error or 0.0 for ranked in feasible)
+    gap = max(ranked.assessment.largest_gap or 0.0 for ranked in feasible)
+    match sampling:
+        case Adaptive():
+            how = f"Sampled every {1000 * MAX_MOTION:.0f} mm of motion or closer"
+        case FixedCount(samples):
+            how = f"Sampled {samples} times per primitive"
+        case FixedStep(dt):
+            how = f"Sampled every {dt:g} s"
+    return f"{how}: Q is within {100 * error:.2g} points, save for events shorter than {gap:.2g} s."

@@ -1,0 +1,18 @@
+"""`sqrp schema`: the JSON Schema of workspace files."""
+
+from __future__ import annotations
+
+from sqrp_cli.errors import ExitCode
+
+NAME = "schema"
+
+
+def command() -> ExitCode:
+    """Print the JSON Schema of workspace files, with which editors complete and check them."""
+    import json
+
+    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.knowledge.workspace_file import workspace_schema
+
+    say_raw(json.dumps(workspace_schema(), indent=2))
+    return ExitCode.OK

@@ -1,0 +1,71 @@
+"""`sqrp show`: the resolved scene."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sqrp_cli.cli.options import Json, WorkspacePath
+from sqrp_cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.cell import Cell
+
+NAME = "show"
+
+
+def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
+    """Show what SQRP understood of a workspace: robot, cameras, objects, skills, state."""
+    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.cli.documents import as_text, scene_document
+    from sqrp_cli.cli.options import open_workspace
+    from sqrp_cli.programming.cell import Cell
+
+    cell = Cell.load(open_workspace(workspace))
+    if as_json:
+        say_raw(as_text(scene_document(cell)))
+    else:
+        _print_scene(cell)
+    return ExitCode.OK
+
+
+def _print_scene(cell: Cell) -> None:
+    import numpy as np
+
+    from sqrp_cli.cli.console import Column, print_table, say
+
+    workspace, model = cell.workspace, cell.model
+    robot = workspace.robot
+    say(f"{workspace.name}: {robot.urdf.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}\n", "bold")
+    joints = [
+        (name, *(f"{np.degrees(value):.0f}" if turns else f"{1000 * value:.0f} mm" for value in values))
+        for name, turns, *values in zip(
+            model.arm, model.turns, model.lower, model.upper, model.velocity, model.acceleration, model.jerk, model.home,
+            strict=True,
+        )
+    ]  # fmt: skip
+    print_table([Column("joint [deg, s]"), *(Column(title, right=True) for title in ("min", "max", "v", "a", "j", "home"))], joints)
+    say()
+    cameras = [
+        (
+            camera.name, camera.frame, _numbers(camera.X_FC[:3, 3]), f"{camera.width}x{camera.height}",
+            f"{np.degrees(2 * np.arctan(camera.width / 2 / camera.matrix[0, 0])):.0f}", camera.distortion_model,
+            f"{camera.near:g}-{camera.far:g}", f"{camera.rate:g}", f"{1000 * camera.latency:.0f}",
+        )
+        for camera in workspace.cameras.values()
+    ]  # fmt: skip
+    titles = ("at [m]", "pixels", "fov [deg]", "lens", "range [m]", "Hz", "ms late")
+    print_table([Column("camera"), Column("frame"), *(Column(title) for title in titles)], cameras)
+    say()
+    objects = [
+        (thing.name, " ".join(filter(None, (thing.color, thing.type, *thing.attributes))), _numbers(thing.size),
+         "unknown" if thing.X_WO is None else _numbers(thing.X_WO[:3, 3]), "fixed" if thing.fixed else "movable", thing.on or "")
+        for thing in workspace.objects.values()
+    ]  # fmt: skip
+    print_table([Column("object"), Column("what"), Column("size [m]"), Column("at [m]"), Column(""), Column("on")], objects)
+    say(f"\nskills  {', '.join(workspace.skills)}")
+    say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
+    say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
+
+
+def _numbers(values: object) -> str:
+    return " ".join(f"{value:.2f}" for value in values)  # type: ignore[attr-defined]

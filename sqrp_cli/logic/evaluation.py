@@ -1,0 +1,127 @@
+"""Whether formulas hold, judged by evidence that may have gaps: Kleene's three-valued logic over dense time.
+
+A formula is judged at t = 0, a nested temporal operator at every instant at which its parent asks for it. Only instants
+within [0, total] exist: an `always` whose interval holds none of them is true, an `eventually` false. Unknown never
+turns into true or false: what is decided stays the same whatever the gaps in the evidence hide.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sqrp_cli.logic.formula import Always, And, Eventually, Formula, Implies, Interval, Not, Or, Predicate, children
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.truth import Signal, Truth, always, combine, nanoseconds, negated, step_signal
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What is known of atoms from a time [s] on, until the next sample; an atom that is not in it is unknown."""
+
+    time: float
+    values: Mapping[Atom, Truth]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Evidence about atoms over the time [0, total] [s].
+
+    samples: in order of time; each holds from its time, included, to the next one's, excluded, and the last one up to
+    `end`, included. Before the first sample and after `end` everything is unknown.
+    """
+
+    samples: tuple[Sample, ...]
+    end: float
+    total: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A formula with its truth value at every instant, and the same for its direct sub-formulas."""
+
+    formula: Formula
+    signal: Signal
+    parts: tuple[Verdict, ...]
+
+    @property
+    def truth(self) -> Truth:
+        """The verdict on the formula as a whole: its value at t = 0."""
+        return self.signal.values[0]
+
+
+def evaluate(formula: Formula, trace: Trace) -> Verdict:
+    """The verdict on a bound formula whose intervals are numbers (see `with_times`) and on all its sub-formulas."""
+    parts = tuple(evaluate(part, trace) for part in children(formula))
+    return Verdict(formula, _signal(formula, [part.signal for part in parts], trace), parts)
+
+
+class Monitor:
+    """Judges a formula while evidence arrives; decided as soon as `evaluate` decides on the evidence so far.
+
+    verdict: the latest one; it no longer changes once its truth is decided.
+    """
+
+    def __init__(self, formula: Formula, total: float) -> None:
+        """Starts without evidence; formula as for `evaluate`, total: duration of what is judged [s]."""
+        self._formula = formula
+        self._samples: list[Sample] = []
+        self._last_time = -math.inf
+        self._total = total
+        self.verdict = self._judge(-1.0)
+
+    def observe(self, time: float, values: Mapping[Atom, Truth]) -> Verdict:
+        """The verdict once it is known what holds from `time` [s] on; the sample before held until then.
+
+        Raises ValueError for evidence that is not newer than the last.
+        """
+        if time <= self._last_time:
+            raise ValueError(f"evidence at {time} s is not newer than the last at {self._last_time} s")
+        self._last_time = time
+        if self.verdict.truth == Truth.UNKNOWN:
+            if not self._samples or self._samples[-1].values != values:
+                self._samples.append(Sample(time, dict(values)))
+            self.verdict = self._judge(time)
+        return self.verdict
+
+    def finish(self, end: float) -> Verdict:
+        """The verdict once it is known that the last evidence held up to `end` [s], included."""
+        if self.verdict.truth == Truth.UNKNOWN:
+            self.verdict = self._judge(end)
+        return self.verdict
+
+    def _judge(self, end: float) -> Verdict:
+        return evaluate(self._formula, Trace(tuple(self._samples), end, self._total))
+
+
+def _signal(formula: Formula, parts: list[Signal], trace: Trace) -> Signal:
+    match formula:
+        case Predicate():
+            return _atom_signal(formula.atom, trace)
+        case Not():
+            return negated(parts[0])
+        case And():
+            return combine(parts, min)
+        case Or():
+            return combine(parts, max)
+        case Implies():
+            return combine([negated(parts[0]), parts[1]], max)
+        case Always(interval):
+            return always(parts[0], *_bounds(interval))
+        case Eventually(interval):
+            return negated(always(negated(parts[0]), *_bounds(interval)))
+
+
+def _atom_signal(atom: Atom, trace: Trace) -> Signal:
+    end = nanoseconds(trace.end)
+    steps = [(nanoseconds(sample.time), sample.values.get(atom, Truth.UNKNOWN)) for sample in trace.samples]
+    known = [step for step in steps if step[0] <= end]
+    return step_signal([*known, (end + 1, Truth.UNKNOWN)], nanoseconds(trace.total))
+
+
+def _bounds(interval: Interval) -> tuple[int, int]:
+    for bound in (interval.start, interval.end):
+        if bound.primitive is not None:
+            raise ValueError(f"the bound {bound} is no number of seconds")
+    return nanoseconds(interval.start.offset), nanoseconds(interval.end.offset)

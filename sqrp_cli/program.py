@@ -1,0 +1,258 @@
+"""The program file: what the programming phase hands to the runtime, and all that it hands over.
+
+A program is a YAML file that can be executed as it stands. Each step holds the exact motion (see `trajectory`), the formulas with their
+times and responses, where to look, which camera covers what when, and the world before and after.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Protocol
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.files import write_atomically
+from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.knowledge.source import read_document
+from sqrp_cli.knowledge.validation import validate
+from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.trajectory import Trajectory
+
+SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
+
+FORMAT = 1
+"""Version of the file's fields."""
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Numbers = tuple[Finite, ...]
+Row = Annotated[Numbers, Field(min_length=4, max_length=4)]
+Pose = Annotated[tuple[Row, ...], Field(min_length=4, max_length=4)]
+Share = Annotated[float, Field(ge=0, le=1)]
+Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PathNumbers(_Record):
+    """`trajectory.Path` as numbers."""
+
+    breaks: Numbers
+    coefficients: tuple[tuple[Numbers, ...], ...]
+
+
+class LawNumbers(_Record):
+    """`trajectory.PiecewiseCubic` as numbers."""
+
+    breaks: Numbers
+    coefficients: tuple[Numbers, ...]
+
+
+class TrajectoryNumbers(_Record):
+    """`trajectory.Trajectory` as numbers."""
+
+    path: PathNumbers
+    law: LawNumbers
+
+    @model_validator(mode="after")
+    def _consistent(self) -> TrajectoryNumbers:
+        for breaks, pieces in ((self.path.breaks, self.path.coefficients), (self.law.breaks, self.law.coefficients)):
+            if len(breaks) != len(pieces) + 1 or any(b < a for a, b in zip(breaks, breaks[1:], strict=False)):
+                raise ValueError("breaks must rise and be one more than there are pieces")
+        if len({len(row) for piece in self.path.coefficients for row in piece}) != 1:
+            raise ValueError("every coefficient must have one number per joint")
+        return self
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """The trajectory."""
+        return Trajectory.from_numbers(self.model_dump())
+
+
+class ProgramPrimitive(_Record):
+    """A primitive action with its time [s] from the start of the step; held: the object in the tool all through it."""
+
+    name: str
+    action: str
+    start: Seconds
+    end: Seconds
+    held: str | None
+    trajectory: TrajectoryNumbers
+
+
+class ProgramResponse(_Record):
+    """What to do when a formula is violated, or a fault is seen; when: what must be seen before a retry."""
+
+    action: Literal["stop", "retry", "continue"]
+    retries: int = 0
+    when: str | None = None
+
+
+class ProgramFormula(_Record):
+    """A formula about objects with all times in seconds from the start of the step; fault: its name if it describes one."""
+
+    formula: str
+    fault: str | None
+    settle: Seconds
+    response: ProgramResponse
+
+
+class ProgramBox(_Record):
+    """A box to look at: full extents [m], pose in a link of the robot, an object, `world` or `OBJECT@start`."""
+
+    name: str
+    detector: str
+    frame: str
+    size: tuple[Finite, Finite, Finite]
+    pose: Pose
+    normal: tuple[Finite, Finite, Finite] | None
+    encloses: tuple[str, ...]
+
+
+class ProgramTarget(_Record):
+    """What decides an atom: so many cameras must each see all boxes. seen: from when to when each camera does [s]."""
+
+    cameras: int
+    boxes: tuple[ProgramBox, ...]
+    seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
+
+
+class ProgramFault(_Record):
+    """What a fault was predicted to cost; see `programming.faults.FaultMetrics`."""
+
+    delay_mean: Seconds
+    delay_worst: Seconds
+    blind_longest: Seconds
+    unseen: Share
+    expected_time: Seconds
+
+
+class ProgramWorld(_Record):
+    """A world: facts, poses of objects, what is held at which pose in the tool frame, and joint positions."""
+
+    facts: tuple[str, ...]
+    objects: Mapping[str, Pose]
+    held: str | None
+    held_pose: Pose | None
+    joints: Mapping[str, Finite]
+
+    @classmethod
+    def of(cls, world: World) -> ProgramWorld:
+        """A world as numbers."""
+        return cls(
+            facts=tuple(sorted(map(str, world.facts))),
+            objects={name: pose_rows(X_WO) for name, X_WO in world.X_WO.items()},
+            held=world.held,
+            held_pose=None if world.X_TO is None else pose_rows(world.X_TO),
+            joints={name: float(value) for name, value in world.joints.items()},
+        )
+
+    @property
+    def world(self) -> World:
+        """The world."""
+        return World(
+            facts=frozenset(_atom(fact) for fact in self.facts),
+            X_WO={name: read_only(np.array(rows)) for name, rows in self.objects.items()},
+            held=self.held,
+            X_TO=None if self.held_pose is None else read_only(np.array(self.held_pose)),
+            joints=dict(self.joints),
+        )
+
+
+class Step(_Record):
+    """One candidate that was chosen: a skill with all its parameters."""
+
+    task: str
+    skill: str
+    parameters: Mapping[str, float | str]
+    time: Seconds
+    q_avg: Share | None
+    q_eoi: Share | None
+    faults: Mapping[str, ProgramFault]
+    verdict: str
+    primitives: tuple[ProgramPrimitive, ...]
+    formulas: tuple[ProgramFormula, ...]
+    targets: Mapping[str, ProgramTarget]
+    before: ProgramWorld
+    after: ProgramWorld
+
+
+class Program(_Record):
+    """Steps for one workspace. workspace: its file, relative to the program's. digest: of the workspace it was made for."""
+
+    sqrp_program: Literal[1] = FORMAT
+    workspace: str
+    digest: str
+    joints: tuple[str, ...]
+    steps: tuple[Step, ...]
+
+    def with_step(self, step: Step) -> Program:
+        """The program with one more step at its end."""
+        return self.model_copy(update={"steps": (*self.steps, step)})
+
+
+class Replanner(Protocol):
+    """Plans a step again from another world, for a retry; the runtime is given one and knows nothing of planning."""
+
+    def replan(self, step: Step, world: World) -> Step | None:
+        """The same skill with the same parameters from `world`; None where that is infeasible."""
+
+
+def pose_rows(X: Array) -> Pose:
+    """A pose as nested rows."""
+    return tuple(tuple(row) for row in X.tolist())
+
+
+def load_program(path: Path) -> Program:
+    """Read and validate a program file. Raises InputError with the place of what is wrong."""
+    return validate(read_document(path), Program)
+
+
+def save_program(program: Program, path: Path) -> None:
+    """Write a program file that can be executed, all or nothing. Raises InputError where it cannot be written."""
+    text = yaml.dump(program.model_dump(mode="json"), Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
+    write_atomically(path, f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n{text}", executable=True)
+
+
+def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Program:
+    """A program without steps, to be saved at `path`."""
+    relative = os.path.relpath(workspace.path, path.absolute().parent)
+    return Program(workspace=relative, digest=workspace.digest, joints=joints, steps=())
+
+
+def check_program(program: Program, path: Path, workspace: Workspace) -> None:
+    """Raises InputError if a program was made for another workspace, or for one that has changed since."""
+    made_for = Path(os.path.normpath(path.absolute().parent / program.workspace))
+    if made_for != workspace.path:
+        message = f"this program was made for {made_for}, not for {workspace.path}"
+        raise InputError(Problem("other-workspace", message, Place(path)))
+    if program.digest != workspace.digest:
+        first = program.steps[0].task if program.steps else "TASK"
+        message = f"the workspace {workspace.name} has changed since this program was written, so its motions and figures no longer hold"
+        mend = f'rm {path} && sqrp rank {workspace.path.parent} "{first}" --program {path}'
+        raise InputError(Problem("stale-program", message, Place(path), mend=mend))
+
+
+def _atom(text: str) -> Atom:
+    name, _, rest = text.partition("(")
+    arguments = rest.rstrip(")")
+    return Atom(name, tuple(part.strip() for part in arguments.split(",")) if arguments else ())
+
+
+class _Dumper(yaml.SafeDumper):
+    """Lists of plain values on one line, everything else in blocks."""
+
+    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:  # noqa: ANN401
+        plain = not any(isinstance(item, Mapping) for item in sequence)
+        return super().represent_sequence(tag, sequence, flow_style=plain if flow_style is None else flow_style)
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ANN401, ARG002
+        """Write everything out: an alias would be refused or surprise whoever reads the file."""
+        return True

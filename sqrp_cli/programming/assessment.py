@@ -1,0 +1,129 @@
+"""One candidate from check to quality: preconditions, motion, skill states, coverage and what people decide by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.faults import FaultMetrics, Recovery, fault_metrics
+from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.grounding import TargetGrounder, ground_formulas
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion import Motion
+from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.programming.quality import average_quality, interest_quality
+from sqrp_cli.programming.recovery import recovery_over
+from sqrp_cli.programming.sampling import MAX_SAMPLES, Sampling, sample_count
+from sqrp_cli.programming.stage import Stage
+from sqrp_cli.programming.targets import Target
+from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.timeline import Timeline, observe
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What is reported of one candidate; all figures are None, and `faults` empty, where it is infeasible.
+
+    reasons: why it is infeasible, most useful first. time: of the whole motion [s]. q_avg, q_eoi: in 0..1. t_total, t_eoi: T and T_eoi [s].
+    states: number of samples that hold literals. error: bound on the error of Q from bisection. largest_gap: between samples [s].
+    verdict: one or two sentences.
+    """
+
+    candidate: Candidate
+    feasible: bool
+    reasons: tuple[str, ...] = ()
+    time: float | None = None
+    q_avg: float | None = None
+    q_eoi: float | None = None
+    t_total: float | None = None
+    t_eoi: float | None = None
+    faults: Mapping[str, FaultMetrics] = field(default_factory=dict)
+    states: int | None = None
+    error: float | None = None
+    largest_gap: float | None = None
+    verdict: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A feasible candidate with everything that its figures were computed from."""
+
+    candidate: Candidate
+    world: World
+    motion: Motion
+    formulas: tuple[GroundFormula, ...]
+    targets: tuple[Target, ...]
+    stage: Stage
+    timeline: Timeline
+    recovery: Recovery
+
+    def assessment(self, verdict: str) -> Assessment:
+        """The figures of the candidate."""
+        timeline, time = self.timeline, self.motion.time
+        return Assessment(
+            candidate=self.candidate,
+            feasible=True,
+            time=time,
+            q_avg=average_quality(timeline),
+            q_eoi=interest_quality(timeline),
+            t_total=timeline.T,
+            t_eoi=timeline.T_eoi,
+            faults={
+                fault: fault_metrics(timeline, fault, self.fault_interval(fault), self.recovery, time)
+                for fault in timeline.faults
+            },
+            states=int(timeline.monitored.sum()),
+            error=timeline.transition_error,
+            largest_gap=timeline.largest_gap,
+            verdict=verdict,
+        )
+
+    def fault_interval(self, fault: str) -> Stretch:
+        """When a fault may happen: from the first to the last instant at which its literals matter."""
+        return _fault_interval(self.formulas, fault)
+
+
+def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Study | Infeasible:
+    """Check, move and observe one candidate that starts in `world`.
+
+    full: with the verdicts of every camera and their causes. Raises InputError for a sampling that asks for too much.
+    """
+    workspace, model = cell.workspace, cell.model
+    motion = feasible_motion(cell, candidate, world)
+    if isinstance(motion, Infeasible):
+        return motion
+    if sample_count(sampling, motion) > MAX_SAMPLES:
+        message = f"this sampling asks for {sample_count(sampling, motion):,.0f} samples of `{candidate.name}`; the limit is {MAX_SAMPLES:,}"
+        raise InputError(Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter"))
+    spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
+    formulas = ground_formulas(candidate, spans, motion.time)
+    grounder = TargetGrounder(candidate, world, workspace.objects, workspace.detectors, workspace.robot, model)
+    targets = grounder.targets(formulas)
+    stage = Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO)
+    times = (monitored_time(formulas), interesting_time(formulas))
+    timeline = observe(stage, cell.observer, targets, _fault_columns(formulas, targets), sampling, times, full=full)
+    faults = list(timeline.faults)
+    start = min((_fault_interval(formulas, fault).start for fault in faults), default=motion.time)
+    return Study(candidate, world, motion, formulas, targets, stage, timeline, recovery_over(motion, model, start))
+
+
+def _fault_columns(
+    formulas: tuple[GroundFormula, ...], targets: tuple[Target, ...]
+) -> Mapping[str, tuple[int, ...]]:
+    columns: dict[str, dict[int, None]] = {}
+    index = {target.atom: column for column, target in enumerate(targets)}
+    for formula in formulas:
+        if formula.fault is not None and formula.operator.literals:
+            found = {index[literal.atom]: None for literal in formula.operator.literals}
+            columns.setdefault(formula.fault, {}).update(found)
+    return {fault: tuple(found) for fault, found in columns.items()}
+
+
+def _fault_interval(formulas: tuple[GroundFormula, ...], fault: str) -> Stretch:
+    operators = [f.operator for f in formulas if f.fault == fault and f.operator.literals]
+    return Stretch(min(o.start for o in operators), max(o.end for o in operators))

@@ -1,0 +1,50 @@
+"""Whether a candidate can be done at all: the dependency check."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sqrp_cli.knowledge.scene import object_types
+from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.logic.conditions import failing_literals
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion import Motion, plan_motion
+from sqrp_cli.programming.task import Candidate
+
+
+@dataclass(frozen=True, eq=False)
+class Feasibility:
+    """Whether a candidate can be done. reasons: why not, most useful first. time: of its motion [s], None if infeasible."""
+
+    candidate: Candidate
+    feasible: bool
+    reasons: tuple[str, ...]
+    time: float | None
+
+
+def check_candidate(cell: Cell, candidate: Candidate, world: World) -> Feasibility:
+    """Check one candidate in a world: its precondition, and whether the robot can move as the skill asks."""
+    motion = feasible_motion(cell, candidate, world)
+    if isinstance(motion, Infeasible):
+        return Feasibility(candidate, feasible=False, reasons=motion.reasons, time=None)
+    return Feasibility(candidate, feasible=True, reasons=(), time=motion.time)
+
+
+def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
+    """The motion of a candidate whose precondition holds in a world."""
+    unmet = unmet_preconditions(cell, candidate, world)
+    if unmet:
+        return Infeasible(unmet)
+    workspace, skill = cell.workspace, candidate.skill
+    return plan_motion(
+        skill, candidate.objects, candidate.motion, workspace.objects, world, cell.model, cell.collision
+    )
+
+
+def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:
+    """Sentences about what of the candidate's precondition does not hold in a world; empty if it holds."""
+    objects = {name: object_types(thing.type, thing.fixed) for name, thing in cell.workspace.objects.items()}
+    skill = candidate.skill
+    failing = failing_literals(skill.action, candidate.objects, world.facts, objects, skill.domain)
+    return tuple(f"`{skill.name}` needs `{literal}`, which does not hold" for literal in failing)

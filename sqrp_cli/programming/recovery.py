@@ -1,0 +1,60 @@
+"""How long it takes to stop a motion at some instant and move back to where it began."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.faults import Recovery
+from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.motion import Motion
+from sqrp_cli.programming.timing import MotionLimits, joint_move_duration
+
+INSTANTS = 65
+"""Instants at which stopping and moving back are computed, equally spaced from a fault's earliest time to the end."""
+
+
+def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
+    """Stop and move-back times from `start` [s] to the end of a motion.
+
+    Stopping: every joint comes to rest as soon as its acceleration and jerk limits allow; the slowest counts. Moving back: a joint
+    move from where the joints then are to where they were at the start of the motion.
+    """
+    limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+    t = np.linspace(min(start, motion.time), motion.time, INSTANTS)
+    q, velocity, acceleration = (np.empty((INSTANTS, len(model.arm))) for _ in range(3))
+    of_instant = np.searchsorted([primitive.end for primitive in motion.primitives[:-1]], t)
+    for index in np.unique(of_instant).tolist():
+        rows = np.flatnonzero(of_instant == index)
+        primitive = motion.primitives[index]
+        local = t[rows] - primitive.start
+        q[rows] = primitive.trajectory.positions(local)
+        velocity[rows] = primitive.trajectory.derivatives(local, 1)
+        acceleration[rows] = primitive.trajectory.derivatives(local, 2)
+    stopping, displacement = stop(velocity, acceleration, limits)
+    q_start = motion.positions(0, np.zeros(1))
+    back = joint_move_duration(q + displacement, q_start, limits)
+    return Recovery(t, stopping.max(axis=1) + back)
+
+
+def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> tuple[Array, Array]:
+    """Shortest times [s] to rest, and how far joints move meanwhile [rad or m], both of the shape (m, n) of the arguments.
+
+    The acceleration changes at the jerk limit to a peak p, stays there if p is the acceleration limit, and returns to zero. With signs such
+    that p is positive, velocity u and acceleration b: p^2 / J - b^2 / 2J = -u.
+    """
+    A, J = limits.acceleration, limits.jerk
+    sign = np.where(velocity + acceleration * np.abs(acceleration) / (2 * J) > 0, -1.0, 1.0)
+    u, b = sign * velocity, np.minimum(sign * acceleration, A)
+    p = np.clip(np.sqrt(np.maximum(b * b / 2 - J * u, 0.0)), np.maximum(b, 0.0), A)
+    rise, fall = (p - b) / J, p / J
+    gained = (2 * p * p - b * b) / (2 * J)
+    hold = np.maximum(-u - gained, 0.0) / np.where(p > 0, p, 1.0)
+    after_rise = u + b * rise + J * rise**2 / 2
+    after_hold = after_rise + p * hold
+    moved = (
+        u * rise + b * rise**2 / 2 + J * rise**3 / 6
+        + after_rise * hold + p * hold**2 / 2
+        + after_hold * fall + p * fall**2 / 2 - J * fall**3 / 6
+    )  # fmt: skip
+    return rise + hold + fall, sign * moved

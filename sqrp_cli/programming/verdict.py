@@ -1,0 +1,171 @@
+"""Why a candidate scores as it does, in a sentence or two: what is lost when, for which camera, behind what, and what would help."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.logic.literal import Literal
+from sqrp_cli.programming.assessment import Study
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.explanation import by_name, first_failures
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import BoxVerdicts
+from sqrp_cli.programming.stage import Samples
+
+_LOOKS = 5
+"""Samples of a blind stretch at which the causes are looked up."""
+
+_NOTHING_MISSING = "Every literal is covered all the time."
+
+_SENTENCES = {
+    Cause.TOO_NEAR: "{camera} is {figure} too near to {literal}",
+    Cause.TOO_FAR: "{camera} is {figure} too far from {literal}",
+    Cause.OUT_OF_IMAGE: "{camera} has {literal} outside its image ({by})",
+    Cause.DETECTOR_NEAR: "{camera} is {figure} too near to {literal} for its detector",
+    Cause.DETECTOR_FAR: "{camera} is {figure} too far from {literal} for its detector",
+    Cause.OBLIQUE: "{camera} sees {literal} {figure} too obliquely",
+    Cause.TOO_SMALL: "{camera} sees {literal} {figure} too small",
+    Cause.HIDDEN: "{camera} loses {literal} behind {by}",
+}
+
+_ADVICE = {
+    Cause.TOO_NEAR: "move {camera} {figure} back",
+    Cause.TOO_FAR: "move {camera} {figure} closer or raise its far range",
+    Cause.OUT_OF_IMAGE: "turn {camera} to the {by} or widen its view",
+    Cause.DETECTOR_NEAR: "move {camera} {figure} back",
+    Cause.DETECTOR_FAR: "move {camera} {figure} closer",
+    Cause.OBLIQUE: "move {camera} round to face it",
+    Cause.TOO_SMALL: "move {camera} closer or narrow its view",
+    Cause.HIDDEN: "move {camera} to where {by} is not in its way, or try another approach",
+}
+
+
+@dataclass(frozen=True)
+class CameraCause:
+    """Why a camera does not see a target over a stretch: its commonest first failing limit.
+
+    by: the occluder, or the side of the image; None otherwise. figure: mean amount by which the limit is missed, in the limit's unit.
+    """
+
+    camera: str
+    cause: Cause
+    by: str | None
+    figure: float
+
+    def told(self, templates: dict[Cause, str], literal: Literal) -> str:
+        """One of the sentences above about this camera."""
+        match self.cause:
+            case Cause.OBLIQUE:
+                figure = f"{np.degrees(self.figure):.0f} deg"
+            case Cause.TOO_SMALL:
+                figure = f"{self.figure:.0f} px"
+            case _:
+                figure = f"{self.figure:.2f} m"
+        return templates[self.cause].format(camera=self.camera, by=self.by, figure=figure, literal=literal)
+
+    @property
+    def words(self) -> str:
+        """The cause in a few words."""
+        return f"behind {self.by}" if self.cause is Cause.HIDDEN else str(self.cause.label).replace("_", " ")
+
+
+@dataclass(frozen=True)
+class BlindStretch:
+    """A stretch of time in which a state is not covered.
+
+    start, end: first and last uncovered sample [s]. literal: one that is not covered. causes: of every camera that does not see it, the one that
+    comes nearest to seeing it first.
+    """
+
+    start: float
+    end: float
+    literal: Literal
+    causes: tuple[CameraCause, ...]
+
+    def __str__(self) -> str:
+        when = f"from {self.start:.1f} s to {self.end:.1f} s"
+        nearest, *others = self.causes
+        sentence = f"{nearest.told(_SENTENCES, self.literal)} {when}"
+        if not others:
+            return sentence
+        groups: dict[str, list[str]] = defaultdict(list)
+        for other in others:
+            groups[other.words].append(other.camera)
+        listed = "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
+        return f"{sentence}, and no other camera makes up for it ({listed})"
+
+    @property
+    def advice(self) -> str:
+        """What would help."""
+        return self.causes[0].told(_ADVICE, self.literal)
+
+
+def verdict(cell: Cell, study: Study) -> str:
+    """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
+
+    Stretches within the events of interest come first.
+    """
+    timeline = study.timeline
+    blind = timeline.monitored & ~timeline.covered
+    interesting = blind & timeline.interesting
+    t = timeline.samples.t
+    stretches = list(_stretches(interesting if interesting.any() else blind))
+    if not stretches:
+        return _NOTHING_MISSING
+    stretch = explain_stretch(cell, study, max(stretches, key=lambda rows: t[rows[-1]] - t[rows[0]]))
+    return f"{stretch}. It would help to {stretch.advice}."
+
+
+def blind_stretches(cell: Cell, study: Study) -> tuple[BlindStretch, ...]:
+    """Every stretch that is not covered, in order of time."""
+    timeline = study.timeline
+    return tuple(explain_stretch(cell, study, rows) for rows in _stretches(timeline.monitored & ~timeline.covered))
+
+
+def _stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
+    """Runs of neighbouring samples for which `blind` holds; pieces that share an instant are neighbours."""
+    rows = np.flatnonzero(blind)
+    yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
+
+
+def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindStretch:
+    """What is lost in a run of uncovered samples, and why: of all literals the one that is lost in most of a few samples."""
+    timeline, samples = study.timeline, study.timeline.samples
+    chosen = rows[np.unique(np.linspace(0, len(rows) - 1, _LOOKS).round().astype(np.int64))]
+    states = study.stage.states(Samples(samples.piece[chosen], samples.t[chosen]))
+    required = timeline.observation.required[chosen]
+    matrices = [cell.observer.verdicts(target, states) for target in study.targets]
+    lost = np.stack(
+        [
+            required[:, column] & (np.all([box.cause == Cause.NONE for box in boxes], axis=0).sum(axis=1) < target.cameras)
+            for column, (target, boxes) in enumerate(zip(study.targets, matrices, strict=True))
+        ]
+    )
+    worst = int(lost.sum(axis=1).argmax())
+    missing = np.flatnonzero(lost[worst])
+    literals = timeline.pieces[int(samples.piece[chosen[missing[0]]])].literals
+    return BlindStretch(
+        start=float(samples.t[rows[0]]),
+        end=float(samples.t[rows[-1]]),
+        literal=next(literal for literal in literals if literal.atom == study.targets[worst].atom),
+        causes=tuple(_camera_causes(cell, matrices[worst], missing)),
+    )
+
+
+def _camera_causes(cell: Cell, boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64]) -> Sequence[CameraCause]:
+    """The commonest cause of each camera that does not see all boxes; those that fail at the last check first."""
+    found = []
+    for index, camera in enumerate(cell.observer.cameras):
+        figures: dict[tuple[Cause, int], list[float]] = defaultdict(list)
+        for failure in first_failures(boxes, rows, index):
+            if failure.cause is not Cause.NONE:
+                figures[failure.cause, failure.by].append(failure.figure)
+        if figures:
+            cause, by = max(figures, key=lambda kind: len(figures[kind]))
+            found.append(CameraCause(camera.name, cause, by_name(cell, cause, by), float(np.mean(figures[cause, by]))))
+    return sorted(found, key=lambda camera_cause: -camera_cause.cause)

@@ -1,0 +1,64 @@
+"""The lint: one case after the other from tests/cases/lint.yaml, and what it must leave alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from sqrp_cli.knowledge.lint import lint
+from sqrp_cli.knowledge.load import load_workspace
+
+CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "lint.yaml").read_text(encoding="utf-8"))
+Damage = Callable[[dict[str, Any]], Path]
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case["case"] for case in CASES])
+def test_finding_is_reported_once_with_place_and_remedy(
+    case: dict[str, Any], damaged: Damage, position_of: Callable[[str, Path], tuple[int, int]]
+) -> None:
+    findings = lint(load_workspace(damaged(case)))
+    assert [finding.code for finding in findings] == [case["code"]]
+    (finding,) = findings
+    assert finding.severity == case.get("severity", "error")
+    assert finding.place is not None
+    assert finding.place.line is not None
+    if "at" in case:
+        assert (finding.place.line, finding.place.column) == position_of(case["at"], finding.place.file)
+    for piece in case.get("says", []):
+        assert str(piece) in finding.message
+    assert finding.mend
+    assert "\n" not in finding.mend
+    assert case.get("mend", "") in finding.mend
+
+
+def test_the_undamaged_cell_has_no_findings(cell: Path) -> None:
+    assert lint(load_workspace(cell)) == ()
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        {"a2.end] (not": "a4.start] (not"},  # touching instants
+        {"a2.end] (not": "a3.end] (not"},
+        {"a2.end] (not": "a3.start + 0.5] (not"},  # not decided by the order of the primitive actions
+        {"(hold and not on_table)": "(hold or not on_table)", "[a4.start, a5.end]": "[a1.start, a5.end]"},
+        {"(hold and not on_table)": "(not hold and on_table)", "[a4.start, a5.end]": "[a1.start, a5.end]"},
+    ],
+)
+def test_formulas_that_can_all_hold_are_no_contradiction(edit: dict[str, str], damaged: Damage) -> None:
+    findings = lint(load_workspace(damaged({"file": "pickup/skill.yaml", "replace": edit})))
+    assert "contradictory-formulas" not in [finding.code for finding in findings]
+
+
+def test_objects_that_touch_or_sink_by_less_than_a_millimetre_are_apart(damaged: Damage) -> None:
+    edit = {"position: [0.4, 0, 2 cm]": "position: [0.4, 0, 1.95 cm]"}
+    assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
+
+
+def test_an_object_inside_a_hollow_one_does_not_overlap_it(damaged: Damage) -> None:
+    edit = {"position: [0.4, 0, 2 cm]": "position: [0.7, -0.2, 3 cm]"}
+    assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()

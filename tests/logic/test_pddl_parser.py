@@ -1,0 +1,189 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.logic.pddl import (
+    Conjunction,
+    Constant,
+    Disjunction,
+    Domain,
+    Effect,
+    Equal,
+    Exists,
+    ForAll,
+    Holds,
+    Negation,
+    Parameter,
+    Variable,
+    merge_domains,
+    parse_domain,
+)
+
+CASES = yaml.safe_load((Path(__file__).parent.parent / "cases" / "pddl_errors.yaml").read_text())
+
+TRAYS = """; Several actions, and all that is supported.
+(define (domain Trays)
+  (:requirements :strips :typing :equality :negative-preconditions :quantified-preconditions
+                 :disjunctive-preconditions)
+  (:types screw cube - movable tray table - fixture movable fixture)
+  (:constants bin - tray)
+  (:predicates (hold ?x - movable) (on ?x - movable ?y) (hand_empty))
+  (:ACTION Place
+    :parameters (?x - movable ?y - tray)
+    :precondition (AND (hold ?X) (not (= ?y bin))
+                       (forall (?z - movable) (not (on ?z ?y)))
+                       (exists (?z - screw ?t - table) (or (on ?z ?t) (imply (hand_empty) (= ?z ?x)))))
+    :effect (and (on ?x ?y) (hand_empty) (not (hold ?x))))
+  (:action wait :parameters () :effect (and)))
+"""
+
+
+def read(text: str) -> Domain:
+    return parse_domain(text, Path("domain.pddl"))
+
+
+def test_a_domain_with_everything_that_is_supported() -> None:
+    domain = read(TRAYS)
+    x, y, z, t = (Variable(name) for name in "xyzt")
+    assert domain.name == "trays"
+    assert domain.types == {
+        "screw": "movable",
+        "cube": "movable",
+        "tray": "fixture",
+        "table": "fixture",
+        "movable": "object",
+        "fixture": "object",
+    }
+    assert domain.constants == {"bin": "tray"}
+    assert domain.predicates["on"].parameters == (Parameter("x", "movable"), Parameter("y", "object"))
+    action = domain.actions["place"]
+    assert action.parameters == (Parameter("x", "movable"), Parameter("y", "tray"))
+    assert action.precondition == Conjunction(
+        (
+            Holds("hold", (x,)),
+            Negation(Equal(y, Constant("bin"))),
+            ForAll((Parameter("z", "movable"),), Negation(Holds("on", (z, y)))),
+            Exists(
+                (Parameter("z", "screw"), Parameter("t", "table")),
+                Disjunction((Holds("on", (z, t)), Disjunction((Negation(Holds("hand_empty", ())), Equal(z, x))))),
+            ),
+        )
+    )
+    assert action.effect == Effect((Holds("on", (x, y)), Holds("hand_empty", ())), (Holds("hold", (x,)),))
+    assert domain.actions["wait"].precondition == Conjunction()
+    assert domain.actions["wait"].effect == Effect((), ())
+
+
+def test_a_domain_without_requirements_is_strips() -> None:
+    domain = read(
+        "(define (domain d) (:predicates (p ?x)) (:action a :parameters (?x) :precondition () :effect (p ?x)))"
+    )
+    assert domain.actions["a"].parameters == (Parameter("x", "object"),)
+
+
+@pytest.mark.parametrize(
+    ("types", "parameter", "fits"),
+    [
+        (["screw"], "screw", True),
+        (["screw"], "movable", True),
+        (["screw"], "object", True),
+        (["movable"], "screw", False),
+        (["screw"], "fixture", False),
+        (["bolt", "movable", "object"], "movable", True),
+        (["bolt", "movable", "object"], "screw", False),
+        (["bolt"], "bolt", True),
+        (["bolt"], "object", True),
+    ],
+)
+def test_an_object_fits_a_type_by_any_of_its_types(types: list[str], parameter: str, fits: bool) -> None:
+    assert read(TRAYS).fits(types, parameter) == fits
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case["name"])
+def test_errors_say_what_is_wrong_and_where(case: dict[str, str]) -> None:
+    with pytest.raises(InputError) as error:
+        read(case["input"])
+    at_place = [
+        problem
+        for problem in error.value.problems
+        if problem.place is not None and (problem.place.line, problem.place.column) == (case["line"], case["column"])
+    ]
+    assert [problem.code for problem in at_place] == [case["code"]], error.value
+    assert case["message"] in at_place[0].message
+    line, caret = str(at_place[0].excerpt).split("\n")
+    assert line == case["input"].split("\n")[int(case["line"]) - 1].rstrip()
+    assert caret == " " * (int(case["column"]) - 1) + "^"
+
+
+def test_problems_are_reported_together_in_order_of_place() -> None:
+    text = """(define (domain d)
+      (:predicates (hold ?x))
+      (:action a :parameters (?x) :precondition (not (hold ?y)) :effect (held ?x))
+      (:action b :parameters (?x) :effect (hold ?x ?x)))"""
+    with pytest.raises(InputError) as error:
+        read(text)
+    assert [problem.code for problem in error.value.problems] == [
+        "pddl-undeclared-requirement",
+        "pddl-unknown-variable",
+        "pddl-unknown-predicate",
+        "pddl-arity",
+    ]
+    assert error.value.problems[0].mend == "add `:negative-preconditions` to `(:requirements ...)`"
+
+
+@pytest.mark.parametrize("text", ["(" * 5000, "(" * 5000 + ")" * 5000, "(define " * 60 + ")" * 60, "a" * 1_000_001])
+def test_huge_or_deep_text_is_refused(text: str) -> None:
+    with pytest.raises(InputError):
+        read(text)
+
+
+@given(st.lists(st.sampled_from(TRAYS.replace("(", " ( ").replace(")", " ) ").split()), max_size=40))
+def test_any_mixture_of_words_is_refused_without_a_crash(words: list[str]) -> None:
+    with pytest.raises(InputError):
+        read("(define (domain d) " + " ".join(words))
+
+
+@given(st.integers(0, len(TRAYS) - 1), st.sampled_from(["", "(", ")", "?", " ", "x", "-", ":"]))
+def test_a_damaged_domain_is_read_or_refused_with_a_place_in_the_file(position: int, damage: str) -> None:
+    try:
+        read(TRAYS[:position] + damage + TRAYS[position + 1 :])
+    except InputError as error:
+        for problem in error.problems:
+            assert problem.place is not None
+            assert 1 <= (problem.place.line or 0) <= TRAYS.count("\n") + 1
+
+
+def domain(name: str, predicates: str, action: str, types: str = "movable tray") -> Domain:
+    text = f"""(define (domain {name}) (:requirements :typing) (:types {types}) (:predicates {predicates})
+        (:action {action} :parameters () :effect (and)))"""
+    return parse_domain(text, Path(f"{name}.pddl"))
+
+
+def test_domains_with_the_same_signatures_merge() -> None:
+    pick = domain("pick", "(hold ?object - movable)", "pick")
+    place = domain("place", "(hold ?x - movable) (on ?x - movable ?t - tray)", "place")
+    merged = merge_domains([pick, place])
+    assert set(merged.actions) == {"pick", "place"}
+    assert set(merged.predicates) == {"hold", "on"}
+
+
+@pytest.mark.parametrize(
+    ("other", "message"),
+    [
+        (domain("place", "(hold ?x - tray)", "place"), "predicate `hold` is also defined in pick.pddl"),
+        (domain("place", "(hold ?x ?y - movable)", "place"), "predicate `hold` is also defined in pick.pddl"),
+        (domain("place", "(on ?x)", "place", "movable - tray tray"), "type `movable` is also defined in pick.pddl"),
+        (domain("place", "(on ?x)", "pick"), "action `pick` is also defined in pick.pddl"),
+    ],
+)
+def test_domains_that_use_a_name_differently_do_not_merge(other: Domain, message: str) -> None:
+    with pytest.raises(InputError, match="defined in") as error:
+        merge_domains([domain("pick", "(hold ?x - movable)", "pick"), other])
+    assert message in error.value.problems[0].message
+    assert str(error.value.problems[0].place) == "place.pddl"

@@ -1,0 +1,114 @@
+"""Laws of paths, laws of time and trajectories."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory
+
+
+def bumpy_path(seed: int, pieces: int = 3, degree: int = 5, joints: int = 4) -> Path:
+    rng = np.random.default_rng(seed)
+    breaks = np.concatenate([[0.0], np.sort(rng.uniform(0.1, 0.9, pieces - 1)), [1.0]])
+    return Path(breaks, rng.normal(size=(pieces, degree + 1, joints)))
+
+
+def smooth_trajectory(seed: int) -> Trajectory:
+    """One polynomial piece under s(t) = 3u^2 - 2u^3 with u = t / 2."""
+    law = PiecewiseCubic(np.array([0.0, 2.0]), np.array([[0.0, 0.0, 3 / 4, -2 / 8]]))
+    return Trajectory(bumpy_path(seed, pieces=1), law)
+
+
+def test_a_line_is_straight_and_ends_where_it_should() -> None:
+    q0, q1 = np.array([0.1, -2.0, 3.0]), np.array([0.4, 5.0, 3.0])
+    s = np.linspace(0, 1, 11)
+    np.testing.assert_allclose(Path.line(q0, q1).positions(s), q0 + s[:, None] * (q1 - q0), atol=1e-15)
+
+
+@given(st.integers(0, 1000), st.sampled_from([1, 2, 3]))
+def test_derivatives_agree_with_finite_differences_of_the_order_below(seed: int, order: int) -> None:
+    trajectory = smooth_trajectory(seed)
+    t, h = np.linspace(0.1, 1.9, 40), 1e-5
+    below = trajectory.positions if order == 1 else lambda t: trajectory.derivatives(t, order - 1)
+    difference = (below(t + h) - below(t - h)) / (2 * h)
+    scale = np.abs(trajectory.derivatives(t, order)).max()
+    np.testing.assert_allclose(trajectory.derivatives(t, order), difference, atol=1e-6 * scale)
+
+
+@given(st.integers(0, 1000))
+def test_path_derivatives_agree_with_finite_differences_within_every_piece(seed: int) -> None:
+    path = bumpy_path(seed)
+    s = np.concatenate([np.linspace(a + 0.01, b - 0.01, 9) for a, b in zip(path.breaks, path.breaks[1:], strict=False)])
+    s = s[np.abs(s[:, None] - path.breaks).min(axis=1) > 1e-5]
+    h = 1e-6
+    difference = (path.positions(s + h) - path.positions(s - h)) / (2 * h)
+    np.testing.assert_allclose(path.derivatives(s, 1), difference, rtol=1e-4, atol=1e-4 * np.abs(difference).max())
+
+
+@given(st.integers(0, 1000), st.sampled_from([1, 2, 3]))
+def test_derivative_bounds_hold_everywhere(seed: int, order: int) -> None:
+    path = bumpy_path(seed)
+    for piece, bound in enumerate(path.derivative_bounds(order)):
+        s = np.linspace(path.breaks[piece], np.nextafter(path.breaks[piece + 1], 0), 101)
+        assert (np.abs(path.derivatives(s, order)) <= bound * (1 + 1e-9)).all()
+
+
+def test_the_derivative_bound_of_a_line_is_exact() -> None:
+    np.testing.assert_allclose(Path.line([0.0, 1.0], [2.0, -3.0]).derivative_bounds(), [[2.0, 4.0]])
+
+
+def test_a_trajectory_holds_its_ends_outside_its_duration() -> None:
+    trajectory = smooth_trajectory(0)
+    ends = trajectory.path.positions([0.0, 1.0])
+    np.testing.assert_allclose(trajectory.positions([-1.0, 99.0]), ends)
+
+
+@given(st.floats(0.1, 10))
+def test_stretching_a_law_divides_its_derivatives_by_powers(factor: float) -> None:
+    law = smooth_trajectory(1).law
+    t = np.linspace(0.01, 1.99, 20)
+    expected = law.derivatives(t) / factor ** np.arange(4)[:, None]
+    np.testing.assert_allclose(law.stretched(factor).derivatives(t * factor), expected, rtol=1e-9, atol=1e-12)
+
+
+@given(st.floats(0, 1))
+def test_time_at_inverts_the_law(s: float) -> None:
+    law = smooth_trajectory(1).law
+    t = law.time_at(s)
+    assert law.derivatives([t])[0, 0] == pytest.approx(s, abs=1e-12)
+
+
+def test_a_standstill_stays_and_lasts() -> None:
+    trajectory = Trajectory.standstill([0.5, -1.0], 1.5)
+    t = np.linspace(0, 1.5, 7)
+    assert trajectory.duration == 1.5
+    np.testing.assert_array_equal(trajectory.positions(t), np.tile([0.5, -1.0], (7, 1)))
+    for order in (1, 2, 3):
+        np.testing.assert_array_equal(trajectory.derivatives(t, order), np.zeros((7, 2)))
+
+
+@given(st.integers(0, 1000))
+def test_numbers_written_as_json_give_the_same_trajectory_bit_for_bit(seed: int) -> None:
+    trajectory = smooth_trajectory(seed)
+    again = Trajectory.from_numbers(json.loads(json.dumps(trajectory.to_numbers())))
+    t = np.linspace(0, 2, 101)
+    np.testing.assert_array_equal(again.positions(t), trajectory.positions(t))
+
+
+def test_shifting_a_path_moves_its_positions_only() -> None:
+    path, s = bumpy_path(3), np.linspace(0, 1, 20)
+    shifted = path.shifted([1.0, 0.0, -2.0, 0.0])
+    np.testing.assert_allclose(
+        shifted.positions(s) - path.positions(s), np.tile([1.0, 0.0, -2.0, 0.0], (20, 1)), atol=1e-12
+    )
+    np.testing.assert_array_equal(shifted.derivatives(s, 1), path.derivatives(s, 1))
+
+
+def test_an_unknown_order_is_refused() -> None:
+    with pytest.raises(ValueError, match="1, 2 or 3"):
+        smooth_trajectory(0).derivatives([0.0], 4)
