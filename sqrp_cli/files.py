@@ -22,7 +22,8 @@ def write_atomically(path: Path, text: str, *, executable: bool = False) -> None
                 file.write(text)
                 file.flush()
                 os.fsync(file.fileno())
-            os.umask(mask := os.umask(0))
+            mask = os.umask(0)
+            os.umask(mask)
             Path(name).chmod((0o777 if executable else 0o666) & ~mask)
             Path(name).replace(path)
         except BaseException:

@@ -63,7 +63,7 @@ def _check(
     problems = (*workspace.warnings, *lint(workspace))
     if task is None or any(problem.severity == "error" for problem in problems):
         return workspace.name, problems, ()
-    session = Session.begin(workspace, task, after, None, Adaptive(), 0)
+    session = Session.begin(workspace, task, after, Adaptive())
     found = []
     with progress(f"Checking {task}", len(session.task.candidates)) as advance:
         for candidate in session.task.candidates:

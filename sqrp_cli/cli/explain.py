@@ -53,7 +53,7 @@ def command(
     from sqrp_cli.programming.ranking import rank
 
     sampling = read_sampling(samples, dt, tolerance)
-    session = Session.begin(open_workspace(workspace), task, after, None, sampling, seed)
+    session = Session.begin(open_workspace(workspace), task, after, sampling)
     with progress(f"Assessing {task}", len(session.task.candidates)) as advance:
         assessments = []
         for assessment in assess_all(session.assignment, session.task.candidates, job_count(jobs)):

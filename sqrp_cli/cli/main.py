@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import sys
 
-import click
 import typer
 
 from sqrp_cli import __version__
 from sqrp_cli.cli import check, explain, rank, schema, show
 from sqrp_cli.errors import ExitCode, InputError
+
+UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
 
 app = typer.Typer(
     name="sqrp",
@@ -46,9 +47,9 @@ def run(arguments: list[str]) -> int:
     try:
         result = app(arguments, prog_name="sqrp", standalone_mode=False)
         return int(result or ExitCode.OK)
-    except click.exceptions.Exit as leaving:
+    except typer.Exit as leaving:
         return leaving.exit_code
-    except click.ClickException as error:
+    except UsageError as error:
         _print_usage_error(error)
         return ExitCode.BAD_INPUT
     except InputError as error:
@@ -56,7 +57,7 @@ def run(arguments: list[str]) -> int:
 
         print_problems(error.problems)
         return ExitCode.BAD_INPUT
-    except (KeyboardInterrupt, click.Abort):
+    except (KeyboardInterrupt, typer.Abort):
         return ExitCode.INTERRUPTED
     except BrokenPipeError:
         sys.stderr.close()
@@ -68,8 +69,9 @@ def run(arguments: list[str]) -> int:
         return ExitCode.INTERNAL_ERROR
 
 
-def _print_usage_error(error: click.ClickException) -> None:
-    typer.echo(f"error: {error.format_message()}", err=True)
+def _print_usage_error(error: Exception) -> None:
+    message = error.format_message() if hasattr(error, "format_message") else str(error)
+    typer.echo(f"error: {message}", err=True)
     context = getattr(error, "ctx", None)
     if context is not None:
         typer.echo(f"  to see what is expected: {context.command_path} --help", err=True)

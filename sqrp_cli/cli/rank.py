@@ -61,7 +61,9 @@ def command(
 
     criterion = _criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
-    session = Session.begin(open_workspace(workspace), task, after, program, sampling, seed)
+    # Without --after, a step that is appended to a program starts where the program ends.
+    before = after or (program if program is not None and program.exists() else None)
+    session = Session.begin(open_workspace(workspace), task, before, sampling)
     assessments = []
     interrupted = False
     try:

@@ -45,9 +45,9 @@ def _print_feasible(session: Session, feasible: Sequence[Ranked]) -> None:
     faults = list(feasible[0].assessment.faults)
     columns = [Column("#", right=True), Column("")]
     columns += [Column(name) for name in differing]
-    columns += [Column("Q_eoi %", right=True), Column("Q_avg %", right=True), Column("time s", right=True)]
+    columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
     for fault in faults:
-        columns += [Column(f"{fault} seen after s", right=True), Column("at worst", right=True), Column("redone by s", right=True)]
+        columns += [Column(f"{fault}\nseen", right=True), Column("at\nworst", right=True), Column("all\ndone", right=True)]
     print_table(columns, (_row(ranked, differing, faults) for ranked in feasible))
 
 

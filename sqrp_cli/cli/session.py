@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.programming.assessment import Assessment
+from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.program import check_program, load_program, new_program, save_program
+from sqrp_cli.programming.assessment import Assessment, study
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Task, read_task
 
@@ -27,18 +30,29 @@ class Session:
         return self.assignment.cell
 
     @classmethod
-    def begin(
-        cls, workspace: Workspace, task: str, after: Path | None, program: Path | None, sampling: Sampling, seed: int
-    ) -> Session:
+    def begin(cls, workspace: Workspace, task: str, before: Path | None, sampling: Sampling) -> Session:
         """Read the task, load the cell and find the world to start from.
 
-        after: a program whose final world that is. program: a file that a step will be added to; if it exists, and `after` is not given, its
-        final world is where the task starts. Raises InputError for input that cannot be used.
+        before: a program whose final world that is; the workspace's own state by default. Raises InputError for input that cannot be used.
         """
         read = read_task(task, workspace)
-        world = workspace.initial_world
+        world = workspace.initial_world if before is None else _world_after(before, workspace)
         return cls(workspace, read, Assignment(Cell.load(workspace), world, sampling))
 
 
+def _world_after(path: Path, workspace: Workspace) -> World:
+    program = load_program(path)
+    check_program(program, path, workspace)
+    return program.steps[-1].after.world if program.steps else workspace.initial_world
+
+
 def add_step(session: Session, assessment: Assessment, path: Path) -> None:
-    """Append a feasible candidate to a program file."""
+    """Append a feasible candidate to a program file, which is made if it does not exist."""
+    assignment, cell = session.assignment, session.cell
+    found = study(cell, assessment.candidate, assignment.world, assignment.sampling, full=True)
+    assert not isinstance(found, Infeasible)
+    cameras = tuple(camera.name for camera in cell.observer.cameras)
+    step = make_step(session.task.text, found, assessment, cameras)
+    program = load_program(path) if path.exists() else new_program(session.workspace, cell.model.arm, path)
+    check_program(program, path, session.workspace)
+    save_program(program.with_step(step), path)

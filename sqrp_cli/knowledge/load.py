@@ -120,6 +120,10 @@ def _check_skill(
             expected = expected_names(constant, objects)
             message = f"skill `{skill.name}` has the constant `{constant}`, which is no object; {expected}"
             yield Problem("unknown-object", message, Place(skill.domain.path))
+    for parameter in skill.action.parameters:
+        if parameter.name in (WORLD, TOOL, *links, *objects):
+            message = f"skill `{skill.name}` has a parameter `{parameter.name}`, which also names something of the cell"
+            yield Problem("ambiguous-name", message, Place(skill.domain.path), mend="rename the parameter")
     for target in skill.targets.values():
         for index, box in enumerate(target.boxes):
             path = f"targets.{target.predicate}.boxes.{index}"

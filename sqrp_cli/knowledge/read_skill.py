@@ -237,7 +237,9 @@ class _SkillReader:
     def _box(self, path: KeyPath, entry: BoxEntry) -> BoxSpec:
         if entry.at is not None and self._known(entry.at, self.file.waypoints, "waypoint", (*path, "at")):
             waypoint = self.file.waypoints[entry.at]
-            if not isinstance(waypoint, skill_file.GraspWaypointEntry) or waypoint.object != entry.fits:
+            grasped = [getattr(primitive, "grasp", None) for primitive in self.file.primitives]
+            grasps = isinstance(waypoint, skill_file.GraspWaypointEntry) and waypoint.object == entry.fits
+            if entry.fits in grasped and not grasps:
                 message = (
                     f"found waypoint `{entry.at}`, expected one that grasps `{entry.fits}` (with `object` and `side`)"
                 )

@@ -157,10 +157,10 @@ class Requirement:
 class BoxSpec:
     """One box of a target, before grounding.
 
-    frame: `world`, a link, `tool` (the tool frame), a skill parameter (the object it stands for, moving with it), or
-    `PARAMETER@start` (where that object is when the skill begins).
-    fits: a skill parameter: the box has the size of that object, enlarged by `margin` [m] on every side; with frame `tool`
-    it lies where the object would be if it were held as at waypoint `at`. None: `size` is given.
+    frame: `world`, a link, `tool` (the tool frame), a skill parameter or an object (the box moves with it), or either of
+    them with `@start` (where that object is when the skill begins).
+    fits: a skill parameter or an object: the box has the size of that object, enlarged by `margin` [m] on every side;
+    with frame `tool` it lies where the object would be if it were held as at waypoint `at`. None: `size` is given.
     size: full extents [m]. X_FB: pose of the box in the frame (on top of `fits`), shape (4, 4).
     normal: unit vector in the box's axes, away from the surface it lies on, or None.
     encloses: links, objects, skill parameters or `tool` (all parts of the tool) that the box encloses; None for the default:

@@ -147,7 +147,7 @@ def _surely_empty(interval: Interval, primitives: Sequence[str]) -> bool:
     start, end = interval.start, interval.end
     if start.primitive is None or end.primitive is None:
         return start.primitive is end.primitive and start.offset > end.offset
-    start_order, end_order = (2 * primitives.index(str(b.primitive)) + (b.edge == "end") for b in (start, end))
-    if start_order > end_order and not (start.edge == "start" and end.edge == "end" and start_order - end_order == 1):
-        return start.offset >= end.offset
-    return start_order >= end_order and start.offset > end.offset
+    start_position, end_position = (primitives.index(str(b.primitive)) + (b.edge == "end") for b in (start, end))
+    if start_position == end_position:
+        return start.offset > end.offset
+    return start_position > end_position and start.offset >= end.offset

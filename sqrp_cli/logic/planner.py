@@ -135,17 +135,19 @@ class _Search:
 
     def run(self) -> PlanningResult:
         try:
-            steps = self.climb()
-            if steps is None:
-                steps = self.best_first()
+            found = self.climb()
+            if found is None:
+                found = self.best_first()
         except _OutOfBudgetError:
             return GaveUp(self.states)
-        return ProvenImpossible(()) if steps is None else Plan(steps)
+        if found is None:
+            return ProvenImpossible(())
+        return Plan(tuple(action.step for action in _without_detours(self.initial, self.goal, found)))
 
-    def climb(self) -> tuple[Step, ...] | None:
+    def climb(self) -> tuple[GroundAction, ...] | None:
         """Enforced hill climbing along helpful actions; None at a dead end."""
         state = self.initial
-        path: tuple[Step, ...] = ()
+        path: tuple[GroundAction, ...] = ()
         best = self.estimate(state)
         while best is not None and best.steps > 0:
             better = self.improve(state, best)
@@ -155,10 +157,10 @@ class _Search:
             path = (*path, *steps)
         return path
 
-    def improve(self, state: int, start: _Estimate) -> tuple[int, tuple[Step, ...], _Estimate] | None:
+    def improve(self, state: int, start: _Estimate) -> tuple[int, tuple[GroundAction, ...], _Estimate] | None:
         """The nearest state, breadth first, that is estimated to be nearer to the goal than `start`."""
         seen = {state}
-        queue: deque[tuple[int, tuple[Step, ...], _Estimate]] = deque([(state, (), start)])
+        queue: deque[tuple[int, tuple[GroundAction, ...], _Estimate]] = deque([(state, (), start)])
         last = self.states + _PLATEAU
         while queue and self.states <= last:
             current, steps, estimate = queue.popleft()
@@ -169,13 +171,13 @@ class _Search:
                 seen.add(following)
                 found = self.estimate(following)
                 if found is not None:
-                    reached = (following, (*steps, action.step), found)
+                    reached = (following, (*steps, action), found)
                     if found.steps < start.steps:
                         return reached
                     queue.append(reached)
         return None
 
-    def best_first(self) -> tuple[Step, ...] | None:
+    def best_first(self) -> tuple[GroundAction, ...] | None:
         """Greedy best-first search over all actions, helpful ones first among equals.
 
         None once every state that may lead to the goal was looked at.
@@ -184,7 +186,7 @@ class _Search:
         estimate = self.estimate(start)
         if estimate is None:
             return None
-        came_from: dict[int, tuple[int, Step] | None] = {start: None}
+        came_from: dict[int, tuple[int, GroundAction] | None] = {start: None}
         queue = [(estimate.steps, False, 0, start, estimate.helpful)]
         while queue:
             steps, _, _, state, helpful = heappop(queue)
@@ -196,7 +198,7 @@ class _Search:
                 following = action.after(state)
                 if following in came_from:
                     continue
-                came_from[following] = (state, action.step)
+                came_from[following] = (state, action)
                 found = self.estimate(following)
                 if found is not None:
                     unhelpful = action not in helpful
@@ -279,9 +281,25 @@ def _difficulty(need: Need, layers: list[int]) -> int:
     return sum((bits & ~literals).bit_count() for literals in layers)
 
 
-def _path(came_from: dict[int, tuple[int, Step] | None], state: int) -> tuple[Step, ...]:
-    steps: list[Step] = []
+def _path(came_from: dict[int, tuple[int, GroundAction] | None], state: int) -> tuple[GroundAction, ...]:
+    actions: list[GroundAction] = []
     while (link := came_from[state]) is not None:
-        state, step = link
-        steps.append(step)
-    return tuple(reversed(steps))
+        state, action = link
+        actions.append(action)
+    return tuple(reversed(actions))
+
+
+def _without_detours(initial: int, goal: Need, plan: tuple[GroundAction, ...]) -> tuple[GroundAction, ...]:
+    """The plan without the actions, each with all that depend on it, that the goal does not need."""
+    index = 0
+    while index < len(plan):
+        state, kept = initial, []
+        for action in (*plan[:index], *plan[index + 1 :]):
+            if action.need.holds(state):
+                state = action.after(state)
+                kept.append(action)
+        if goal.holds(state):
+            plan = tuple(kept)
+        else:
+            index += 1
+    return plan

@@ -121,8 +121,12 @@ def planning_task(
         for part in _ground_conjuncts(ground_condition(goal, binding, objects, domain))
     ]
     actions: list[GroundAction] = []
+    tried = 0
     for action in domain.actions.values():
         for bound in _bindings(action, objects, facts, changeable, domain):
+            tried += 1
+            if tried > max_actions:
+                raise TooManyActionsError(max_actions)
             precondition = numbering.need(ground_condition(action.precondition, bound, objects, domain), keep=False)
             if precondition is None:
                 continue
@@ -131,8 +135,6 @@ def planning_task(
             arguments = tuple(bound[parameter.name] for parameter in action.parameters)
             step = Step(action.name, arguments)
             actions.append(GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes))
-            if len(actions) > max_actions:
-                raise TooManyActionsError(max_actions)
     initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
     return PlanningTask(initial, joined(need for _, need in parts), tuple(parts), tuple(actions))
 

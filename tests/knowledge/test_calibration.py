@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +10,6 @@ import pytest
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.calibration import Intrinsics, read_calibration
 from sqrp_cli.knowledge.load import load_workspace
-
-Damage = Callable[[dict[str, object]], Path]
 
 CAMERA_INFO_MANAGER = """\
 image_width: 1280
@@ -109,7 +106,7 @@ def test_a_field_of_view_reaches_from_edge_to_edge(cell: Path) -> None:
     assert left[0] == pytest.approx(-right[0])
 
 
-def test_a_pose_may_be_stated_as_quaternion_rpy_or_point_to_look_at(damaged: Damage) -> None:
+def test_a_pose_may_be_stated_as_quaternion_rpy_or_point_to_look_at(cell: Path) -> None:
     """All three describe a camera above the scene that looks straight down, its image's top towards +x."""
     down = {
         "look_at: [0.5, 0, 0], up: [1, 0, 0]",
@@ -117,7 +114,6 @@ def test_a_pose_may_be_stated_as_quaternion_rpy_or_point_to_look_at(damaged: Dam
         "quaternion: [0.70710678, -0.70710678, 0, 0]",
     }
     expected = [[0, -1, 0], [-1, 0, 0], [0, 0, -1]]
-    cell = damaged({"file": "workspace.yaml", "append": ""})
     original = (cell / "workspace.yaml").read_text(encoding="utf-8")
     for orientation in down:
         (cell / "workspace.yaml").write_text(original.replace("look_at: [0.5, 0, 0]", orientation), encoding="utf-8")

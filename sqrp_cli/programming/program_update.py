@@ -1,0 +1,141 @@
+"""Program update: the chosen candidate becomes a step, and its effect changes the world for the next one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.logic.conditions import apply_effect
+from sqrp_cli.logic.formula_check import argument_lists, bind
+from sqrp_cli.logic.formula_time import with_times
+from sqrp_cli.program import (
+    ProgramBox,
+    ProgramFault,
+    ProgramFormula,
+    ProgramPrimitive,
+    ProgramResponse,
+    ProgramTarget,
+    ProgramWorld,
+    Step,
+    TrajectoryNumbers,
+    pose_rows,
+)
+from sqrp_cli.programming.assessment import Assessment, Study
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.targets import Target
+
+
+def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[str, ...]) -> Step:
+    """The step of a program that does what a full study found.
+
+    cameras: names in the order of the study's verdicts.
+    """
+    candidate, motion = study.candidate, study.motion
+    assert assessment.time is not None
+    return Step(
+        task=task,
+        skill=candidate.skill.name,
+        parameters=candidate.parameters,
+        time=assessment.time,
+        q_avg=assessment.q_avg,
+        q_eoi=assessment.q_eoi,
+        faults={
+            name: ProgramFault(
+                delay_mean=fault.delay_mean,
+                delay_worst=fault.delay_worst,
+                blind_longest=fault.blind_longest,
+                unseen=fault.unseen,
+                expected_time=fault.expected_time,
+            )
+            for name, fault in assessment.faults.items()
+        },
+        verdict=assessment.verdict,
+        primitives=tuple(
+            ProgramPrimitive(
+                name=timed.name,
+                action=type(action).__name__,
+                start=timed.start,
+                end=timed.end,
+                held=timed.held,
+                trajectory=TrajectoryNumbers.model_validate(timed.trajectory.to_numbers()),
+            )
+            for timed, action in zip(motion.primitives, candidate.skill.primitives, strict=True)
+        ),
+        formulas=_formulas(study),
+        targets={str(target.atom): _target(study, column, cameras) for column, target in enumerate(study.targets)},
+        before=ProgramWorld.of(study.world),
+        after=ProgramWorld.of(world_after(study)),
+    )
+
+
+def world_after(study: Study) -> World:
+    """The world that a candidate leaves: literals by its effect, objects and joints by its motion."""
+    candidate, motion = study.candidate, study.motion
+    last = motion.primitives[-1]
+    q_end = last.trajectory.positions(np.array([last.end - last.start]))[0]
+    return replace(
+        motion.final,
+        facts=apply_effect(candidate.skill.action, candidate.objects, study.world.facts),
+        joints=dict(zip(motion.joint_names, q_end.tolist(), strict=True)),
+    )
+
+
+def _formulas(study: Study) -> tuple[ProgramFormula, ...]:
+    candidate = study.candidate
+    lists = argument_lists(candidate.skill.action)
+    spans = {primitive.name: (primitive.start, primitive.end) for primitive in study.motion.primitives}
+    formulas = []
+    for requirement in candidate.skill.requirements:
+        response = requirement.response
+        when = None if response.condition is None else str(bind(response.condition, candidate.objects, lists))
+        formulas.append(
+            ProgramFormula(
+                formula=str(with_times(bind(requirement.formula, candidate.objects, lists), spans)),
+                fault=requirement.name,
+                settle=requirement.settle,
+                response=ProgramResponse(action=response.action, retries=response.retries, when=when),
+            )
+        )
+    return tuple(formulas)
+
+
+def _target(study: Study, column: int, cameras: tuple[str, ...]) -> ProgramTarget:
+    target: Target = study.targets[column]
+    observation = study.timeline.observation
+    assert observation.matrix is not None
+    sees = np.all([box.cause == Cause.NONE for box in observation.matrix[column]], axis=0)
+    sees &= observation.required[:, column, None]
+    return ProgramTarget(
+        cameras=target.cameras,
+        boxes=tuple(
+            ProgramBox(
+                name=box.name,
+                detector=box.detector.name,
+                frame=box.frame,
+                size=box.size,
+                pose=pose_rows(box.X_FB),
+                normal=box.normal,
+                encloses=tuple(sorted(box.encloses)),
+            )
+            for box in target.boxes
+        ),
+        seen={name: _intervals(study, sees[:, index]) for index, name in enumerate(cameras)},
+    )
+
+
+def _intervals(study: Study, seen: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+    """When a camera sees something: from the first to the last of neighbouring samples in which it does [s]."""
+    t = study.timeline.samples.t
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
+    intervals = [(float(t[first]), float(t[last - 1])) for first, last in edges.reshape(-1, 2)]
+    merged: list[tuple[float, float]] = intervals[:1]
+    for (_, end), (start, later) in pairwise(intervals):
+        if start == end:
+            merged[-1] = (merged[-1][0], later)
+        else:
+            merged.append((start, later))
+    return tuple(merged)
