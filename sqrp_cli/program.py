@@ -1,13 +1,14 @@
 """The program file: what the programming phase hands to the runtime, and all that it hands over.
 
-A program is a YAML file that can be executed as it stands. Each step holds the exact motion (see `trajectory`), the formulas with their
-times and responses, where to look, which camera covers what when, and the world before and after.
+A program is a YAML file that can be executed as it stands. Each step holds the exact motion (see `trajectory`), the
+formulas with their times and responses, where to look, which camera covers what when, and the world before and after.
 """
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
 
@@ -25,9 +26,6 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.trajectory import Trajectory
 
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
-
-FORMAT = 1
-"""Version of the file's fields."""
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Numbers = tuple[Finite, ...]
@@ -64,7 +62,7 @@ class TrajectoryNumbers(_Record):
     @model_validator(mode="after")
     def _consistent(self) -> TrajectoryNumbers:
         for breaks, pieces in ((self.path.breaks, self.path.coefficients), (self.law.breaks, self.law.coefficients)):
-            if len(breaks) != len(pieces) + 1 or any(b < a for a, b in zip(breaks, breaks[1:], strict=False)):
+            if len(breaks) != len(pieces) + 1 or any(b < a for a, b in pairwise(breaks)):
                 raise ValueError("breaks must rise and be one more than there are pieces")
         if len({len(row) for piece in self.path.coefficients for row in piece}) != 1:
             raise ValueError("every coefficient must have one number per joint")
@@ -96,7 +94,10 @@ class ProgramResponse(_Record):
 
 
 class ProgramFormula(_Record):
-    """A formula about objects with all times in seconds from the start of the step; fault: its name if it describes one."""
+    """A formula about objects with all times in seconds from the start of the step.
+
+    fault: its name if it describes one.
+    """
 
     formula: str
     fault: str | None
@@ -185,9 +186,13 @@ class Step(_Record):
 
 
 class Program(_Record):
-    """Steps for one workspace. workspace: its file, relative to the program's. digest: of the workspace it was made for."""
+    """Steps for one workspace.
 
-    sqrp_program: Literal[1] = FORMAT
+    sqrp_program: version of the file's fields. workspace: its file, relative to the program's. digest: of the workspace
+    it was made for.
+    """
+
+    sqrp_program: Literal[1] = 1
     workspace: str
     digest: str
     joints: tuple[str, ...]
@@ -218,7 +223,11 @@ def load_program(path: Path) -> Program:
 def save_program(program: Program, path: Path) -> None:
     """Write a program file that can be executed, all or nothing. Raises InputError where it cannot be written."""
     text = yaml.dump(program.model_dump(mode="json"), Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
-    write_atomically(path, f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n{text}", executable=True)
+    write_atomically(
+        path,
+        f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n{text}",
+        executable=True,
+    )
 
 
 def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Program:
@@ -235,7 +244,7 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
         raise InputError(Problem("other-workspace", message, Place(path)))
     if program.digest != workspace.digest:
         first = program.steps[0].task if program.steps else "TASK"
-        message = f"the workspace {workspace.name} has changed since this program was written, so its motions and figures no longer hold"
+        message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
         mend = f'rm {path} && sqrp rank {workspace.path.parent} "{first}" --program {path}'
         raise InputError(Problem("stale-program", message, Place(path), mend=mend))
 

@@ -1,4 +1,4 @@
-"""`sqrp check`: is a workspace sound, and can a task be done in it?"""
+"""`sqrp check`: whether a workspace is sound, and whether a task can be done in it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ NAME = "check"
 def command(
     workspace: WorkspacePath,
     task: Annotated[
-        str | None, typer.Argument(metavar="[TASK]", help="Check this task as well, such as \"pickup green\".")
+        str | None, typer.Argument(metavar="[TASK]", help='Check this task as well, such as "pickup green".')
     ] = None,
     after: After = None,
     as_json: Json = False,
@@ -93,4 +93,6 @@ def _print(name: str, task: str | None, problems: Sequence[Problem], found: Sequ
         )
         for feasibility in found
     ]
-    print_table([Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows)
+    print_table(
+        [Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows
+    )

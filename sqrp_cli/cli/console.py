@@ -26,7 +26,10 @@ _SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table; numbers are set to the right. shrink: whether long text may be folded to fit the terminal."""
+    """A column of a table.
+
+    Numbers are set to the right. shrink: whether long text may be folded to fit the terminal.
+    """
 
     title: str
     right: bool = False
@@ -110,7 +113,7 @@ class Step(Protocol):
 
 @contextmanager
 def progress(title: str, total: int) -> Iterator[Step]:
-    """Progress on stderr with done/total and time left; a line at the end of the terminal only, nothing in a log file."""
+    """Progress on stderr with done/total and time left; it vanishes when done, and log files get none."""
     console = diagnostics()
     columns = [
         TextColumn("{task.description}"),

@@ -16,11 +16,12 @@ from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, 
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.explanation import by_name
 from sqrp_cli.programming.feasibility import Feasibility
 from sqrp_cli.programming.grounding import on_robot
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.sensing.cause import SIDES, Cause
+from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
 from sqrp_cli.programming.targets import Target, TargetBox
 
@@ -103,9 +104,7 @@ def study_document(cell: Cell, study: Study, ranked: Ranked, sampling: Sampling)
             }
             for formula in study.formulas
         ],
-        "cameras": {
-            camera.name: {"rate": camera.rate, "latency": camera.latency} for camera in cell.observer.cameras
-        },
+        "cameras": {camera.name: {"rate": camera.rate, "latency": camera.latency} for camera in cell.observer.cameras},
         "recovery": {"t": recovery.t.tolist(), "duration": recovery.duration.tolist()},
         "targets": _targets(study),
         "samples": _samples(cell, study),
@@ -148,10 +147,9 @@ def _samples(cell: Cell, study: Study) -> list[Document]:
     states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
     objects = [name for name in cell.workspace.objects if name in states.X_WF]
     observation = timeline.observation
-    assert observation.matrix is not None
     pages = [
         _target_pages(cell, target, boxes, states.X_WF)
-        for target, boxes in zip(study.targets, observation.matrix, strict=True)
+        for target, boxes in zip(study.targets, observation.full_matrix, strict=True)
     ]
     column = {target.atom: index for index, target in enumerate(study.targets)}
     monitored, covered = timeline.monitored, timeline.covered
@@ -186,9 +184,7 @@ def _target_pages(
     corners = [transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size)) for box in target.boxes]
     pages = []
     for row in range(count):
-        verdicts = [
-            {name: _verdict(cell, boxes, row, index) for index, name in enumerate(names)} for boxes in matrix
-        ]
+        verdicts = [{name: _verdict(cell, boxes, row, index) for index, name in enumerate(names)} for boxes in matrix]
         pages.append(
             {
                 "boxes": [
@@ -202,12 +198,15 @@ def _target_pages(
 
 
 def _verdict(cell: Cell, boxes: BoxVerdicts, row: int, camera: int) -> Document:
-    cause, by, visible = Cause(int(boxes.cause[row, camera])), int(boxes.by[row, camera]), float(boxes.visible[row, camera])
-    names = {Cause.HIDDEN: cell.solid_name, Cause.OUT_OF_IMAGE: SIDES.__getitem__}
+    cause, by, visible = (
+        Cause(int(boxes.cause[row, camera])),
+        int(boxes.by[row, camera]),
+        float(boxes.visible[row, camera]),
+    )
     return {
         "covered": cause is Cause.NONE,
         "cause": cause.label,
-        "by": names[cause](by) if cause in names else None,
+        "by": by_name(cell, cause, by),
         "visible": None if np.isnan(visible) else visible,
     }
 

@@ -12,7 +12,6 @@ from sqrp_cli.cli.options import (
     Json,
     SampleCount,
     SampleStep,
-    Seed,
     TaskText,
     Tolerance,
     WorkspacePath,
@@ -33,7 +32,8 @@ def command(
     workspace: WorkspacePath,
     task: TaskText,
     choose: Annotated[
-        str, typer.Option("--choose", metavar="best|NAME", help="Which candidate to explain; the first-ranked by default.")
+        str,
+        typer.Option("--choose", metavar="best|NAME", help="Which candidate to explain; the first-ranked by default."),
     ] = "best",
     all_candidates: Annotated[bool, typer.Option("--all", help="Explain every candidate.")] = False,
     samples: SampleCount = None,
@@ -41,7 +41,6 @@ def command(
     tolerance: Tolerance = None,
     after: After = None,
     jobs: Jobs = None,
-    seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
     """Explain how well a way of doing a task is seen: when, by which camera, and why not."""

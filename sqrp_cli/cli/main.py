@@ -65,7 +65,9 @@ def run(arguments: list[str]) -> int:
     except Exception as error:
         if "--debug" in arguments:
             raise
-        typer.echo(f"internal error: {type(error).__name__}: {error}; run `sqrp --debug ...` for the traceback", err=True)
+        typer.echo(
+            f"internal error: {type(error).__name__}: {error}; run `sqrp --debug ...` for the traceback", err=True
+        )
         return ExitCode.INTERNAL_ERROR
 
 

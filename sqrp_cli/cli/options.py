@@ -21,19 +21,23 @@ TaskText = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 SampleCount = Annotated[
-    int | None, typer.Option("--samples", metavar="N", help="N samples per primitive action, instead of as many as needed.")
+    int | None,
+    typer.Option("--samples", metavar="N", help="N samples per primitive action, instead of as many as needed."),
 ]
 SampleStep = Annotated[
     str | None, typer.Option("--dt", metavar="S", help="A sample every S seconds, instead of as many as needed.")
 ]
 Tolerance = Annotated[
     float | None,
-    typer.Option("--tolerance", metavar="POINTS", help="Error of Q that sampling may leave, in points; 0.1 by default."),
+    typer.Option(
+        "--tolerance", metavar="POINTS", help="Error of Q that sampling may leave, in points; 0.1 by default."
+    ),
 ]
 Jobs = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes at most; by default one per core.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn at random.")]
 After = Annotated[
-    Path | None, typer.Option("--after", metavar="PROGRAM", help="Start from the world that this program leaves behind.")
+    Path | None,
+    typer.Option("--after", metavar="PROGRAM", help="Start from the world that this program leaves behind."),
 ]
 
 LEAST_TOLERANCE = 1e-3
@@ -61,7 +65,9 @@ def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) 
     from sqrp_cli.knowledge.units import TIME, expected_quantity, read_quantity
     from sqrp_cli.programming.sampling import Adaptive, FixedCount, FixedStep
 
-    given = [name for name, value in (("--samples", samples), ("--dt", dt), ("--tolerance", tolerance)) if value is not None]
+    given = [
+        name for name, value in (("--samples", samples), ("--dt", dt), ("--tolerance", tolerance)) if value is not None
+    ]
     if len(given) > 1:
         raise _refused(f"{given[0]} and {given[1]} exclude each other; give one of them")
     if samples is not None:

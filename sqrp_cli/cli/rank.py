@@ -93,7 +93,8 @@ def command(
         return ExitCode.OK
     chosen = choose_candidate(ranking, choose)
     if chosen.rank is None:
-        note(f"`{chosen.assessment.candidate.name}` is infeasible, so {program} was not written: {chosen.assessment.reasons[0]}")
+        reason = f"{chosen.assessment.candidate.name} is infeasible ({chosen.assessment.reasons[0]})"
+        note(f"{reason}, so {program} was not written")
         return ExitCode.NONE_FEASIBLE
     add_step(session, chosen.assessment, program)
     note(f"{chosen.assessment.candidate.name} is now the last step of {program}")

@@ -22,12 +22,12 @@ _CRITERION_WORDS: dict[Criterion, str] = {
 
 
 def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) -> None:
-    """The table: one row per feasible candidate, then the infeasible ones with their reasons, then what to make of it."""
+    """The table with a row per feasible candidate, the infeasible ones with reasons, and what to make of it."""
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
     counts = f"{len(feasible)} of {len(ranking)} candidates feasible"
     say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {counts}, by {_CRITERION_WORDS[by]}\n"]))
     if feasible:
-        _print_feasible(session, feasible)
+        _print_feasible(feasible)
     for ranked in ranking:
         if ranked.rank is None:
             say(joined([("infeasible ", "red"), f"{ranked.assessment.candidate.name}: {ranked.assessment.reasons[0]}"]))
@@ -37,17 +37,26 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
         if len(feasible) > 1:
             last = feasible[-1].assessment
             say(f"Last is {last.candidate.name}: {last.verdict}")
-        say(plain(f"* no other is better in Q_eoi, Q_avg and time alike. {_accuracy(session.assignment.sampling, feasible)}", "dim"))
+        say(
+            plain(
+                f"* none is better in all of Q_eoi, Q_avg and time. {_accuracy(session.assignment.sampling, feasible)}",
+                "dim",
+            )
+        )
 
 
-def _print_feasible(session: Session, feasible: Sequence[Ranked]) -> None:
+def _print_feasible(feasible: Sequence[Ranked]) -> None:
     differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
     faults = list(feasible[0].assessment.faults)
     columns = [Column("#", right=True), Column("")]
     columns += [Column(name) for name in differing]
     columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
     for fault in faults:
-        columns += [Column(f"{fault}\nseen", right=True), Column("at\nworst", right=True), Column("all\ndone", right=True)]
+        columns += [
+            Column(f"{fault}\nseen", right=True),
+            Column("at\nworst", right=True),
+            Column("all\ndone", right=True),
+        ]
     print_table(columns, (_row(ranked, differing, faults) for ranked in feasible))
 
 
@@ -64,7 +73,11 @@ def _row(ranked: Ranked, differing: Sequence[str], faults: Sequence[str]) -> lis
 
 def _fault_cells(fault: FaultMetrics) -> list[Styled]:
     style = "red" if fault.unseen > 0 else ""
-    return [plain(f"{fault.delay_mean:.2f}", style), plain(f"{fault.delay_worst:.2f}", style), f"{fault.expected_time:.1f}"]
+    return [
+        plain(f"{fault.delay_mean:.2f}", style),
+        plain(f"{fault.delay_worst:.2f}", style),
+        f"{fault.expected_time:.1f}",
+    ]
 
 
 def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
@@ -107,9 +120,7 @@ def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
         if own is not None and other is not None and round(own, 3) != round(other, 3):
             label = "Q_eoi" if quality == "q_eoi" else "Q_avg"
             return f"next comes {rival} with {label} {100 * other:.1f} %"
-    assert first.time is not None
-    assert second.time is not None
-    difference = second.time - first.time
+    difference = (second.time or 0.0) - (first.time or 0.0)
     return f"{rival} takes {abs(difference):.1f} s {'longer' if difference >= 0 else 'less'}"
 
 

@@ -33,7 +33,8 @@ class Session:
     def begin(cls, workspace: Workspace, task: str, before: Path | None, sampling: Sampling) -> Session:
         """Read the task, load the cell and find the world to start from.
 
-        before: a program whose final world that is; the workspace's own state by default. Raises InputError for input that cannot be used.
+        before: a program whose final world that is; the workspace's own state by default. Raises InputError for input
+        that cannot be used.
         """
         read = read_task(task, workspace)
         world = workspace.initial_world if before is None else _world_after(before, workspace)
@@ -50,7 +51,8 @@ def add_step(session: Session, assessment: Assessment, path: Path) -> None:
     """Append a feasible candidate to a program file, which is made if it does not exist."""
     assignment, cell = session.assignment, session.cell
     found = study(cell, assessment.candidate, assignment.world, assignment.sampling, full=True)
-    assert not isinstance(found, Infeasible)
+    if isinstance(found, Infeasible):
+        raise ValueError(f"{assessment.candidate.name} is infeasible: {found.reasons[0]}")
     cameras = tuple(camera.name for camera in cell.observer.cameras)
     step = make_step(session.task.text, found, assessment, cameras)
     program = load_program(path) if path.exists() else new_program(session.workspace, cell.model.arm, path)

@@ -35,15 +35,20 @@ def _print_scene(cell: Cell) -> None:
 
     workspace, model = cell.workspace, cell.model
     robot = workspace.robot
-    say(f"{workspace.name}: {robot.urdf.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}\n", "bold")
+    say(
+        f"{workspace.name}: {robot.urdf.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}\n", "bold"
+    )
     joints = [
         (name, *(f"{np.degrees(value):.0f}" if turns else f"{1000 * value:.0f} mm" for value in values))
         for name, turns, *values in zip(
-            model.arm, model.turns, model.lower, model.upper, model.velocity, model.acceleration, model.jerk, model.home,
-            strict=True,
+            model.arm, model.turns, model.lower, model.upper, model.velocity, model.acceleration, model.jerk,
+            model.home, strict=True,
         )
     ]  # fmt: skip
-    print_table([Column("joint [deg, s]"), *(Column(title, right=True) for title in ("min", "max", "v", "a", "j", "home"))], joints)
+    print_table(
+        [Column("joint [deg, s]"), *(Column(title, right=True) for title in ("min", "max", "v", "a", "j", "home"))],
+        joints,
+    )
     say()
     cameras = [
         (
@@ -58,10 +63,13 @@ def _print_scene(cell: Cell) -> None:
     say()
     objects = [
         (thing.name, " ".join(filter(None, (thing.color, thing.type, *thing.attributes))), _numbers(thing.size),
-         "unknown" if thing.X_WO is None else _numbers(thing.X_WO[:3, 3]), "fixed" if thing.fixed else "movable", thing.on or "")
+         "unknown" if thing.X_WO is None else _numbers(thing.X_WO[:3, 3]),
+         "fixed" if thing.fixed else "movable", thing.on or "")
         for thing in workspace.objects.values()
     ]  # fmt: skip
-    print_table([Column("object"), Column("what"), Column("size [m]"), Column("at [m]"), Column(""), Column("on")], objects)
+    print_table(
+        [Column("object"), Column("what"), Column("size [m]"), Column("at [m]"), Column(""), Column("on")], objects
+    )
     say(f"\nskills  {', '.join(workspace.skills)}")
     say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
     say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")

@@ -96,8 +96,7 @@ class _Chart:
         covered, monitored = timeline.covered, timeline.monitored
         rows.append(self._coverage("all literals", covered, monitored, bold=True))
         observation = timeline.observation
-        assert observation.matrix is not None
-        for column, (target, boxes) in enumerate(zip(study.targets, observation.matrix, strict=True)):
+        for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
             required = observation.required[:, column]
             rows.append("")
             rows.append(self._coverage(str(target.atom), observation.covered[:, column], required, bold=True))
@@ -108,10 +107,10 @@ class _Chart:
                 rows.append(joined([f"  {camera.name}".ljust(LABEL), *signs, self._share(seen & required, required)]))
         return rows
 
-    def _coverage(
-        self, label: str, covered: NDArray[np.bool_], asked: NDArray[np.bool_], *, bold: bool
-    ) -> Styled:
-        signs = [(("█", "green") if covered[row] else ("-", "red")) if asked[row] else ("·", "dim") for row in self._row]
+    def _coverage(self, label: str, covered: NDArray[np.bool_], asked: NDArray[np.bool_], *, bold: bool) -> Styled:
+        signs = [
+            (("█", "green") if covered[row] else ("-", "red")) if asked[row] else ("·", "dim") for row in self._row
+        ]
         return joined([(label.ljust(LABEL)[:LABEL], "bold" if bold else ""), *signs, self._share(covered, asked)])
 
     def _share(self, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> str:
@@ -133,5 +132,3 @@ class _Chart:
             name = f"|{primitive.name}"[: max(end - start, 0)]
             row[start : start + len(name)] = name
         return "".join(row)
-
-

@@ -46,5 +46,8 @@ class Camera:
 
     @property
     def response(self) -> float:
-        """Longest time from an event until an image that shows it is available [s]: one frame period and the latency."""
+        """Longest time from an event until an image that shows it is available [s].
+
+        That is one frame period and the latency.
+        """
         return 1.0 / self.rate + self.latency

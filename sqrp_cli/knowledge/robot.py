@@ -42,7 +42,8 @@ class Robot:
     urdf, srdf: resolved paths. package_roots: folders that `package://NAME/` is looked up in, first hit wins.
     X_WB: pose of the robot's root link in the world, shape (4, 4).
     tool_frame: the link of robot or tool that grasps: its z axis points out of the tool, into the object.
-    home: position of each arm joint at the start of a program [rad or m]. Other joints rest at 0, or at the nearest limit.
+    home: position of each arm joint at the start of a program [rad or m]. Other joints rest at 0, or at the nearest
+    limit.
     limits: of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say).
     geometry: which geometry of the links is solid and opaque; a link without collision geometry uses its visual one.
     disabled_pairs: pairs of links whose contact is not checked, each pair in alphabetical order.

@@ -39,8 +39,8 @@ class GraspWaypoint:
     """The tool frame's origin in the centre of one side of an object, its z axis pointing into the object.
 
     object: the skill parameter that names the object. side: the outward axis of that side in the object's frame, one of
-    `+x -x +y -y +z -z`. yaw: turn of the tool about its z axis [rad]; at yaw 0 the tool's x axis lies along the object's x
-    axis (y axis for the sides +x and -x).
+    `+x -x +y -y +z -z`. yaw: turn of the tool about its z axis [rad]; at yaw 0 the tool's x axis lies along the
+    object's x axis (y axis for the sides +x and -x).
     """
 
     object: str
@@ -88,7 +88,10 @@ class JointMove:
 
 @dataclass(frozen=True)
 class StraightMove:
-    """The tool frame moves to a waypoint on a straight line; speed [m/s], acceleration [m/s2] and jerk [m/s3] of the tool."""
+    """The tool frame moves to a waypoint on a straight line.
+
+    speed [m/s], acceleration [m/s^2] and jerk [m/s^3] are those of the tool.
+    """
 
     name: str
     to: str
@@ -157,14 +160,14 @@ class Requirement:
 class BoxSpec:
     """One box of a target, before grounding.
 
-    frame: `world`, a link, `tool` (the tool frame), a skill parameter or an object (the box moves with it), or either of
-    them with `@start` (where that object is when the skill begins).
+    frame: `world`, a link, `tool` (the tool frame), a skill parameter or an object (the box moves with it), or either
+    of them with `@start` (where that object is when the skill begins).
     fits: a skill parameter or an object: the box has the size of that object, enlarged by `margin` [m] on every side;
     with frame `tool` it lies where the object would be if it were held as at waypoint `at`. None: `size` is given.
     size: full extents [m]. X_FB: pose of the box in the frame (on top of `fits`), shape (4, 4).
     normal: unit vector in the box's axes, away from the surface it lies on, or None.
-    encloses: links, objects, skill parameters or `tool` (all parts of the tool) that the box encloses; None for the default:
-    the object of the frame.
+    encloses: links, objects, skill parameters or `tool` (all parts of the tool) that the box encloses; None for the
+    default: the object of the frame.
     """
 
     name: str

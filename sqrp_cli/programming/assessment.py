@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula_time import Stretch
@@ -29,8 +28,10 @@ from sqrp_cli.programming.timeline import Timeline, observe
 class Assessment:
     """What is reported of one candidate; all figures are None, and `faults` empty, where it is infeasible.
 
-    reasons: why it is infeasible, most useful first. time: of the whole motion [s]. q_avg, q_eoi: in 0..1. t_total, t_eoi: T and T_eoi [s].
-    states: number of samples that hold literals. error: bound on the error of Q from bisection. largest_gap: between samples [s].
+    reasons: why it is infeasible, most useful first. time: of the whole motion [s]. q_avg, q_eoi: in 0..1. t_total,
+    t_eoi: T and T_eoi [s].
+    states: number of samples that hold literals. error: bound on the error of Q from bisection. largest_gap: between
+    samples [s].
     verdict: one or two sentences.
     """
 
@@ -97,9 +98,11 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
     motion = feasible_motion(cell, candidate, world)
     if isinstance(motion, Infeasible):
         return motion
-    if sample_count(sampling, motion) > MAX_SAMPLES:
-        message = f"this sampling asks for {sample_count(sampling, motion):,.0f} samples of `{candidate.name}`; the limit is {MAX_SAMPLES:,}"
-        raise InputError(Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter"))
+    if (count := sample_count(sampling, motion)) > MAX_SAMPLES:
+        message = f"this sampling asks for {count:,.0f} samples of `{candidate.name}`; the limit is {MAX_SAMPLES:,}"
+        raise InputError(
+            Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter")
+        )
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     formulas = ground_formulas(candidate, spans, motion.time)
     grounder = TargetGrounder(candidate, world, workspace.objects, workspace.detectors, workspace.robot, model)
@@ -112,9 +115,7 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
     return Study(candidate, world, motion, formulas, targets, stage, timeline, recovery_over(motion, model, start))
 
 
-def _fault_columns(
-    formulas: tuple[GroundFormula, ...], targets: tuple[Target, ...]
-) -> Mapping[str, tuple[int, ...]]:
+def _fault_columns(formulas: tuple[GroundFormula, ...], targets: tuple[Target, ...]) -> Mapping[str, tuple[int, ...]]:
     columns: dict[str, dict[int, None]] = {}
     index = {target.atom: column for column, target in enumerate(targets)}
     for formula in formulas:

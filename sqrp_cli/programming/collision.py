@@ -8,18 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
-import coal
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse, pose, transform
-from sqrp_cli.knowledge.scene import Mesh, SceneObject
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.programming.collision_body import Body, Placement, body_distance, distance_within, placement_at
 from sqrp_cli.programming.kinematics import RobotModel
 from sqrp_cli.programming.motion_bound import MotionBound
-from sqrp_cli.programming.solids import Solid, load_solid
+from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.trajectory import Path, Trajectory
 
 CLEARANCE = 1e-3
@@ -28,21 +27,13 @@ CLEARANCE = 1e-3
 RESOLUTION = 0.5e-3
 """Two solids that may come closer than the clearance while they move by less than this [m] count as touching."""
 
-FIRST_STRETCH = 0.25
+FIRST_STRETCH = 0.08
 """Motion of the arm's outermost point within half of each stretch that a check begins with [m]."""
-
-MESHES_WITHIN = 0.02
-"""Motion within a stretch [m] up to which meshes themselves are asked; above it only their hulls, which is quicker."""
-
-SPHERES = 5
-"""Spheres that cover a solid for culling."""
 
 Pairs = frozenset[tuple[str, str]]
 """Pairs of names of links or objects, each in alphabetical order."""
 
 Indices = NDArray[np.intp]
-Geometry = Any
-Placement = Any
 
 
 def pair(first: str, second: str) -> tuple[str, str]:
@@ -65,77 +56,6 @@ class Contact:
         return f"{self.first} hits {self.second}"
 
 
-@dataclass(frozen=True, eq=False)
-class _Body:
-    """A solid with its hull for coal, and with bounds for culling, all in the frame of its parent P.
-
-    X_PG: pose of the geometry. center, radius: sphere around it. centers (SPHERES, 3), radii (SPHERES,): spheres that
-    cover its surface. X_PB, half: pose and half extents of a box around it.
-    """
-
-    name: str
-    geometry: Geometry
-    hull: Geometry
-    X_PG: Array
-    center: Array
-    radius: float
-    centers: Array
-    radii: Array
-    X_PB: Array
-    half: Array
-
-    @classmethod
-    def of(cls, solid: Solid) -> _Body:
-        hull = solid.geometry
-        if isinstance(solid.part.shape, Mesh):
-            hull.buildConvexHull(True, "Qt")
-            hull = hull.convex
-        corner, *_ = corners = solid.corners
-        edges = np.stack([corners[4] - corner, corners[2] - corner, corners[1] - corner])
-        lengths = np.maximum(np.linalg.norm(edges, axis=1), 1e-9)
-        X_PB = pose(solid.part.X_PG[:3, :3], corners.mean(axis=0))
-        centers, radii = _covering_spheres(solid, X_PB, lengths / 2)
-        return cls(
-            name=solid.part.parent,
-            geometry=solid.geometry,
-            hull=hull,
-            X_PG=solid.part.X_PG,
-            center=solid.center,
-            radius=solid.radius,
-            centers=centers,
-            radii=radii,
-            X_PB=X_PB,
-            half=lengths / 2,
-        )
-
-
-def _covering_spheres(solid: Solid, X_PB: Array, half: Array) -> tuple[Array, Array]:
-    """Centres (SPHERES, 3) and radii (SPHERES,) of spheres that together contain the solid's surface.
-
-    The solid is cut into slices across its longest side; a sphere goes around the triangles that are centred in its
-    slice, or around the slice of the box, whichever makes the smaller spheres.
-    """
-    axis = int(half.argmax())
-    slice_half = half.copy()
-    slice_half[axis] /= SPHERES
-    offsets = np.zeros((SPHERES, 3))
-    offsets[:, axis] = half[axis] * (2 * np.arange(SPHERES) + 1 - SPHERES) / SPHERES
-    box_centers, box_radius = transform(X_PB, offsets), float(np.linalg.norm(slice_half))
-    corners = solid.vertices[solid.triangles]
-    along = (corners.mean(axis=1) - X_PB[:3, 3]) @ X_PB[:3, axis]
-    slices = np.clip(((along / half[axis] + 1) / 2 * SPHERES).astype(int), 0, SPHERES - 1)
-    centers, radii = np.tile(box_centers[0], (SPHERES, 1)), np.zeros(SPHERES)
-    for k in np.unique(slices):
-        points = corners[slices == k].reshape(-1, 3)
-        centers[k] = (points.min(axis=0) + points.max(axis=0)) / 2
-        radii[k] = np.linalg.norm(points - centers[k], axis=1).max()
-    filled = radii > 0
-    centers[~filled], radii[~filled] = centers[filled][0], radii[filled][0]
-    if radii.max() <= box_radius:
-        return centers, radii
-    return box_centers, np.full(SPHERES, box_radius)
-
-
 class CollisionScene:
     """The solids of robot, tool and objects; `placed` puts the objects where they are at one moment."""
 
@@ -154,10 +74,8 @@ class CollisionScene:
         self.model = model
         self.bound = MotionBound(model)
         objects = tuple(objects)
-        self.bodies = tuple(_Body.of(load_solid(part)) for part in model.parts)
-        self.object_bodies = {
-            thing.name: tuple(_Body.of(load_solid(part)) for part in thing.parts) for thing in objects
-        }
+        self.bodies = tuple(Body.of(load_solid(part)) for part in model.parts)
+        self.object_bodies = {thing.name: tuple(Body.of(load_solid(part)) for part in thing.parts) for thing in objects}
         self.clearance = {thing.name: CLEARANCE + (padding if thing.fixed else 0.0) for thing in objects}
         skipped = {pair(*names) for names in (*disabled_pairs, *model.adjacent_pairs)}
         depth = self.bound.depth
@@ -187,13 +105,18 @@ class CollisionScene:
 
     def _touch(self, first: str, X_WA: Array, second: str, X_WB: Array) -> bool:
         return any(
-            np.linalg.norm(transform(X_WA, a.center[None]) - transform(X_WB, b.center[None]))
-            < a.radius + b.radius + CLEARANCE
-            and _distance(a.geometry, _placement(X_WA @ a.X_PG), b.geometry, _placement(X_WB @ b.X_PG), CLEARANCE)
+            distance_within(a.geometry, placement_at(X_WA @ a.X_PG), b.geometry, placement_at(X_WB @ b.X_PG), CLEARANCE)
             is not None
             for a in self.object_bodies[first]
             for b in self.object_bodies[second]
+            if _may_touch(a, X_WA, b, X_WB)
         )
+
+
+def _may_touch(a: Body, X_WA: Array, b: Body, X_WB: Array) -> bool:
+    """Whether the spheres around two bodies come within the clearance."""
+    apart = np.linalg.norm(transform(X_WA, a.center[None]) - transform(X_WB, b.center[None]))
+    return bool(apart < a.radius + b.radius + CLEARANCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,7 +191,7 @@ class PlacedScene:
         self._inner = np.array([entry[0] for entry in pairs], dtype=np.intp)
         self._outer = np.array([entry[1] for entry in pairs], dtype=np.intp)
         self._clearance = np.array([entry[2] for entry in pairs])
-        self._center = np.array([body.center for body in bodies])
+        self._center = transform(self._X_CP, np.array([body.center for body in bodies])[:, None])
         self._radius = np.array([body.radius for body in bodies])
         self._centers = np.array([body.centers for body in bodies])
         self._radii = np.array([body.radii for body in bodies])
@@ -340,7 +263,7 @@ class PlacedScene:
         X_WC[:] = np.eye(4)
         for i, link in self._carried:
             X_WC[i] = carriers[link]
-        centers = transform(X_WC @ self._X_CP[:, None], self._center[:, None, None])[:, :, 0]
+        centers = transform(X_WC, self._center[:, None])[:, :, 0]
         motion = self._bound.between(carriers, stretches.variation, centers, self._radius, self._depth)
         bound = motion[outer, stretch, self._depth[inner]]
         need = bound + self._clearance[pairs]
@@ -351,13 +274,13 @@ class PlacedScene:
 
         def placement(body: int, stretch: int) -> Placement:
             if (body, stretch) not in placements:
-                placements[body, stretch] = _placement(X_WC[body, stretch] @ self._X_CG[body])
+                placements[body, stretch] = placement_at(X_WC[body, stretch] @ self._X_CG[body])
             return placements[body, stretch]
 
         columns = (values.tolist() for values in (close, stretch[close], inner[close], outer[close]))
         for k, at, i, j in zip(*columns, strict=True):
             first, second = self._bodies[j], self._bodies[i]
-            distance = _bodies_distance(
+            distance = body_distance(
                 first, placement(j, at), second, placement(i, at), float(need[k] - bound[k]), float(need[k])
             )
             if distance is not None:
@@ -394,40 +317,3 @@ def _halved(path: Path, slopes: Array, old: _Stretches, open_ones: Indices, unti
     order = np.argsort(both, kind="stable")
     pairs = np.tile(old.pairs[open_ones], 2)[order]
     return _Stretches(s, half, path.positions(s), _variation(path, slopes, s, half), both[order], pairs)
-
-
-_REQUEST = coal.CollisionRequest()
-_RESULT = coal.CollisionResult()
-
-
-def _placement(X: Array) -> Placement:
-    return coal.Transform3s(X[:3, :3], X[:3, 3])
-
-
-def _distance(first: Geometry, X_1: Placement, second: Geometry, X_2: Placement, within: float) -> float | None:
-    """Signed distance [m] of two of coal's geometries if it is at most `within`, otherwise None.
-
-    Between meshes, it is that of the first two triangles that are found within, which need not be the nearest.
-    """
-    _REQUEST.security_margin = within
-    _RESULT.clear()
-    if not coal.collide(first, X_1, second, X_2, _REQUEST, _RESULT):
-        return None
-    return float(_RESULT.getContact(0).penetration_depth)
-
-
-def _bodies_distance(
-    first: _Body, X_1: Placement, second: _Body, X_2: Placement, clearance: float, need: float
-) -> float | None:
-    """None only if two bodies are further than `need` [m] apart; at most `clearance` only if they are that close.
-
-    Hulls enclose meshes, so hulls that are far apart prove the meshes apart, and quickly.
-    """
-    distance = _distance(first.hull, X_1, second.hull, X_2, need)
-    if distance is None or (first.geometry is first.hull and second.geometry is second.hull):
-        return distance
-    if distance <= clearance and _distance(first.geometry, X_1, second.geometry, X_2, clearance) is not None:
-        return clearance
-    if need - clearance <= MESHES_WITHIN and _distance(first.geometry, X_1, second.geometry, X_2, need) is None:
-        return None
-    return need if need > clearance else None

@@ -53,9 +53,8 @@ def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
     """
     weights = sample_weights(study)
     observation = study.timeline.observation
-    assert observation.matrix is not None
     totals = []
-    for column, (target, boxes) in enumerate(zip(study.targets, observation.matrix, strict=True)):
+    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         rows = np.flatnonzero(observation.required[:, column])
         sums: dict[tuple[int, Cause, int], float] = defaultdict(float)
         for camera in range(len(cell.observer.cameras)):
@@ -78,9 +77,7 @@ def first_failures(boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64], came
         if box is None:
             yield SEEN
         else:
-            yield Failure(
-                Cause(int(box.cause[row, camera])), int(box.by[row, camera]), float(box.figure[row, camera])
-            )
+            yield Failure(Cause(int(box.cause[row, camera])), int(box.by[row, camera]), float(box.figure[row, camera]))
 
 
 def by_name(cell: Cell, cause: Cause, by: int) -> str | None:

@@ -16,8 +16,9 @@ from sqrp_cli.programming.timeline import Timeline
 class FaultMetrics:
     """What a fault costs when it happens at a time x that is uniform over its interval.
 
-    delay_mean, delay_worst: from x until it is noticed, mean and supremum [s]. blind_longest: longest stretch of the interval in which it
-    cannot be seen [s]. unseen: share of x after which it is never seen, so that it is noticed at the end of the skill, in 0..1.
+    delay_mean, delay_worst: from x until it is noticed, mean and supremum [s]. blind_longest: longest stretch of the
+    interval in which it cannot be seen [s]. unseen: share of x after which it is never seen, so that it is noticed at
+    the end of the skill, in 0..1.
     expected_time: mean time from the start of the skill until it is done after one retry [s].
     """
 
@@ -30,7 +31,10 @@ class FaultMetrics:
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """Time [s] to stop and move back to the start when stopped at times t [s], both of shape (n,), linear in between."""
+    """Time to stop and move back to the start, by the instant at which the robot is told to stop.
+
+    t, duration: [s], shape (n,) each; linear in between.
+    """
 
     t: Array
     duration: Array
@@ -58,9 +62,9 @@ class _Range:
 def fault_metrics(timeline: Timeline, fault: str, interval: Stretch, recovery: Recovery, total: float) -> FaultMetrics:
     """The metrics of a fault whose formula spans `interval`, on a motion of duration `total` [s].
 
-    delay(x) = first time >= x at which all literals of the fault are covered, minus x, plus the response (one frame period and latency) of the
-    cameras that see it then; if that never comes, the fault is noticed at the end. Between neighbouring covered samples it is covered,
-    with the slower of their responses; between others it is not.
+    delay(x) = first time >= x at which all literals of the fault are covered, minus x, plus the response (one frame
+    period and latency) of the cameras that see it then; if that never comes, the fault is noticed at the end. Between
+    neighbouring covered samples it is covered, with the slower of their responses; between others it is not.
     expected_time = mean over x of x + delay + stop + move back to the start + `total`.
     """
     ranges = list(_ranges(timeline, fault, interval, total))
@@ -91,7 +95,9 @@ def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> 
         if end < x or x > interval.end:
             continue
         if start > x:
-            yield _Range(x, min(float(start), interval.end), seen=False, noticed=float(start + delay), response=float(delay))
+            yield _Range(
+                x, min(float(start), interval.end), seen=False, noticed=float(start + delay), response=float(delay)
+            )
             x = float(start)
         if x <= interval.end:
             yield _Range(x, min(float(end), interval.end), seen=True, noticed=0.0, response=float(delay))
@@ -101,7 +107,10 @@ def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> 
 
 
 def _mean_end(part: _Range, recovery: Recovery, total: float) -> float:
-    """Mean time at which the retry is done, over the x of one range: noticed + recovery + total, exact for linear recovery."""
+    """Mean time at which the retry is done, over the x of one range.
+
+    It is noticed + recovery + total; the mean is exact for a piecewise linear recovery.
+    """
     if not part.seen:
         noticed = min(part.noticed, total)
         return noticed + float(recovery.at(np.array([noticed]))[0]) + total

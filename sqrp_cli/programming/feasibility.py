@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqrp_cli.knowledge.scene import object_types
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.conditions import failing_literals
 from sqrp_cli.programming.cell import Cell
@@ -15,7 +14,10 @@ from sqrp_cli.programming.task import Candidate
 
 @dataclass(frozen=True, eq=False)
 class Feasibility:
-    """Whether a candidate can be done. reasons: why not, most useful first. time: of its motion [s], None if infeasible."""
+    """Whether a candidate can be done.
+
+    reasons: why not, most useful first. time: of its motion [s], None if infeasible.
+    """
 
     candidate: Candidate
     feasible: bool
@@ -37,14 +39,12 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
     if unmet:
         return Infeasible(unmet)
     workspace, skill = cell.workspace, candidate.skill
-    return plan_motion(
-        skill, candidate.objects, candidate.motion, workspace.objects, world, cell.model, cell.collision
-    )
+    return plan_motion(skill, candidate.objects, candidate.motion, workspace.objects, world, cell.model, cell.collision)
 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:
     """Sentences about what of the candidate's precondition does not hold in a world; empty if it holds."""
-    objects = {name: object_types(thing.type, thing.fixed) for name, thing in cell.workspace.objects.items()}
+    objects = {name: frozenset(thing.types) for name, thing in cell.workspace.objects.items()}
     skill = candidate.skill
     failing = failing_literals(skill.action, candidate.objects, world.facts, objects, skill.domain)
     return tuple(f"`{skill.name}` needs `{literal}`, which does not hold" for literal in failing)

@@ -126,7 +126,7 @@ def _after(primitive: PrimitiveAction, binding: Mapping[str, str], X_WT: Array, 
         case Grasp(name=name, object=parameter):
             grasped = binding[parameter]
             if world.held is not None:
-                return Infeasible((f"the tool still holds `{world.held}` when `{name}` grasps `{grasped}`",))
+                return Infeasible((f"the tool still holds `{world.held}`, so `{name}` cannot grasp `{grasped}`",))
             if grasped not in world.X_WO:
                 return Infeasible((f"it is not known where `{grasped}` is",))
             return replace(world, held=grasped, X_TO=inverse(X_WT) @ world.X_WO[grasped])

@@ -80,17 +80,18 @@ class TargetGrounder:
 
     def _box(self, spec: BoxSpec, binding: Mapping[str, str]) -> TargetBox:
         frame = self.model.tool_frame if spec.frame == TOOL else spec.frame
-        name = frame.removesuffix(START)
-        thing = binding.get(name, name)
-        frame = frame.replace(name, thing)
+        at_start = frame.endswith(START)
+        thing = binding.get(name := frame.removesuffix(START), name)
+        frame = thing + START if at_start else thing
         size, X_FB = spec.size, spec.X_FB
         if spec.fits is not None:
-            fitted = binding[spec.fits]
+            fitted = binding.get(spec.fits, spec.fits)
             width, depth, height = self.objects[fitted].size
             size = (width + 2 * spec.margin, depth + 2 * spec.margin, height + 2 * spec.margin)
             if spec.at is not None:
                 X_FB = self._pose_in_tool(fitted, spec.at, binding) @ X_FB
-        assert size is not None
+        if size is None:
+            raise ValueError(f"box {spec.name} has neither a size nor something that it fits")
         frame, X_FB = on_robot(self.robot, self.model, frame, X_FB)
         return TargetBox(
             name=spec.name,
@@ -118,5 +119,3 @@ class TargetGrounder:
             return frozenset({thing} if thing in self.objects else ())
         named = [binding.get(name, name) for name in spec.encloses if name != TOOL]
         return frozenset([*named, *(self.model.tool_links if TOOL in spec.encloses else ())])
-
-

@@ -28,8 +28,8 @@ class Mount:
 class JointTree:
     """N movable joints, parents first, and the links that they carry.
 
-    A joint at position q has the pose `still + sin(q) sine + (1 - cos(q)) versine` in its parent if it turns (Rodrigues'
-    formula), and `still + q sine` if it slides; these matrices have shape (N, 4, 4).
+    A joint at position q has the pose `still + sin(q) sine + (1 - cos(q)) versine` in its parent if it turns
+    (Rodrigues' formula), and `still + q sine` if it slides; these matrices have shape (N, 4, 4).
 
     joints: as in the URDFs. parents: index of each joint's parent, -1 for the world.
     turns: whether each joint turns, (N,). axes: unit vectors in the joints' frames, (N, 3).

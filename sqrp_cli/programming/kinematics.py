@@ -42,7 +42,8 @@ class RobotModel:
     home: their positions at the start of a program, (n,).
     links: every link of robot and tool. tool_links: those of the tool. tool_frame: the link that grasps.
     parts: the solid parts of robot and tool.
-    adjacent_pairs: pairs of links with parts, each in alphabetical order, that are rigidly connected or meet at a joint.
+    adjacent_pairs: pairs of links with parts, each in alphabetical order, that are rigidly connected or meet at a
+    joint.
     """
 
     arm: tuple[str, ...]
@@ -150,8 +151,8 @@ class RobotModel:
         by at most the sum over the joints of |change of position| * radius. A held object is one more sphere, on the
         tool frame.
 
-        The bound: drop the perpendicular from the sphere's center onto the axis of the joint that carries it, whose foot
-        that joint leaves where it is, from there onto the next axis inwards, and so on, and add up their lengths.
+        The bound: drop the perpendicular from the sphere's center onto the axis of the joint that carries it, whose
+        foot that joint leaves where it is, from there onto the next axis inwards, and so on, and add up their lengths.
         """
         radii = np.zeros(len(self.arm))
         for sphere in spheres:

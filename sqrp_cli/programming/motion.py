@@ -37,8 +37,8 @@ class TimedPrimitive:
     """A primitive action with its place in time.
 
     start, end: [s] from the start of the motion. trajectory: of the arm joints, from 0 to end - start.
-    held: the object in the tool all through it (grasp attaches and release detaches at `end`), with its pose in the tool
-    frame `X_TO`, shape (4, 4); None if there is none. X_WO: where the objects that are not held rest.
+    held: the object in the tool all through it (grasp attaches and release detaches at `end`), with its pose in the
+    tool frame `X_TO`, shape (4, 4); None if there is none. X_WO: where the objects that are not held rest.
     """
 
     name: str
@@ -136,7 +136,8 @@ class _Planner:
     def __init__(self, model: RobotModel, scene: CollisionScene, skill: GroundSkill, q_start: Array) -> None:
         self._model, self._skill, self._q_start = model, skill, q_start
         self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
-        self._scenes = [scene.placed(primitive.world, primitive.allowed) for primitive in skill.primitives]
+        placed = cache(scene.placed)
+        self._scenes = [placed(primitive.world, primitive.allowed) for primitive in skill.primitives]
         self._failures: list[tuple[int, str]] = []
 
     def plan(self) -> Motion | Infeasible:
@@ -183,14 +184,27 @@ class _Planner:
             if not configurations:
                 self._failures.append((section.first - 1, f"{move.name}: `{move.to}` {solutions.reason}"))
         branches = []
+        lost = False
         for q in self._clear_ends(section, configurations):
             trajectories = self._tied_trajectories(section, q)
             if trajectories is None:
+                lost = True
                 continue
             turns = self._turns(section, q, trajectories)
             if len(turns):
                 branches.append(_Branch(q, trajectories, turns))
+        if lost and not branches:
+            self._note_ends_out_of_reach(section)
         return branches
+
+    def _note_ends_out_of_reach(self, section: _Section) -> None:
+        """Where a line could not be followed because its very end is out of reach, that is the most useful reason."""
+        for primitive in section.tied:
+            if primitive.kind is StraightMove:
+                solutions = all_solutions(self._model, primitive.X_end)
+                if not solutions.solutions:
+                    reason = f"{primitive.name}: `{primitive.to}` {solutions.reason}"
+                    self._failures.insert(0, (len(self._skill.primitives), reason))
 
     def _clear_ends(self, section: _Section, configurations: Sequence[Array]) -> list[Array]:
         """The configurations that a section's joint move may end in without touching anything."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array, inverse, transform
 from sqrp_cli.programming.kinematics import RobotModel
 
@@ -20,7 +21,11 @@ class MotionBound:
     """
 
     def __init__(self, model: RobotModel) -> None:
-        """Find the axes of the arm's joints, in the frames of links that they move."""
+        """Find the axes of the arm's joints, in the frames of links that they move.
+
+        Raises InputError for an arm with coupled joints (one that mimics another one of the arm), which the bound does
+        not cover.
+        """
         n = len(model.arm)
         self._turns = model.turns
         q = np.asarray(model.home) + 0.1 * np.arange(1, n + 1)
@@ -36,6 +41,21 @@ class MotionBound:
         origins = np.stack([X_WL[0, :3, 3] for X_WL in poses.values()])
         distances = np.linalg.norm(np.cross(origins - points[:, None], angular[:, None]), axis=-1).max(axis=1)
         self.radii = np.where(self._turns, distances, 1.0)
+        self._check_uncoupled(model, q)
+
+    def _check_uncoupled(self, model: RobotModel, q: Array) -> None:
+        """Links of equal depth must be rigidly connected, and the axes found must give the Jacobian everywhere."""
+        other = q + 0.3 + 0.1 * np.arange(len(q))
+        poses = model.link_poses(np.stack([q, other]))
+        rigid = [inverse(poses[self._links[d - 1]]) @ poses[link] for link, d in self.depth.items() if d > 0]
+        frames = np.stack([poses[link][1] for link in self._links])
+        axes = (frames[:, :3, :3] @ self._axes[..., None])[..., 0]
+        arms = model.tool_pose(other)[:3, 3] - transform(frames, self._points[:, None])[:, 0]
+        expected = np.concatenate([np.cross(axes, arms), axes], axis=1)[self._turns]
+        off = np.abs(model.jacobian(other).T[self._turns] - expected).max(initial=0.0)
+        if max(off, *(np.abs(X[1] - X[0]).max() for X in rigid)) > 1e-6:
+            message = "a joint of the arm mimics another joint of the arm, which collision checks do not support"
+            raise InputError(Problem("coupled-arm", message))
 
     def between(
         self, link_poses: Mapping[str, Array], variation: Array, centers: Array, radii: Array, depth: NDArray[np.intp]

@@ -11,7 +11,10 @@ from sqrp_cli.logic.literal import Literal
 
 @dataclass(frozen=True)
 class GroundFormula:
-    """One temporal operator of a skill's formulas, grounded; `fault` names the fault that its formula describes, if any."""
+    """One temporal operator of a skill's formulas, grounded.
+
+    `fault` names the fault that its formula describes, if any.
+    """
 
     operator: GroundOperator
     fault: str | None
@@ -22,7 +25,8 @@ class Piece:
     """A piece of the motion within one primitive in which the same formulas apply throughout.
 
     primitive: index of the primitive. start, end: [s]; equal where a formula applies at one instant only.
-    literals: what must be observable, in the order in which the formulas name it. of_interest: inside an event of interest.
+    literals: what must be observable, in the order in which the formulas name it. of_interest: inside an event of
+    interest.
     """
 
     primitive: int
@@ -40,8 +44,9 @@ class Piece:
 def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[GroundFormula]) -> tuple[Piece, ...]:
     """Cut a motion wherever a primitive or the interval of a formula begins or ends.
 
-    spans: start and end of each primitive [s], one after the other. Neighbouring pieces share their instant, which is thereby
-    sampled as it is on its left and on its right. Formulas that apply at a single instant make a piece of no length there.
+    spans: start and end of each primitive [s], one after the other. Neighbouring pieces share their instant, which is
+    thereby sampled as it is on its left and on its right. Formulas that apply at a single instant make a piece of no
+    length there.
     """
     operators = [formula.operator for formula in formulas]
     interest = events_of_interest(operators)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -38,7 +39,8 @@ class Assignment:
 def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[Assessment]:
     """The assessments in the order of the candidates, each as soon as it and those before it are done.
 
-    jobs: number of processes at most. Processes are forked, so that they share what is loaded; where the platform cannot fork, one does all.
+    jobs: number of processes at most. Processes are forked, so that they share what is loaded; where the platform
+    cannot fork, one does all.
     """
     processes = min(jobs, len(candidates) // WORTH_A_PROCESS)
     if processes < 2 or "fork" not in multiprocessing.get_all_start_methods():
@@ -56,18 +58,15 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-_inherited: tuple[Assignment, Sequence[Candidate]] | None = None
+_inherited: list[tuple[Assignment, Sequence[Candidate]]] = []
+"""In a worker: what it was forked with."""
 
 
 def _start_worker(assignment: Assignment, candidates: Sequence[Candidate]) -> None:
-    import signal
-
-    global _inherited
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which prints what is finished
-    _inherited = assignment, candidates
+    _inherited.append((assignment, candidates))
 
 
 def _assess_in_worker(index: int) -> Assessment:
-    assert _inherited is not None
-    assignment, candidates = _inherited
+    assignment, candidates = _inherited[0]
     return assignment.assess(candidates[index])

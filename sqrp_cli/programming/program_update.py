@@ -35,12 +35,11 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
     cameras: names in the order of the study's verdicts.
     """
     candidate, motion = study.candidate, study.motion
-    assert assessment.time is not None
     return Step(
         task=task,
         skill=candidate.skill.name,
         parameters=candidate.parameters,
-        time=assessment.time,
+        time=motion.time,
         q_avg=assessment.q_avg,
         q_eoi=assessment.q_eoi,
         faults={
@@ -106,8 +105,7 @@ def _formulas(study: Study) -> tuple[ProgramFormula, ...]:
 def _target(study: Study, column: int, cameras: tuple[str, ...]) -> ProgramTarget:
     target: Target = study.targets[column]
     observation = study.timeline.observation
-    assert observation.matrix is not None
-    sees = np.all([box.cause == Cause.NONE for box in observation.matrix[column]], axis=0)
+    sees = np.all([box.cause == Cause.NONE for box in observation.full_matrix[column]], axis=0)
     sees &= observation.required[:, column, None]
     return ProgramTarget(
         cameras=target.cameras,

@@ -10,9 +10,9 @@ from sqrp_cli.programming.timeline import Timeline
 def average_quality(timeline: Timeline) -> float | None:
     """Q_avg: total length of the runs of covered states over T, in 0..1; None where no formula applies for any time.
 
-    A run is a maximal sequence of consecutive covered samples inside one stretch of formula time; its length is last minus first
-    (paper, section on sensing quality computation). Samples that share an instant add no length, so the sum over runs is the sum
-    over neighbouring covered samples.
+    A run is a maximal sequence of consecutive covered samples inside one stretch of formula time; its length is last
+    minus first (paper, section on sensing quality computation). Samples that share an instant add no length, so the sum
+    over runs is the sum over neighbouring covered samples.
     """
     return _covered_length(timeline, interesting_only=False) / timeline.T if timeline.T > 0 else None
 

@@ -17,7 +17,10 @@ _QUALITY_STEP = 1e-3
 
 @dataclass(frozen=True)
 class Ranked:
-    """An assessment with its place: rank from 1, None if infeasible; pareto: no other is better in Q_avg, Q_eoi and time alike."""
+    """An assessment with its place: rank from 1, None if infeasible.
+
+    pareto: no other is better in Q_avg, Q_eoi and time alike.
+    """
 
     assessment: Assessment
     rank: int | None
@@ -27,7 +30,8 @@ class Ranked:
 def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]:
     """The candidates in order: the best first, the infeasible ones last, in the order in which they came.
 
-    Ties go by Q_avg, time, worst delay and finally the parameters. A criterion that is null for a candidate tells none apart.
+    Ties go by Q_avg, time, worst delay and finally the parameters. A criterion that is null for a candidate tells none
+    apart.
     """
     feasible = [assessment for assessment in assessments if assessment.feasible]
     columns = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], _worst_delay]
@@ -38,7 +42,9 @@ def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]
         return values, _parameters(assessment)
 
     ordered = sorted(feasible, key=key)
-    ranked = [Ranked(assessment, place, _undominated(assessment, feasible)) for place, assessment in enumerate(ordered, 1)]
+    ranked = [
+        Ranked(assessment, place, _undominated(assessment, feasible)) for place, assessment in enumerate(ordered, 1)
+    ]
     return (*ranked, *(Ranked(assessment, None, False) for assessment in assessments if not assessment.feasible))
 
 

@@ -17,8 +17,8 @@ INSTANTS = 65
 def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     """Stop and move-back times from `start` [s] to the end of a motion.
 
-    Stopping: every joint comes to rest as soon as its acceleration and jerk limits allow; the slowest counts. Moving back: a joint
-    move from where the joints then are to where they were at the start of the motion.
+    Stopping: every joint comes to rest as soon as its acceleration and jerk limits allow; the slowest counts. Moving
+    back: a joint move from where the joints then are to where they were at the start of the motion.
     """
     limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
     t = np.linspace(min(start, motion.time), motion.time, INSTANTS)
@@ -38,9 +38,10 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
 
 
 def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> tuple[Array, Array]:
-    """Shortest times [s] to rest, and how far joints move meanwhile [rad or m], both of the shape (m, n) of the arguments.
+    """Shortest times [s] to rest, and how far joints move meanwhile [rad or m], shape (m, n) like the arguments.
 
-    The acceleration changes at the jerk limit to a peak p, stays there if p is the acceleration limit, and returns to zero. With signs such
+    The acceleration changes at the jerk limit to a peak p, stays there if p is the acceleration limit, and returns to
+    zero. With signs such
     that p is positive, velocity u and acceleration b: p^2 / J - b^2 / 2J = -u.
     """
     A, J = limits.acceleration, limits.jerk

@@ -19,7 +19,10 @@ DEFAULT_TOLERANCE = 1e-3
 """Largest error of Q that bisection leaves, as a fraction (0.1 points)."""
 
 MAX_MOTION = 0.01
-"""Adaptive sampling: no corner of a target or of a box around a moving part moves further than this between samples [m]."""
+"""How far, in adaptive sampling, anything may move from one sample to the next [m].
+
+That is any corner of a target or of a box around a moving part.
+"""
 
 _PROBES = 33
 """Instants per primitive at which the speed of things is measured, to place the adaptive samples."""
@@ -55,9 +58,10 @@ Sampling = FixedCount | FixedStep | Adaptive
 def first_samples(sampling: Sampling, stage: Stage, solids: Sequence[Solid], targets: Sequence[Target]) -> Samples:
     """The samples of every piece before any bisection; both ends of every piece are among them."""
     primitives = stage.motion.primitives
+    instants: list[Array]
     match sampling:
         case FixedCount(samples):
-            instants = [np.linspace(p.start, p.end, samples) for p in primitives]
+            instants = [np.linspace(p.start, p.end, samples, dtype=float) for p in primitives]
         case FixedStep(dt):
             instants = [p.start + dt * np.arange(int((p.end - p.start) / dt) + 1) for p in primitives]
         case Adaptive():
@@ -100,9 +104,7 @@ def _equal_motion(stage: Stage, solids: Sequence[Solid], targets: Sequence[Targe
 
 def _steps(states: SceneStates, solids: Sequence[Solid], targets: Sequence[Target]) -> Array:
     """How far the fastest corner moves from each state to the next [m], shape (m - 1,)."""
-    moving = [
-        transform(X_WP, solid.corners) for solid in solids if len(X_WP := states.X_WF[solid.part.parent]) > 1
-    ]
+    moving = [transform(X_WP, solid.corners) for solid in solids if len(X_WP := states.X_WF[solid.part.parent]) > 1]
     boxes = [box for target in targets for box in target.boxes]
     moving += [states.box_poses(box)[:, None, :3, 3] for box in boxes if len(states.X_WF[box.frame]) > 1]
     if not moving:

@@ -1,4 +1,7 @@
-"""Parts of the cell as coal geometry, for collision and for sight; the one place that turns shapes into coal's classes."""
+"""Parts of the cell as coal geometry, for collision and for sight.
+
+The one place that turns shapes into coal's classes.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,14 @@ MAX_TRIANGLES = 2_000_000
 """Largest mesh that is accepted; above it a whole-cell computation would take minutes."""
 
 SIDES = 48
-"""Sides of the prisms that stand for round shapes where triangles are needed; they enclose the shape (0.2 % too wide)."""
+"""Sides of the prisms that stand for round shapes where triangles are needed.
+
+They enclose the shape (0.2 % too wide).
+"""
 
 BOX_TRIANGLES = np.array(
-    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
 )  # fmt: skip
 """Triangles of a box over its corners in the order of `geometry.BOX_SIGNS`, outward, shape (12, 3)."""
 
@@ -77,7 +84,7 @@ def load_solids(parts: Sequence[Part]) -> tuple[Solid, ...]:
 
 @cache
 def _load_shape(shape: Shape) -> tuple[Any, Array, NDArray[np.int64]]:
-    """coal geometry, vertices and triangles of a shape in its own frame."""
+    """Geometry of coal, vertices and triangles of a shape in its own frame."""
     match shape:
         case Box(size):
             return coal.Box(*size), 0.5 * np.asarray(size) * BOX_SIGNS, BOX_TRIANGLES
@@ -110,8 +117,8 @@ def _load_mesh(path: Path, scale: tuple[float, float, float]) -> tuple[Any, Arra
 
 def _prism(radius: float, length: float) -> tuple[Array, NDArray[np.int64]]:
     """A prism around a cylinder about z."""
-    rim = _rim(radius / np.cos(np.pi / SIDES))
-    vertices = np.concatenate([rim - [0, 0, length / 2], rim + [0, 0, length / 2], [[0, 0, -length / 2], [0, 0, length / 2]]])
+    rim, up = _rim(radius / np.cos(np.pi / SIDES)), np.array([0.0, 0.0, length / 2])
+    vertices = np.concatenate([rim - up, rim + up, [-up, up]])
     low = np.arange(SIDES)
     following = (low + 1) % SIDES
     high, bottom, top = low + SIDES, np.full(SIDES, 2 * SIDES), np.full(SIDES, 2 * SIDES + 1)
@@ -123,7 +130,8 @@ def _prism(radius: float, length: float) -> tuple[Array, NDArray[np.int64]]:
 def _surface_of_revolution(radius: float, angles: Array, straight: float) -> tuple[Array, NDArray[np.int64]]:
     """A sphere around z, cut at its equator and pulled apart by `straight`, as rings at polar angles from the top."""
     outer = radius / np.cos(np.pi / SIDES)
-    rings = [_rim(outer * np.sin(a)) + [0, 0, outer * np.cos(a) + np.copysign(straight / 2, np.cos(a))] for a in angles]
+    heights = outer * np.cos(angles) + np.copysign(straight / 2, np.cos(angles))
+    rings = [_rim(outer * np.sin(angle), height) for angle, height in zip(angles, heights, strict=True)]
     first = np.arange(SIDES)
     following = (first + 1) % SIDES
     triangles = []
@@ -134,9 +142,7 @@ def _surface_of_revolution(radius: float, angles: Array, straight: float) -> tup
     return np.concatenate(rings), np.concatenate(triangles)
 
 
-def _rim(radius: float) -> Array:
+def _rim(radius: float, height: float = 0.0) -> Array:
     """The corners of a regular polygon of `SIDES` sides about z, shape (SIDES, 3)."""
     angles = 2 * np.pi * np.arange(SIDES) / SIDES
-    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.zeros(SIDES)])
-
-
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(SIDES, height)])

@@ -76,7 +76,10 @@ class Stage:
         X_WO = np.empty((len(samples), 4, 4))
         for index, rows in self._by_primitive(samples):
             primitive = self.motion.primitives[index]
-            X_WO[rows] = X_WT[rows] @ primitive.X_TO if primitive.held == name else primitive.X_WO[name]
+            if primitive.held == name and primitive.X_TO is not None:
+                X_WO[rows] = X_WT[rows] @ primitive.X_TO
+            else:
+                X_WO[rows] = primitive.X_WO[name]
         return X_WO
 
     def _by_primitive(self, samples: Samples) -> list[tuple[int, NDArray[np.int64]]]:

@@ -179,7 +179,9 @@ def rotation_matrix(vector: Array) -> Array:
         return np.eye(3)
     x, y, z = vector / angle
     K: Array = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + float(np.sin(angle)) * K + float(1.0 - np.cos(angle)) * (K @ K)
+    R: Array = np.eye(3, dtype=np.float64)
+    R += float(np.sin(angle)) * K + float(1.0 - np.cos(angle)) * (K @ K)
+    return R
 
 
 @cache
@@ -193,6 +195,6 @@ def _points(degree: int) -> Array:
 @cache
 def _fit_matrix(degree: int) -> Array:
     """Maps values at the Chebyshev points to the coefficients of the polynomial through them."""
-    matrix: Array = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _points(degree) - 1, degree))
+    matrix = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _points(degree) - 1, degree)).astype(np.float64)
     matrix.setflags(write=False)
     return matrix

@@ -16,7 +16,8 @@ START = "@start"
 class TargetBox:
     """One box of a grounded target.
 
-    frame: `world`, a link, an object, or `OBJECT@start`. size: full extents [m]. X_FB: pose of the box in the frame, (4, 4).
+    frame: `world`, a link, an object, or `OBJECT@start`. size: full extents [m]. X_FB: pose of the box in the frame,
+    (4, 4).
     normal: unit vector in the box's axes, or None. encloses: names of links, objects or parts that do not hide the box.
     """
 

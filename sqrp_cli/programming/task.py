@@ -48,13 +48,16 @@ class Task:
 def read_task(text: str, workspace: Workspace) -> Task:
     """The candidates of a task such as `pickup red screw`, `place g1 tray` or `pickup object=g1 speed=0.5`.
 
-    The first word is a skill. `name=value` sets a parameter. Every other word is the name, the type, the colour or an attribute of an object;
-    with several parameters, the words are for the parameters in order, each for one. Raises InputError where nothing matches.
+    The first word is a skill. `name=value` sets a parameter. Every other word is the name, the type, the colour or an
+    attribute of an object; with several parameters, the words are for the parameters in order, each for one. Raises
+    InputError where nothing matches.
     """
     words = text.split()
     if not words:
         skills = ", ".join(f"`{name}`" for name in workspace.skills)
-        raise InputError(Problem("empty-task", f"the task is empty; expected a skill ({skills}) and what to do it with"))
+        raise InputError(
+            Problem("empty-task", f"the task is empty; expected a skill ({skills}) and what to do it with")
+        )
     skill = workspace.skills.get(words[0])
     if skill is None:
         message = f"there is no skill `{words[0]}`; {expected_names(words[0], workspace.skills)}"
@@ -67,7 +70,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
     for values in [*choices, *motion]:
         count *= len(values)
     if count > MAX_CANDIDATES:
-        message = f"the task has {count:,} candidates, more than the limit of {MAX_CANDIDATES:,}; name fewer objects or values"
+        message = f"the task has {count:,} candidates, the limit is {MAX_CANDIDATES:,}; name fewer objects or values"
         raise InputError(Problem("too-many-candidates", message))
     return Task(text, skill, tuple(_candidates(skill, choices, motion)))
 
@@ -97,7 +100,7 @@ def shown(value: MotionValue) -> str:
 
 def _setting(word: str, skill: Skill) -> tuple[str, str]:
     name, value = word.split("=", 1)
-    valid = [parameter.name for parameter in (*skill.action.parameters, *skill.motion_parameters)]
+    valid = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
     if name not in valid:
         message = f"skill `{skill.name}` has no parameter `{name}`; {expected_names(name, valid)}"
         raise InputError(Problem("unknown-parameter", message))
@@ -112,7 +115,8 @@ def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tupl
         return (settings[name],)
     quantity = read_quantity(settings[name])
     if quantity is None:
-        message = f"`{name}={settings[name]}` is no number with a known unit; expected one like `{name}={shown(parameter.values[0])}`"
+        example = f"`{name}={shown(parameter.values[0])}`"
+        message = f"`{name}={settings[name]}` is no number with a known unit; expected one like {example}"
         raise InputError(Problem("wrong-unit", message))
     return (quantity.value,)
 
@@ -167,12 +171,10 @@ def _words_for(thing: SceneObject) -> set[str]:
 
 
 def _is_of_type(thing: SceneObject, parameter: Parameter, skill: Skill) -> bool:
-    return skill.domain.fits((thing.type, "fixture" if thing.fixed else "movable"), parameter.type)
+    return skill.domain.fits(thing.types, parameter.type)
 
 
-def _no_match(
-    skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence[str]], filters: Sequence[str]
-) -> str:
+def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence[str]], filters: Sequence[str]) -> str:
     asked = " ".join(filters) or "anything"
     words = {word for names in fitting.values() for name in names for word in _words_for(workspace.objects[name])}
     unknown = [word for word in filters if word.lower() not in words]
@@ -180,6 +182,7 @@ def _no_match(
         hint = expected_names(unknown[0], words)
         return f"no object that `{skill.name}` can use is called or described as `{unknown[0]}`; {hint}"
     usable = "; ".join(
-        f"{name}: {', '.join(f'`{candidate}`' for candidate in names) or 'no object fits'}" for name, names in fitting.items()
+        f"{name}: {', '.join(f'`{candidate}`' for candidate in names) or 'no object fits'}"
+        for name, names in fitting.items()
     )
     return f"nothing matches `{asked}`; `{skill.name}` can use {usable}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from sqrp_cli.programming.targets import Target
 
 Mask = NDArray[np.bool_]
 
+Scalar = TypeVar("Scalar", bound=np.generic)
+
 SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""
 
@@ -30,8 +33,8 @@ class Observation:
 
     required: whether a state holds the target's atom, shape (m, a). covered: shape (m, a), False where not required.
     response: of the cameras that cover it [s], NaN where uncovered, shape (m, a).
-    matrix: per target and box the verdicts of every camera; None where only coverage was asked, and then `covered` may also be False
-    where another atom already decided.
+    matrix: per target and box the verdicts of every camera; None where only coverage was asked, and then `covered` may
+    also be False where another atom already decided.
     """
 
     required: Mask
@@ -39,10 +42,17 @@ class Observation:
     response: Array
     matrix: tuple[tuple[BoxVerdicts, ...], ...] | None
 
+    @property
+    def full_matrix(self) -> tuple[tuple[BoxVerdicts, ...], ...]:
+        """The matrix. Raises ValueError where only coverage was asked."""
+        if self.matrix is None:
+            raise ValueError("the causes were not looked up")
+        return self.matrix
+
     def joined(self, other: Observation, order: NDArray[np.int64]) -> Observation:
         """The rows of both in the given order."""
 
-        def join(first: NDArray[np.generic], second: NDArray[np.generic]) -> NDArray[np.generic]:
+        def join(first: NDArray[Scalar], second: NDArray[Scalar]) -> NDArray[Scalar]:
             return np.concatenate([first, second])[order]
 
         matrix = None
@@ -68,8 +78,9 @@ class Observation:
 class Timeline:
     """The coverage of a candidate over its motion.
 
-    atoms: in the order of the columns of `observation`. T, T_eoi: see `pieces.monitored_time` and `interesting_time` [s].
-    faults: the columns of the atoms of each fault. rounds: rounds of bisection that were made.
+    atoms: in the order of the columns of `observation`. T, T_eoi: see `pieces.monitored_time` and `interesting_time`
+    [s].
+    faults: the columns of the atoms of each fault.
     """
 
     pieces: tuple[Piece, ...]
@@ -83,16 +94,18 @@ class Timeline:
     @property
     def monitored(self) -> Mask:
         """Whether a state holds any literal, shape (m,)."""
-        return self.observation.required.any(axis=1)
+        monitored: Mask = self.observation.required.any(axis=1)
+        return monitored
 
     @property
     def covered(self) -> Mask:
         """Whether a state holds literals and all of them are covered, shape (m,)."""
-        return self.monitored & (self.observation.covered | ~self.observation.required).all(axis=1)
+        covered: Mask = self.monitored & np.all(self.observation.covered | ~self.observation.required, axis=1)
+        return covered
 
     def fault_covered(self, fault: str) -> Mask:
         """Whether all literals of a fault are required and covered, shape (m,)."""
-        covered: Mask = self.observation.covered[:, list(self.faults[fault])].all(axis=1)
+        covered: Mask = np.all(self.observation.covered[:, list(self.faults[fault])], axis=1)
         return covered
 
     def fault_response(self, fault: str) -> Array:
@@ -120,9 +133,7 @@ class Timeline:
         """Bound on the error of Q from not knowing when between two samples the coverage changed, as a fraction."""
         width = np.where(self.covered[1:] != self.covered[:-1], np.nan_to_num(self.steps), 0.0)
         inside = width[self.interesting[:-1]].sum()
-        return max(
-            float(width.sum() / self.T) if self.T else 0.0, float(inside / self.T_eoi) if self.T_eoi else 0.0
-        )
+        return max(float(width.sum() / self.T) if self.T else 0.0, float(inside / self.T_eoi) if self.T_eoi else 0.0)
 
 
 def observe(
@@ -145,16 +156,22 @@ def observe(
     timeline = Timeline(
         stage.pieces, samples, tuple(target.atom for target in targets), observation, faults, times[0], times[1]
     )
-    while isinstance(sampling, Adaptive) and (added := _midpoints(timeline, targets, sampling.tolerance)) is not None:
+    while isinstance(sampling, Adaptive) and (added := _midpoints(timeline, sampling.tolerance)) is not None:
         order = timeline.samples.merge_order(added)
         observation = timeline.observation.joined(_look(stage, observer, targets, faults, added, full=full), order)
         timeline = Timeline(
-            timeline.pieces, timeline.samples.joined(added, order), timeline.atoms, observation, faults, times[0], times[1]
+            timeline.pieces,
+            timeline.samples.joined(added, order),
+            timeline.atoms,
+            observation,
+            faults,
+            times[0],
+            times[1],
         )
     return timeline
 
 
-def _midpoints(timeline: Timeline, targets: Sequence[Target], tolerance: float) -> Samples | None:
+def _midpoints(timeline: Timeline, tolerance: float) -> Samples | None:
     """The middle of every bracket around a transition that is still too wide; None when all are narrow enough."""
     t, piece, steps = timeline.samples.t, timeline.samples.piece, np.nan_to_num(timeline.steps)
     groups = np.column_stack([timeline.covered, *(timeline.fault_covered(fault) for fault in timeline.faults)])
@@ -163,7 +180,8 @@ def _midpoints(timeline: Timeline, targets: Sequence[Target], tolerance: float) 
     wide = changes & (steps > max(tolerance * least / max(1, int(changes.sum())), SHORTEST_BRACKET))
     if timeline.observation.matrix is not None:
         cameras = np.concatenate(
-            [np.all([box.cause == Cause.NONE for box in boxes], axis=0) for boxes in timeline.observation.matrix], axis=1
+            [np.all([box.cause == Cause.NONE for box in boxes], axis=0) for boxes in timeline.observation.matrix],
+            axis=1,
         )
         wide |= (cameras[1:] != cameras[:-1]).any(axis=1) & (steps > max(tolerance * timeline.T, SHORTEST_BRACKET))
     rows = np.flatnonzero(wide)
@@ -180,7 +198,10 @@ def _look(
     full: bool,
 ) -> Observation:
     held = np.array(
-        [[any(literal.atom == target.atom for literal in piece.literals) for target in targets] for piece in stage.pieces]
+        [
+            [any(literal.atom == target.atom for literal in piece.literals) for target in targets]
+            for piece in stage.pieces
+        ]
     )
     required = held[samples.piece]
     states = stage.states(samples)
@@ -209,7 +230,10 @@ def _quick_look(
     states: SceneStates,
     required: Mask,
 ) -> Observation:
-    """Coverage only: a target is not looked at where the state and every fault that needs it are already known uncovered."""
+    """Coverage only.
+
+    A target is not looked at where the state and every fault that needs it are already known uncovered.
+    """
     covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
     state_open = np.ones(len(required), dtype=bool)
     fault_open = {fault: np.ones(len(required), dtype=bool) for fault in faults}

@@ -12,8 +12,8 @@ from ruckig import Trajectory as RuckigTrajectory
 from sqrp_cli.geometry import Array
 from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory, chain_rule
 
-SAMPLES_PER_DEGREE = 32
-"""Instants within each phase of a law, for each coefficient of the path, at which limits are checked, ends included."""
+SAMPLES_PER_DEGREE, LEAST_SAMPLES = 32, 17
+"""Instants at which limits are checked: along the whole path for each of its coefficients, and more in each phase."""
 
 STRETCH_MARGIN = 1e-3
 """By how much `time_path` stretches beyond what its samples ask for, to cover the peaks between samples."""
@@ -118,9 +118,9 @@ def time_path(path: Path, limits: MotionLimits, along: MotionLimits | None = Non
     those that the joints would put on it if the path were a straight line as steep as its steepest place.
 
     The fastest law under `along` is slowed down as a whole by k = max(1, r_v, sqrt(r_a), cbrt(r_j)), where r are the
-    largest ratios of a joint's velocity, acceleration and jerk to its limit. They are taken at `SAMPLES_PER_DEGREE`
-    instants per phase and coefficient of the path, on both sides of every switch, and k gets a margin of
-    `STRETCH_MARGIN`; where bounds of the derivatives already show that no limit is met, none are taken.
+    largest ratios of a joint's velocity, acceleration and jerk to its limit. They are taken at the instants that
+    `phase_samples` gives, and k gets a margin of `STRETCH_MARGIN`; where bounds of the derivatives already show that no
+    limit is met, none are taken.
     """
     law = rest_to_rest(along if along is not None else limits.along(path.derivative_bounds().max(axis=0)))
     trajectory = Trajectory(path, law)
@@ -130,7 +130,7 @@ def time_path(path: Path, limits: MotionLimits, along: MotionLimits | None = Non
     bounds = [path.derivative_bounds(order).max(axis=0) for order in (1, 2, 3)]
     if all((chain_rule(peaks, bounds[:order]) <= every[order - 1]).all() for order in (1, 2, 3)):
         return trajectory
-    sampled = law.derivatives(phase_samples(trajectory, SAMPLES_PER_DEGREE * path.coefficients.shape[1]))
+    sampled = law.derivatives(phase_samples(trajectory, LEAST_SAMPLES, SAMPLES_PER_DEGREE * path.coefficients.shape[1]))
     slopes = [path.derivatives(sampled[0], order) for order in (1, 2, 3)]
     motion = [chain_rule(sampled[1:, :, None], slopes[:order]) for order in (1, 2, 3)]
     ratios = [np.abs(values).max(axis=0) / limit for values, limit in zip(motion, every, strict=True)]
@@ -138,12 +138,14 @@ def time_path(path: Path, limits: MotionLimits, along: MotionLimits | None = Non
     return Trajectory(path, law.stretched(factor)) if factor > 1.0 else trajectory
 
 
-def phase_samples(trajectory: Trajectory, count: int) -> Array:
-    """`count` instants [s] in each phase, both its ends included as seen from within, shape (phases * count,).
+def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:
+    """Instants [s] in each phase of a trajectory, both its ends included as seen from within, shape (m,).
 
-    A phase lasts from one break of law or path to the next.
+    A phase lasts from one break of law or path to the next. Each gets `least` of them, and its share of another
+    `whole`, by how much of the path it covers.
     """
     joints = [trajectory.law.time_at(s) for s in trajectory.path.breaks[1:-1]]
     breaks = np.unique(np.concatenate([trajectory.law.breaks, joints]))
-    instants = np.linspace(breaks[:-1], np.nextafter(breaks[1:], 0.0), count, axis=1)
-    return instants.reshape(-1)
+    counts = least + np.ceil(whole * np.diff(trajectory.law.derivatives(breaks)[0])).astype(int)
+    ends = zip(breaks[:-1], np.nextafter(breaks[1:], 0.0), counts, strict=True)
+    return np.concatenate([np.linspace(start, end, count) for start, end, count in ends])

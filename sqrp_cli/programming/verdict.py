@@ -1,4 +1,7 @@
-"""Why a candidate scores as it does, in a sentence or two: what is lost when, for which camera, behind what, and what would help."""
+"""Why a candidate scores as it does, in a sentence or two.
+
+What is lost when, for which camera, behind what, and what would help.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,8 @@ _ADVICE = {
 class CameraCause:
     """Why a camera does not see a target over a stretch: its commonest first failing limit.
 
-    by: the occluder, or the side of the image; None otherwise. figure: mean amount by which the limit is missed, in the limit's unit.
+    by: the occluder, or the side of the image; None otherwise. figure: mean amount by which the limit is missed, in the
+    limit's unit.
     """
 
     camera: str
@@ -78,8 +82,8 @@ class CameraCause:
 class BlindStretch:
     """A stretch of time in which a state is not covered.
 
-    start, end: first and last uncovered sample [s]. literal: one that is not covered. causes: of every camera that does not see it, the one that
-    comes nearest to seeing it first.
+    start, end: first and last uncovered sample [s]. literal: one that is not covered. causes: of every camera that does
+    not see it, the one that comes nearest to seeing it first.
     """
 
     start: float
@@ -134,7 +138,10 @@ def _stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
 
 
 def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindStretch:
-    """What is lost in a run of uncovered samples, and why: of all literals the one that is lost in most of a few samples."""
+    """What is lost in a run of uncovered samples, and why.
+
+    Of all literals the one that is lost in most of a few samples.
+    """
     timeline, samples = study.timeline, study.timeline.samples
     chosen = rows[np.unique(np.linspace(0, len(rows) - 1, _LOOKS).round().astype(np.int64))]
     states = study.stage.states(Samples(samples.piece[chosen], samples.t[chosen]))
@@ -142,7 +149,8 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     matrices = [cell.observer.verdicts(target, states) for target in study.targets]
     lost = np.stack(
         [
-            required[:, column] & (np.all([box.cause == Cause.NONE for box in boxes], axis=0).sum(axis=1) < target.cameras)
+            required[:, column]
+            & (np.all([box.cause == Cause.NONE for box in boxes], axis=0).sum(axis=1) < target.cameras)
             for column, (target, boxes) in enumerate(zip(study.targets, matrices, strict=True))
         ]
     )

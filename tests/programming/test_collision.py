@@ -12,7 +12,8 @@ import pytest
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Part, SceneObject, Shape, Sphere
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.programming.collision import CLEARANCE, RESOLUTION, CollisionScene, PlacedScene, _Body, pair
+from sqrp_cli.programming.collision import CLEARANCE, RESOLUTION, CollisionScene, PlacedScene, pair
+from sqrp_cli.programming.collision_body import Body
 from sqrp_cli.programming.kinematics import RobotModel
 from sqrp_cli.programming.motion_bound import MotionBound
 from sqrp_cli.programming.solids import load_solid
@@ -130,11 +131,11 @@ def test_curved_paths_of_several_pieces_agree_with_a_fine_step(ur5: RobotModel, 
 
 
 def test_a_plate_far_thinner_than_any_sampling_step_is_found(ur5: RobotModel) -> None:
-    """Swing the shoulder through a plate of 0.1 mm in the way of the tool; the names and the place are worked out by hand."""
+    """Swing the shoulder through a plate of 0.1 mm in the way of the tool; names and place are worked out by hand."""
     swing = np.array([1.2, 0, 0, 0, 0, 0])
     tip = ur5.tool_pose(READY + swing / 2)[:3, 3]
     across = axis_rotation(2, float(np.arctan2(tip[1], tip[0])))
-    plate = thing("plate", (0.02, 0.0001, 0.02), pose(across, tip - [0, 0, 0.0]))
+    plate = thing("plate", (0.02, 0.0001, 0.02), pose(across, tip))
     contact = CollisionScene(ur5, [plate]).placed(world([plate])).check_path(Path.line(READY, READY + swing))
     assert contact is not None
     assert str(contact) == "suction_cup hits plate"
@@ -217,7 +218,7 @@ def test_covering_spheres_contain_the_surface_of_every_mesh_of_the_robot(ur5: Ro
 def contains_surface(part: Part) -> None:
     """Points drawn on the triangles lie in some sphere, and in the box."""
     solid = load_solid(part)
-    body, rng = _Body.of(solid), np.random.default_rng(0)
+    body, rng = Body.of(solid), np.random.default_rng(0)
     corners = solid.vertices[solid.triangles]
     weights = rng.dirichlet(np.ones(3), (len(corners), 5))
     points = np.einsum("tkc,tcx->tkx", weights, corners).reshape(-1, 3)
@@ -228,7 +229,7 @@ def contains_surface(part: Part) -> None:
 
 def test_one_check_serves_many_configurations_in_order(scene: CollisionScene) -> None:
     placed: PlacedScene = scene.placed(world())
-    into_table = READY + [0, 1.0, 0, 0, 0, 0]
+    into_table = READY + np.array([0, 1.0, 0, 0, 0, 0])
     free, hit, again = placed.check_all(np.stack([READY, into_table, READY]))
     assert free is None
     assert again is None

@@ -12,12 +12,22 @@ from sqrp_cli.programming.motion_bound import MotionBound
 
 def test_depth_counts_the_joints_that_move_a_link(ur5: RobotModel) -> None:
     depth = MotionBound(ur5).depth
-    chain = ["base_link", "shoulder_link", "upper_arm_link", "forearm_link", "wrist_1_link", "wrist_2_link", "suction_tip"]
+    chain = [
+        "base_link",
+        "shoulder_link",
+        "upper_arm_link",
+        "forearm_link",
+        "wrist_1_link",
+        "wrist_2_link",
+        "suction_tip",
+    ]
     assert [depth[link] for link in chain] == list(range(7))
 
 
 @pytest.mark.parametrize("size", [0.01, 0.3, 1.5])
-def test_no_point_moves_further_than_its_bound_against_the_world_or_against_any_link(ur5: RobotModel, size: float) -> None:
+def test_no_point_moves_further_than_its_bound_against_the_world_or_against_any_link(
+    ur5: RobotModel, size: float
+) -> None:
     bound, rng = MotionBound(ur5), np.random.default_rng(0)
     links, radius, tightest = ["forearm_link", "wrist_2_link", "suction_tip"], 0.1, 0.0
     depth = np.array([bound.depth[link] for link in links])

@@ -18,9 +18,9 @@ def find_culprits(
 ) -> NDArray[np.int64]:
     """Index of the solid that hides each sight line's box, shape (v,); -1 where no pair names the sight line.
 
-    It is the solid whose first hit along the ray from the camera to the box's centre (v, 3) is nearest or, if none meets that ray,
-    the one whose nearest point inside the view hull is closest to the camera. pairs: (sight line, solid) inside the view hulls,
-    ordered by sight line.
+    It is the solid whose first hit along the ray from the camera to the box's centre (v, 3) is nearest or, if none
+    meets that ray, the one whose nearest point inside the view hull is closest to the camera. pairs: (sight line,
+    solid) inside the view hulls, ordered by sight line.
     """
     culprits = np.full(len(lines.state), -1, dtype=np.int64)
     _, first, counts = np.unique(pairs[0], return_index=True, return_counts=True)
@@ -45,7 +45,10 @@ def _nearest_of(lines: SightLines, line: int, center: Array, poses: SolidPoses, 
 
 
 def _first_hit(triangles: Array, ray: Array) -> float:
-    """Smallest factor of `ray` (3,) at which it meets a triangle (n, 3, 3), both from the eye; infinite if it meets none."""
+    """Smallest factor of `ray` (3,) at which it meets a triangle (n, 3, 3), both from the eye.
+
+    It is infinite if it meets none.
+    """
     edges = np.stack([np.cross(triangles[:, i], triangles[:, (i + 1) % 3]) for i in range(3)], axis=1)
     sides = edges @ ray
     total = sides.sum(axis=1)
@@ -55,7 +58,10 @@ def _first_hit(triangles: Array, ray: Array) -> float:
 
 
 def _hull_half_spaces(corners: Array) -> Array:
-    """Half spaces n . p <= o (k, 4) whose intersection is the hull of the eye (the origin) and the box's corners (8, 3)."""
+    """Half spaces whose intersection is the hull of the eye (the origin) and the box's corners (8, 3).
+
+    Rows (n, o) of shape (k, 4) for the points p with n . p <= o.
+    """
     spaces = []
     for triangle in BOX_TRIANGLES[::2]:
         normal = np.cross(corners[triangle[1]] - corners[triangle[0]], corners[triangle[2]] - corners[triangle[0]])
@@ -72,7 +78,10 @@ def _hull_half_spaces(corners: Array) -> Array:
 
 
 def _nearest_inside(triangles: Array, hull: Array) -> float:
-    """Least distance from the eye (the origin) to the part of the triangles (n, 3, 3) inside the hull; infinite if none is."""
+    """Least distance from the eye (the origin) to the part of the triangles (n, 3, 3) inside the hull.
+
+    It is infinite if none is.
+    """
     outside = np.einsum("kj,nvj->nkv", hull[:, :3], triangles) > hull[:, 3][None, :, None]
     best = np.inf
     for triangle in triangles[~outside.all(axis=2).any(axis=1)]:

@@ -18,8 +18,8 @@ class LimitVerdicts:
     """Which limit a box fails first, per state.
 
     cause: codes of `Cause`, shape (m,). side: index into `SIDES` where the cause is OUT_OF_IMAGE, else -1, shape (m,).
-    figure: by how much the limit is missed, shape (m,): [m] for ranges and distances, [pixels] for image and size, [rad] for
-    the angle; 0 where no limit fails.
+    figure: by how much the limit is missed, shape (m,): [m] for ranges and distances, [pixels] for image and size,
+    [rad] for the angle; 0 where no limit fails.
     """
 
     cause: NDArray[np.int8]
@@ -70,8 +70,8 @@ def check_limits(projection: Projection, detector: Detector, corners_C: Array, n
 def _hull_areas(points: Array, enough: float) -> Array:
     """Areas of the convex hulls of point sets (m, n, 2), exact where below `enough`, elsewhere a lower bound above it.
 
-    The four extreme points along the axes span a quadrilateral inside the hull, which settles nearly every box that is far
-    from the limit.
+    The four extreme points along the axes span a quadrilateral inside the hull, which settles nearly every box that is
+    far from the limit.
     """
     extremes = np.stack(
         [points[..., 0].argmin(1), points[..., 1].argmin(1), points[..., 0].argmax(1), points[..., 1].argmax(1)], axis=1

@@ -1,4 +1,7 @@
-"""Coverage of targets by cameras over a batch of states: the full verdict matrix, or just what is covered, as fast as possible."""
+"""Coverage of targets by cameras over a batch of states.
+
+The full verdict matrix, or just what is covered, as fast as possible.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +31,10 @@ Mask = NDArray[np.bool_]
 class BoxVerdicts:
     """Verdicts of one box over m states and c cameras, each array of shape (m, c).
 
-    cause: codes of `Cause`. by: index of the occluding solid where hidden, of the image side where out of the image, else -1.
-    figure: by how much the limit that failed first is missed (see `LimitVerdicts`). visible: share of the silhouette that is seen,
-    NaN where an earlier limit failed.
+    cause: codes of `Cause`. by: index of the occluding solid where hidden, of the image side where out of the image,
+    else -1.
+    figure: by how much the limit that failed first is missed (see `LimitVerdicts`). visible: share of the silhouette
+    that is seen, NaN where an earlier limit failed.
     """
 
     cause: NDArray[np.int8]
@@ -43,7 +47,8 @@ class BoxVerdicts:
 class TargetCoverage:
     """Whether a target is covered in m states, and how soon after an event the images show it.
 
-    covered: shape (m,). response: [s], shape (m,): the k-th smallest response among the cameras that cover it; NaN if uncovered.
+    covered: shape (m,). response: [s], shape (m,): the k-th smallest response among the cameras that cover it; NaN if
+    uncovered.
     """
 
     covered: Mask
@@ -73,7 +78,9 @@ class Observer:
         """
         response = np.full(len(rows), np.nan)
         count = np.zeros(len(rows), dtype=np.int64)
-        within = np.stack([self._within_limits(index, target.boxes, states, rows) for index in range(len(self.cameras))])
+        within = np.stack(
+            [self._within_limits(index, target.boxes, states, rows) for index in range(len(self.cameras))]
+        )
         open_rows = within.sum(axis=0) >= target.cameras
         for tier in self._tiers(within):
             partial: list[tuple[int, Rows]] = []
@@ -92,7 +99,10 @@ class Observer:
         return TargetCoverage(count >= target.cameras, response)
 
     def _tiers(self, within: Mask) -> list[list[int]]:
-        """Cameras grouped by response, fastest first; within a group the one with most states inside its limits first."""
+        """Cameras grouped by response, fastest first.
+
+        Within a group the one with most states inside its limits first.
+        """
         order = sorted(range(len(self.cameras)), key=lambda i: (self.cameras[i].response, -int(within[i].sum()), i))
         tiers: list[list[int]] = []
         for index in order:
@@ -114,7 +124,9 @@ class Observer:
         for box in boxes:
             X_WB = states.box_poses(box)
             moving = len(X_WC) > 1 or len(X_WB) > 1
-            limits = self._limits(index, box, rows_of(X_WC, rows) if moving else X_WC, rows_of(X_WB, rows) if moving else X_WB)
+            limits = self._limits(
+                index, box, rows_of(X_WC, rows) if moving else X_WC, rows_of(X_WB, rows) if moving else X_WB
+            )
             passed &= limits.cause == Cause.NONE
         return passed
 
@@ -211,6 +223,8 @@ class Observer:
             of_hidden = hidden[pairs[0]]
             lines = self._sight_lines(index, box, states, rows)
             center = rows_of(X_WB[:, :3, 3], rows)
-            culprits = find_culprits(lines, center, states.solid_poses(self.solids), (pairs[0][of_hidden], pairs[1][of_hidden]))
+            culprits = find_culprits(
+                lines, center, states.solid_poses(self.solids), (pairs[0][of_hidden], pairs[1][of_hidden])
+            )
             by[rows[hidden], index] = culprits[hidden]
         return BoxVerdicts(cause, by, figure, visible)

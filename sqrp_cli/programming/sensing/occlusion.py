@@ -1,7 +1,7 @@
 """Line of sight: which solids reach into the view hull of a box, the convex hull of camera centre and box corners.
 
-The hull decides for the whole box at once; rays to its corners would miss thin occluders. Solids are first culled in NumPy by
-planes around the hull; only what may touch it is handed to coal, whose answer against the meshes is exact.
+The hull decides for the whole box at once; rays to its corners would miss thin occluders. Solids are first culled in
+NumPy by planes around the hull; only what may touch it is handed to coal, whose answer against the meshes is exact.
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, transform
 from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
 
 SKIN = 1e-3
-"""A box is shrunk by this on every side before its sight is tested, so that what merely touches it does not hide it [m]."""
+"""By how much a box is shrunk on every side before its sight is tested [m].
+
+What merely touches it must not hide it.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +42,8 @@ class SolidPoses:
 class SightLines:
     """View hulls to test: one box seen from one camera, in a batch of states.
 
-    state: index of the state, shape (v,). eye: camera centre in the world, shape (v, 3). corners: corners of the shrunk box in
-    the world, shape (v, 8, 3).
+    state: index of the state, shape (v,). eye: camera centre in the world, shape (v, 3). corners: corners of the shrunk
+    box in the world, shape (v, 8, 3).
     """
 
     state: NDArray[np.int64]
@@ -66,9 +69,9 @@ def shrink(size: Sequence[float], normal: Sequence[float] | None) -> tuple[Array
 def hull_planes(lines: SightLines) -> Array:
     """Planes through the eye that enclose each view hull, plus one behind the box and one behind the eye.
 
-    Returns shape (v, 10, 4): normal n and offset o such that n . (p - eye) - o > 0 for every point p outside that plane. The
-    eight side planes bound the box's image by an octagon. All-zero planes (which exclude nothing) where the eye is so close
-    that the box has no bounded image.
+    Returns shape (v, 10, 4): normal n and offset o such that n . (p - eye) - o > 0 for every point p outside that
+    plane. The eight side planes bound the box's image by an octagon. All-zero planes (which exclude nothing) where the
+    eye is so close that the box has no bounded image.
     """
     rays = lines.corners - lines.eye[:, None]
     axis = rays.mean(axis=1)
@@ -92,7 +95,9 @@ def hull_planes(lines: SightLines) -> Array:
     return planes
 
 
-def near_pairs(lines: SightLines, poses: SolidPoses, solids: Sequence[int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def near_pairs(
+    lines: SightLines, poses: SolidPoses, solids: Sequence[int]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs (sight line, index of solid) whose hull and bounding volume may touch, ordered by sight line."""
     if not len(lines.state) or not solids:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)

@@ -19,8 +19,8 @@ from sqrp_cli.knowledge.camera import Camera
 class Projection:
     """A camera's intrinsics with the limit of its distortion model.
 
-    radius: largest distance from the optical axis, in the plane z = 1, up to which a longer radius also lies further out
-    in the image. Beyond it the polynomial folds back and shows points that the lens does not.
+    radius: largest distance from the optical axis, in the plane z = 1, up to which a longer radius also lies further
+    out in the image. Beyond it the polynomial folds back and shows points that the lens does not.
     """
 
     camera: Camera
@@ -61,7 +61,10 @@ def monotonic_radius(camera: Camera) -> float:
 
 
 def _smallest_root(coefficients: Array | list[float]) -> float:
-    """Square root of the smallest positive real root of a polynomial in u = r^2, lowest order first; infinite if none."""
+    """Square root of the smallest positive real root of a polynomial in u = r^2, lowest order first.
+
+    Infinite if none.
+    """
     roots = np.roots(np.asarray(coefficients, dtype=float)[::-1])
     real = roots[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))].real
     positive = real[real > 0]

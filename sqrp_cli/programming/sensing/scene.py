@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.programming.sensing.occlusion import SolidPoses
 from sqrp_cli.programming.solids import Solid
-from sqrp_cli.programming.targets import START, TargetBox
+from sqrp_cli.programming.targets import TargetBox
 
 WORLD = "world"
 
@@ -20,7 +21,8 @@ WORLD = "world"
 class SceneStates:
     """World poses of every frame over m states.
 
-    count: m. X_WF: pose of `world`, every link, object and `OBJECT@start`, shape (m, 4, 4), or (1, 4, 4) where it never moves.
+    count: m. X_WF: pose of `world`, every link, object and `OBJECT@start`, shape (m, 4, 4), or (1, 4, 4) where it never
+    moves.
     """
 
     count: int
@@ -52,9 +54,6 @@ def relative(X_WA: Array, X_WB: Array) -> Array:
     return X_AB
 
 
-def rows_of(values: Array, rows: Array) -> Array:
+def rows_of(values: Array, rows: NDArray[np.int64]) -> Array:
     """Entries of an array with leading dimension m or 1 for the states `rows`."""
     return values[rows] if len(values) > 1 else np.broadcast_to(values, (len(rows), *values.shape[1:]))
-
-
-__all__ = ["START", "WORLD", "SceneStates", "fixed_frame", "relative", "rows_of"]

@@ -1,8 +1,9 @@
 """How much of a box a camera sees: the share of its silhouette, by area in the undistorted image.
 
-Directions are sampled on a grid of `GRID` x `GRID` cells over the silhouette's bounding rectangle in the plane z = 1, one direction at
-a fixed pseudo-random place in each cell. A direction is blocked if a triangle lies on it before it leaves the box. The error is
-about the standard deviation of the cells that an edge cuts, below 0.5 points typically and 2 points at worst.
+Directions are sampled on a grid of `GRID` x `GRID` cells over the silhouette's bounding rectangle in the plane z = 1,
+one direction at a fixed pseudo-random place in each cell. A direction is blocked if a triangle lies on it before it
+leaves the box. The error is about the standard deviation of the cells that an edge cuts, below 0.5 points typically and
+2 points at worst.
 """
 
 from __future__ import annotations
@@ -57,9 +58,9 @@ def visible_shares(
 ) -> Array:
     """Visible share of each sight line's box, shape (v,).
 
-    X_WC: pose of the optical frame, shape (v, 4, 4). X_WB: pose of the box, shape (v, 4, 4). corners_B: corners (8, 3) of the shrunk box
-    in its own frame. state: index of the state of each sight line, shape (v,). pairs: (sight line, solid) that reach into the
-    view hulls; nothing else can block. All corners must lie in front of the camera.
+    X_WC: pose of the optical frame, shape (v, 4, 4). X_WB: pose of the box, shape (v, 4, 4). corners_B: corners (8, 3)
+    of the shrunk box in its own frame. state: index of the state of each sight line, shape (v,). pairs: (sight line,
+    solid) that reach into the view hulls; nothing else can block. All corners must lie in front of the camera.
     """
     shares = np.empty(len(state))
     for start in range(0, len(state), _CHUNK):
@@ -97,7 +98,10 @@ def _chunk_shares(
 
 
 def _exit_depths(X_CB: Array, corners_B: Array, grid: _Grid) -> Array:
-    """Optical z at which each direction leaves the box, shape (l, GRID**2); 0 where it misses it (slab test in the box's axes)."""
+    """Optical z at which each direction leaves the box, shape (l, GRID**2).
+
+    0 where it misses it (slab test in the box's axes).
+    """
     X_BC = inverse(X_CB)
     low, high = corners_B.min(axis=0), corners_B.max(axis=0)
     enters, leaves = np.zeros_like(grid.u), np.full_like(grid.u, np.inf)
@@ -120,10 +124,13 @@ def _block(
     grid: _Grid,
     leaves: Array,
 ) -> None:
-    """Mark the directions of `lines` that a solid's triangles block, by homogeneous edge functions (Olano and Greer 1997).
+    """Mark the directions of `lines` that a solid's triangles block, by homogeneous edge functions.
 
-    Only triangles and cells whose bounding rectangles in the image overlap are paired; triangles that reach behind the camera
-    have no bounded image and are paired with every cell. Arrays are kept per component: reductions over an axis of two or three are slow.
+    (Olano and Greer 1997).
+
+    Only triangles and cells whose bounding rectangles in the image overlap are paired; triangles that reach behind the
+    camera have no bounded image and are paired with every cell. Arrays are kept per component: reductions over an axis
+    of two or three are slow.
     """
     x, y, z = np.moveaxis(transform(X_CP, solid.vertices), -1, 0)
     ahead = z > 1e-9
@@ -156,7 +163,9 @@ def _block(
     sample += lines[row][triangle] * GRID**2
     u, v = grid.u.reshape(-1)[sample], grid.v.reshape(-1)[sample]
     sides = [edge[triangle, 0] * u + edge[triangle, 1] * v + edge[triangle, 2] for edge in edges]
-    inside = ((sides[0] >= 0) & (sides[1] >= 0) & (sides[2] >= 0)) | ((sides[0] <= 0) & (sides[1] <= 0) & (sides[2] <= 0))
+    inside = ((sides[0] >= 0) & (sides[1] >= 0) & (sides[2] >= 0)) | (
+        (sides[0] <= 0) & (sides[1] <= 0) & (sides[2] <= 0)
+    )
     hit = np.flatnonzero(inside)
     total = sides[0][hit] + sides[1][hit] + sides[2][hit]
     depth = volume[triangle[hit]] / np.where(total == 0, np.inf, total)

@@ -1,0 +1,412 @@
+"""Whole motions are honest: limits, straightness, continuity, no contact, and the fastest of the feasible branches."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import combinations, product
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from sqrp_cli.programming.inverse_kinematics import all_solutions
+
+from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
+from sqrp_cli.knowledge.robot import Robot
+from sqrp_cli.knowledge.scene import Box, Part, SceneObject
+from sqrp_cli.knowledge.skill import (
+    HOME,
+    GraspWaypoint,
+    JointMove,
+    PoseWaypoint,
+    RaiseWaypoint,
+    Release,
+    RetreatWaypoint,
+    Skill,
+    StraightMove,
+    Wait,
+)
+from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.programming.collision import CLEARANCE, CollisionScene, pair
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.motion import Motion, plan_motion
+from sqrp_cli.programming.straight_line import ToolLine, straight_line
+from sqrp_cli.programming.timing import MotionLimits, joint_move, phase_samples, time_path
+from sqrp_cli.trajectory import Path
+
+VALUES = {"approach_yaw": 0.3, "lift": 0.1, "speed": 1.0}
+PLACED = pose(axis_rotation(0, np.pi), (0.35, 0.35, 0.041))
+"""The tool frame pointing down, where a cube held by its top stands 1 mm above the table."""
+
+
+def thing(name: str, size: tuple[float, float, float], X_WO: Array | None, fixed: bool = True) -> SceneObject:
+    return SceneObject(
+        name, "thing", None, (), size, X_WO, fixed, None, None, (Part(name, name, Box(size), np.eye(4)),)
+    )
+
+
+TABLE = thing("table", (1.4, 1.8, 0.04), pose(position=(0.35, 0, -0.02)))
+CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)
+OTHER = thing("other", (0.04, 0.04, 0.04), pose(position=(0.55, -0.3, 0.02)), fixed=False)
+POST = thing("post", (0.05, 0.05, 0.25), pose(position=(0.62, -0.12, 0.125)))
+
+
+class Cell:
+    """A robot among things, with the skills to try."""
+
+    def __init__(self, robot: Robot, model: RobotModel, skill: Skill, things: tuple[SceneObject, ...]) -> None:
+        self.robot, self.model, self.skill = robot, model, skill
+        self.objects = {t.name: t for t in things}
+        self.scene = CollisionScene(model, things, robot.disabled_pairs)
+        X_WO = {t.name: t.X_WO for t in things if t.X_WO is not None}
+        self.world = World(frozenset(), X_WO, None, None, dict(zip(model.arm, model.home.tolist(), strict=True)))
+
+    def plan(self, skill: Skill | None = None, world: World | None = None, **values: float) -> Motion | Infeasible:
+        binding = {"object": "cube"}
+        all_values = {**VALUES, **values}
+        return plan_motion(
+            skill or self.skill, binding, all_values, self.objects, world or self.world, self.model, self.scene
+        )
+
+
+@pytest.fixture(scope="module")
+def pickup(tabletop: Workspace) -> Skill:
+    return tabletop.skills["pickup"]
+
+
+@pytest.fixture(scope="module")
+def pick_and_place(pickup: Skill) -> Skill:
+    """Pick up, carry to `PLACED`, wait, release, retreat, go home."""
+    speed = {"speed": 0.1, "acceleration": 0.5, "jerk": 5.0}
+    waypoints = {**pickup.waypoints, "placed": PoseWaypoint(PLACED), "over": RaiseWaypoint("placed", 0.05)}
+    carry = (
+        JointMove("b1", "over", 0.8),
+        StraightMove("b2", "placed", **speed),
+        Wait("b3", 0.2),
+        Release("b4", 0.5),
+        StraightMove("b5", "over", **speed),
+        JointMove("b6", HOME, 1.0),
+    )
+    return replace(pickup, waypoints=waypoints, primitives=(*pickup.primitives[:4], *carry))
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
+    return Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, OTHER, POST))
+
+
+@pytest.fixture(scope="module", params=["pickup", "pick_and_place"])
+def motion(request: pytest.FixtureRequest, cell: Cell) -> Motion:
+    planned = cell.plan(request.getfixturevalue(request.param))
+    assert isinstance(planned, Motion)
+    return planned
+
+
+def test_velocity_acceleration_and_jerk_keep_their_limits_throughout(motion: Motion, ur5: RobotModel) -> None:
+    for primitive in motion.primitives:
+        steps = np.arange(0, primitive.end - primitive.start, 1e-3)
+        t = np.concatenate([steps, phase_samples(primitive.trajectory, 7)])
+        for order, limit in ((1, ur5.velocity), (2, ur5.acceleration), (3, ur5.jerk)):
+            assert (np.abs(primitive.trajectory.derivatives(t, order)) <= limit * (1 + 1e-9)).all(), primitive.name
+        q = primitive.trajectory.positions(t)
+        assert ((q >= ur5.lower - 1e-6) & (q <= ur5.upper + 1e-6)).all()
+
+
+def test_straight_moves_keep_the_tools_limits(motion: Motion, ur5: RobotModel, cell: Cell) -> None:
+    primitive = motion.primitives[1]
+    down = cell.skill.primitives[1]
+    assert isinstance(down, StraightMove)
+    dt = 1e-3
+    t = np.arange(0, primitive.end - primitive.start, dt)
+    p = np.array([ur5.tool_pose(q)[:3, 3] for q in primitive.trajectory.positions(t)])
+    for order, limit in ((1, down.speed), (2, down.acceleration)):
+        assert np.linalg.norm(np.diff(p, order, axis=0) / dt**order, axis=1).max() <= float(limit) * 1.001
+
+
+def test_primitives_join_at_rest_without_gaps(motion: Motion, cell: Cell) -> None:
+    np.testing.assert_allclose(motion.positions(0, np.zeros(1))[0], cell.model.home, atol=1e-12)
+    np.testing.assert_allclose(
+        motion.positions(len(motion.primitives) - 1, [motion.time])[0], cell.model.home, atol=1e-9
+    )
+    for before, after in zip(motion.primitives, motion.primitives[1:], strict=False):
+        assert before.end == after.start
+        assert before.end - before.start == pytest.approx(before.trajectory.duration, abs=1e-12)
+        ends = before.trajectory.positions([np.inf])[0], after.trajectory.positions([0.0])[0]
+        np.testing.assert_allclose(*ends, atol=1e-9)
+    for primitive in motion.primitives:
+        edges = [0.0, primitive.trajectory.duration]
+        for order in (1, 2):
+            np.testing.assert_allclose(primitive.trajectory.derivatives(edges, order), 0, atol=1e-7)
+
+
+def test_approach_and_lift_are_straight_within_a_tenth_of_a_millimetre(motion: Motion, ur5: RobotModel) -> None:
+    for primitive in (p for p in motion.primitives if p.name in ("a2", "a4", "b2", "b5")):
+        t = np.linspace(0, primitive.end - primitive.start, 400)
+        X = np.array([ur5.tool_pose(q) for q in primitive.trajectory.positions(t)])
+        start, end = X[0, :3, 3], X[-1, :3, 3]
+        direction = (end - start) / np.linalg.norm(end - start)
+        off = (X[:, :3, 3] - start) - ((X[:, :3, 3] - start) @ direction)[:, None] * direction
+        assert np.linalg.norm(off, axis=1).max() < 1e-4
+        assert np.abs(X[:, :3, :3] - X[0, :3, :3]).max() < 1e-5
+        assert abs(direction[2]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_grasp_takes_hold_at_its_end_and_the_object_does_not_jump(motion: Motion, ur5: RobotModel) -> None:
+    names = [primitive.name for primitive in motion.primitives]
+    grasp, lift = names.index("a3"), names.index("a4")
+    assert [p.held for p in motion.primitives[: grasp + 1]] == [None] * (grasp + 1)
+    held = motion.primitives[lift]
+    assert held.held == "cube"
+    assert "cube" not in held.X_WO
+    X_WT = ur5.tool_pose(held.trajectory.positions([0.0])[0])
+    np.testing.assert_allclose(X_WT @ held.X_TO, motion.primitives[grasp].X_WO["cube"], atol=1e-9)
+    np.testing.assert_allclose(X_WT[:3, 3], [0.45, -0.25, 0.04], atol=1e-9)
+
+
+def test_release_leaves_the_object_where_the_tool_is(cell: Cell, pick_and_place: Skill) -> None:
+    motion = cell.plan(pick_and_place)
+    assert isinstance(motion, Motion)
+    held = {p.name: p.held for p in motion.primitives}
+    assert [held[name] for name in ("a4", "b1", "b4", "b5")] == ["cube", "cube", "cube", None]
+    assert motion.final.held is None
+    np.testing.assert_allclose(motion.final.X_WO["cube"][:3, 3], [0.35, 0.35, 0.021], atol=1e-9)
+    np.testing.assert_array_equal(motion.primitives[-1].X_WO["cube"], motion.final.X_WO["cube"])
+
+
+def test_the_world_afterwards_has_the_object_in_the_tool(cell: Cell) -> None:
+    motion = cell.plan()
+    assert isinstance(motion, Motion)
+    X_WT = cell.model.tool_pose(np.array([motion.final.joints[joint] for joint in motion.joint_names]))
+    assert motion.final.held == "cube"
+    np.testing.assert_allclose(motion.final.X_WO["cube"], X_WT @ motion.final.X_TO, atol=1e-12)
+    follow_up = cell.plan(world=motion.final)
+    assert follow_up == Infeasible(("the tool still holds `cube`, so `a3` cannot grasp `cube`",))
+
+
+class PinocchioCell:
+    """The same cell as Pinocchio reads it itself, to check contacts independently: its geometry, its kinematics."""
+
+    def __init__(self, cell: Cell, margin: float) -> None:
+        robot = cell.robot
+        self.model = pin.buildModelFromUrdf(str(robot.urdf))
+        folders = [str(root) for root in robot.package_roots]
+        kind = pin.GeometryType.COLLISION
+        self.geometry = pin.buildGeomFromUrdf(self.model, str(robot.urdf), kind, package_dirs=folders)
+        flange = self.model.getFrameId("tool0")
+        joint, X_JF = self.model.frames[flange].parentJoint, self.model.frames[flange].placement
+        self.tool = [
+            self._add(f"tool{k}", joint, X_JF * pin.SE3(np.eye(3), np.array([0, 0, z])), coal.Cylinder(radius, length))
+            for k, (z, radius, length) in enumerate([(0.01, 0.03, 0.02), (0.05, 0.01, 0.06), (0.09, 0.016, 0.02)])
+        ]
+        self.X_JT = X_JF * pin.SE3(np.eye(3), np.array([0, 0, 0.1]))
+        self.robot = range(self.geometry.ngeoms)
+        self.things = {name: self._add(name, 0, pin.SE3(t.X_WO), coal.Box(*t.size)) for name, t in cell.objects.items()}
+        self.held = {
+            name: self._add(name + "@tool", joint, pin.SE3.Identity(), coal.Box(*t.size))
+            for name, t in cell.objects.items()
+        }
+        self.last_joint, self.margin = joint, margin
+        self.data = self.model.createData()
+
+    def _add(self, name: str, joint: int, X: pin.SE3, shape: coal.CollisionGeometry) -> int:
+        return self.geometry.addGeometryObject(pin.GeometryObject(name, joint, X, shape))
+
+    def contacts(self, motion: Motion, index: int, touching: set[tuple[str, str]], dt: float) -> set[tuple[str, str]]:
+        """Pairs of names that touch at some step of a primitive, other than the ones named."""
+        primitive = motion.primitives[index]
+        geometry = self.geometry.copy()
+        geometry.removeAllCollisionPairs()
+        objects = geometry.geometryObjects
+        for name, X in primitive.X_WO.items():
+            objects[self.things[name]].placement = pin.SE3(np.asarray(X))
+        if primitive.held is not None:
+            objects[self.held[primitive.held]].placement = self.X_JT * pin.SE3(np.asarray(primitive.X_TO))
+        solid = [*self.robot, *(self.things[name] for name in primitive.X_WO)]
+        solid += [self.held[primitive.held]] if primitive.held is not None else []
+        for i, j in combinations(solid, 2):
+            a, b = objects[i], objects[j]
+            near = a.parentJoint == b.parentJoint or abs(a.parentJoint - b.parentJoint) == 1
+            both_robot = i in self.robot and j in self.robot
+            fixed = a.parentJoint == 0 and b.parentJoint == 0
+            taken = {i, j} & set(self.held.values()) and {i, j} & set(self.tool)
+            named = pair(*("tool" if k in self.tool else objects[k].name.split("@")[0] for k in (i, j))) in touching
+            if not (fixed or taken or named or (both_robot and near)):
+                geometry.addCollisionPair(pin.CollisionPair(i, j))
+        data = geometry.createData()
+        for request in data.collisionRequests:
+            request.security_margin = self.margin
+        found = set()
+        for q in primitive.trajectory.positions(np.arange(0, primitive.end - primitive.start, dt)):
+            pin.computeCollisions(self.model, self.data, geometry, data, q, False)
+            for k, result in enumerate(data.collisionResults):
+                if result.isCollision():
+                    both = geometry.collisionPairs[k]
+                    found.add(pair(objects[both.first].name, objects[both.second].name))
+        return found
+
+
+def test_nothing_touches_at_steps_of_a_millisecond_in_pinocchios_own_model(motion: Motion, cell: Cell) -> None:
+    independent = PinocchioCell(cell, 0.9 * CLEARANCE)
+    meant = {
+        "a2": {pair("tool", "cube")},
+        "a3": {pair("tool", "cube")},
+        "a4": {pair("cube", "table")},
+        "b2": {pair("cube", "table")},
+        "b3": {pair("cube", "table")},
+        "b4": {pair("cube", "table")},
+        "b5": {pair("tool", "cube")},
+    }
+    for index, primitive in enumerate(motion.primitives):
+        dt = 1e-3 if primitive.name in ("a1", "a5", "b1", "b6") else 4e-3
+        assert independent.contacts(motion, index, meant.get(primitive.name, set()), dt) == set(), primitive.name
+
+
+def test_the_independent_check_does_see_contacts(cell: Cell) -> None:
+    motion = cell.plan()
+    assert isinstance(motion, Motion)
+    seen = PinocchioCell(cell, 0.9 * CLEARANCE).contacts(motion, 3, set(), 4e-3)
+    assert pair("cube@tool", "table") in seen
+
+
+def brute_force_times(cell: Cell, values: Mapping[str, float]) -> list[float]:
+    """Total times of every branch of `pickup`, with every turn of every joint, that touches nothing."""
+    model, world = cell.model, cell.world
+    limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+    down, lift = cell.skill.primitives[1], cell.skill.primitives[3]
+    assert isinstance(down, StraightMove)
+    assert isinstance(lift, StraightMove)
+    X_grasp = pose(axis_rotation(0, np.pi) @ axis_rotation(2, values["approach_yaw"]), (0.45, -0.25, 0.04))
+    X_above, X_lifted = X_grasp.copy(), X_grasp.copy()
+    X_above[2, 3] += 0.02
+    X_lifted[2, 3] += values["lift"]
+    held = replace(world, held="cube", X_TO=inverse(X_grasp) @ world.X_WO["cube"])
+    touched = frozenset({pair("cube", "table"), *(pair("cube", link) for link in model.tool_links)})
+    free, tied = cell.scene.placed(world), cell.scene.placed(world, touched)
+    carried, carried_home = cell.scene.placed(held, touched), cell.scene.placed(held)
+    turns = [np.array(t) * 2 * np.pi for t in product((-1, 0, 1), repeat=6)]
+    times = []
+    for q in all_solutions(model, X_above).solutions:
+        for turn in turns:
+            start = q + turn
+            if (start < model.lower).any() or (start > model.upper).any():
+                continue
+            first = straight_line(model, start, ToolLine(X_above, X_grasp))
+            if not isinstance(first, Path):
+                continue
+            second = straight_line(model, first.positions([1.0])[0], ToolLine(X_grasp, X_lifted))
+            if not isinstance(second, Path):
+                continue
+            a1 = joint_move(model.home, start, limits)
+            a5 = joint_move(second.positions([1.0])[0], model.home, limits)
+            tool = [np.array([m.speed, m.acceleration, m.jerk], dtype=float) for m in (down, lift)]
+            a2 = time_path(first, limits, MotionLimits(*(tool[0] / 0.02)))
+            a4 = time_path(second, limits, MotionLimits(*(tool[1] / values["lift"])))
+            checks = ((free, a1), (tied, a2), (carried, a4), (carried_home, a5))
+            if all(scene.check_motion(trajectory) is None for scene, trajectory in checks):
+                times.append(a1.duration + a2.duration + 1.0 + a4.duration + a5.duration)
+    return times
+
+
+def test_it_is_the_fastest_of_all_feasible_branches(cell: Cell) -> None:
+    motion = cell.plan()
+    assert isinstance(motion, Motion)
+    times = brute_force_times(cell, VALUES)
+    assert len(times) > 4
+    assert motion.time == pytest.approx(min(times), abs=1e-6)
+
+
+def test_it_is_the_same_every_time(cell: Cell, pick_and_place: Skill) -> None:
+    first, second = cell.plan(pick_and_place), cell.plan(pick_and_place)
+    assert isinstance(first, Motion)
+    assert isinstance(second, Motion)
+    assert [p.trajectory.to_numbers() for p in first.primitives] == [
+        p.trajectory.to_numbers() for p in second.primitives
+    ]
+
+
+def moved(cell: Cell, **X_WO: Array) -> World:
+    return replace(cell.world, X_WO={**cell.world.X_WO, **X_WO})
+
+
+def test_speed_slows_joint_moves_down_and_leaves_straight_ones(cell: Cell) -> None:
+    fast, slow = cell.plan(speed=1.0), cell.plan(speed=0.3)
+    assert isinstance(fast, Motion)
+    assert isinstance(slow, Motion)
+
+    def duration(motion: Motion, k: int) -> float:
+        return motion.primitives[k].trajectory.duration
+
+    assert duration(slow, 0) > duration(fast, 0)
+    assert duration(slow, 1) == pytest.approx(duration(fast, 1))
+    velocities = slow.primitives[0].trajectory.derivatives(np.linspace(0, duration(slow, 0), 500), 1)
+    assert (np.abs(velocities) / cell.model.velocity).max() == pytest.approx(0.3, abs=1e-6)
+
+
+def test_an_object_out_of_reach_is_infeasible_with_the_reason_of_inverse_kinematics(cell: Cell) -> None:
+    result = cell.plan(world=moved(cell, cube=pose(position=(1.5, 0, 0.02))))
+    assert isinstance(result, Infeasible)
+    assert re.match(r"a1: `above` .*\d m\b", result.reasons[0])
+
+
+def test_an_object_of_unknown_pose_is_infeasible_and_says_so(cell: Cell) -> None:
+    known = {name: X for name, X in cell.world.X_WO.items() if name != "cube"}
+    assert cell.plan(world=replace(cell.world, X_WO=known)) == Infeasible(("it is not known where `cube` is",))
+
+
+def test_an_object_under_a_roof_is_infeasible_and_names_what_touches(cell: Cell, tabletop: Workspace) -> None:
+    roof = thing("roof", (0.3, 0.3, 0.01), pose(position=(0.45, -0.25, 0.15)))
+    result = Cell(tabletop.robot, cell.model, cell.skill, (TABLE, CUBE, roof)).plan()
+    assert isinstance(result, Infeasible)
+    assert "hits roof at the end of a1" in result.reasons[0]
+
+
+def test_a_wall_in_the_way_of_every_direct_path_is_named_with_where(cell: Cell, tabletop: Workspace) -> None:
+    wall = [
+        thing("wall", (0.02, 1.7, 1.2), pose(position=(0.18, 0, 0.6))),
+        thing("side", (1.2, 0.02, 1.2), pose(position=(-0.45, -0.3, 0.6))),
+    ]
+    start = cell.model.home + np.array([np.pi, 0, 0, 0, 0, 0])
+    world = replace(cell.world, joints=dict(zip(cell.model.arm, start.tolist(), strict=True)))
+    walled = Cell(tabletop.robot, cell.model, cell.skill, (TABLE, CUBE, *wall))
+    result = walled.plan(world=replace(walled.world, joints=world.joints))
+    assert isinstance(result, Infeasible)
+    assert " hits " in result.reasons[0]
+
+
+def test_lifting_into_a_shelf_is_named_with_the_share_of_the_lift(cell: Cell, tabletop: Workspace) -> None:
+    """A slat overhangs the cube's rim by 1 mm, its underside 45 mm above it: just before half of a lift of 100 mm."""
+    slat = thing("slat", (0.01, 0.3, 0.01), pose(position=(0.474, -0.25, 0.09)))
+    result = Cell(tabletop.robot, cell.model, cell.skill, (TABLE, CUBE, slat)).plan()
+    assert isinstance(result, Infeasible)
+    share = re.fullmatch(r"cube hits slat at (\d+) % of a4", result.reasons[0])
+    assert share is not None
+    assert 40 <= int(share[1]) <= 48
+
+
+def test_standing_beside_its_neighbour_without_a_gap_the_object_cannot_be_lifted(cell: Cell) -> None:
+    result = cell.plan(world=moved(cell, other=pose(position=(0.49, -0.25, 0.02))))
+    assert isinstance(result, Infeasible)
+    assert any("cube hits other" in reason for reason in result.reasons)
+
+
+def test_a_line_that_leaves_the_reach_is_infeasible_and_says_after_how_far(cell: Cell) -> None:
+    result = cell.plan(lift=1.5)
+    assert isinstance(result, Infeasible)
+    assert any("of 1500 mm" in reason for reason in result.reasons)
+
+
+def test_grasping_from_the_side_works_too(cell: Cell, tabletop: Workspace) -> None:
+    tall = thing("cube", (0.05, 0.05, 0.4), pose(position=(0.5, -0.2, 0.2)), fixed=False)
+    waypoints = {
+        "grasp": GraspWaypoint("object", "-x", 0.0),
+        "above": RetreatWaypoint("grasp", 0.05),
+        "lifted": RaiseWaypoint("grasp", 0.1),
+    }
+    skill = replace(cell.skill, waypoints=waypoints)
+    motion = Cell(tabletop.robot, cell.model, skill, (TABLE, tall)).plan()
+    assert isinstance(motion, Motion)
+    q_grasp = motion.primitives[2].trajectory.positions([0.0])[0]
+    np.testing.assert_allclose(cell.model.tool_pose(q_grasp)[:3, 2], [1, 0, 0], atol=1e-9)
