@@ -48,10 +48,10 @@ def diagnostics() -> Console:
 
 def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Styled]]) -> None:
     """A table without frames, two spaces between columns."""
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="bold", show_edge=False)
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
     for column in columns:
         table.add_column(
-            column.title, justify="right" if column.right else "left", no_wrap=not column.shrink, overflow="fold"
+            Text(column.title, style="bold"), justify="right" if column.right else "left", no_wrap=not column.shrink, overflow="fold"
         )
     for row in rows:
         table.add_row(*row)

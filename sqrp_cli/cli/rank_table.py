@@ -48,12 +48,12 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
 def _print_feasible(feasible: Sequence[Ranked]) -> None:
     differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
     faults = list(feasible[0].assessment.faults)
-    columns = [Column("#", right=True), Column("")]
+    columns = [Column("#")]
     columns += [Column(name) for name in differing]
     columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
     for fault in faults:
         columns += [
-            Column(f"{fault}\nseen", right=True),
+            Column(f"{fault}\nseen [s]", right=True),
             Column("at\nworst", right=True),
             Column("all\ndone", right=True),
         ]
@@ -63,7 +63,7 @@ def _print_feasible(feasible: Sequence[Ranked]) -> None:
 def _row(ranked: Ranked, differing: Sequence[str], faults: Sequence[str]) -> list[Styled]:
     assessment = ranked.assessment
     parameters = assessment.candidate.parameters
-    row: list[Styled] = [str(ranked.rank), "*" if ranked.pareto else ""]
+    row: list[Styled] = [f"{ranked.rank}{' *' if ranked.pareto else ''}"]
     row += [shown(parameters[name]) for name in differing]
     row += [percentage(assessment.q_eoi), percentage(assessment.q_avg), f"{assessment.time:.2f}"]
     for fault in faults:
