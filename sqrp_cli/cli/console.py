@@ -51,7 +51,10 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Styled]]) -> 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
     for column in columns:
         table.add_column(
-            Text(column.title, style="bold"), justify="right" if column.right else "left", no_wrap=not column.shrink, overflow="fold"
+            Text(column.title, style="bold"),
+            justify="right" if column.right else "left",
+            no_wrap=not column.shrink,
+            overflow="fold",
         )
     for row in rows:
         table.add_row(*row)

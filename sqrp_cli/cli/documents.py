@@ -19,7 +19,8 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.explanation import by_name
 from sqrp_cli.programming.feasibility import Feasibility
 from sqrp_cli.programming.grounding import on_robot
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.ranking import Criterion, Ranked, winners
+from sqrp_cli.programming.robustness import DRAWS, Calibration, without_each_camera
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
@@ -86,6 +87,39 @@ def candidate_document(ranked: Ranked) -> Document:
     }
 
 
+def calibration_fields(calibration: Calibration | None, assessments: Sequence[Assessment], by: Criterion) -> Document:
+    """What inexact camera poses do: how often each candidate is first, and the 5th to 95th percentile of its qualities."""
+    if calibration is None:
+        return {}
+    feasible = [assessment for assessment in assessments if assessment.feasible]
+    first = winners(assessments, by)
+    return {
+        "calibration": {
+            "position": calibration.position,
+            "rotation": calibration.rotation,
+            "seed": calibration.seed,
+            "draws": DRAWS,
+            "candidates": [
+                {
+                    "parameters": assessment.candidate.parameters,
+                    "first": first[assessment.candidate.name],
+                    "q_avg": percentiles([q.q_avg for q in assessment.recalibrated]),
+                    "q_eoi": percentiles([q.q_eoi for q in assessment.recalibrated]),
+                }
+                for assessment in feasible
+            ],
+        }
+    }
+
+
+def percentiles(values: Sequence[float | None]) -> list[float] | None:
+    """The 5th and 95th percentile, None where a value is undefined."""
+    known = [value for value in values if value is not None]
+    if not known or len(known) < len(values):
+        return None
+    return [float(value) for value in np.percentile(known, [5, 95])]
+
+
 def study_document(cell: Cell, study: Study, ranked: Ranked, sampling: Sampling) -> Document:
     """Everything from which the figures of a candidate can be computed again."""
     recovery = study.recovery
@@ -105,6 +139,10 @@ def study_document(cell: Cell, study: Study, ranked: Ranked, sampling: Sampling)
             for formula in study.formulas
         ],
         "cameras": {camera.name: {"rate": camera.rate, "latency": camera.latency} for camera in cell.observer.cameras},
+        "without_camera": {
+            name: {"q_avg": qualities.q_avg, "q_eoi": qualities.q_eoi}
+            for name, qualities in without_each_camera(cell, study).items()
+        },
         "recovery": {"t": recovery.t.tolist(), "duration": recovery.duration.tolist()},
         "targets": _targets(study),
         "samples": _samples(cell, study),
@@ -113,8 +151,8 @@ def study_document(cell: Cell, study: Study, ranked: Ranked, sampling: Sampling)
 
 def infeasible_document(ranked: Ranked) -> Document:
     """An infeasible candidate, with the same fields as a feasible one."""
-    empty: Document = {"sampling": None, "primitives": [], "formulas": [], "cameras": {}, "recovery": None}
-    return {**candidate_document(ranked), **empty, "targets": {}, "samples": []}
+    empty: Document = {"sampling": None, "primitives": [], "formulas": [], "cameras": {}, "without_camera": {}}
+    return {**candidate_document(ranked), **empty, "recovery": None, "targets": {}, "samples": []}
 
 
 def _targets(study: Study) -> Document:

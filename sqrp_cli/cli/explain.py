@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -23,6 +23,7 @@ from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
     from sqrp_cli.cli.session import Session
+    from sqrp_cli.programming.assessment import Study
     from sqrp_cli.programming.ranking import Ranked
 
 NAME = "explain"
@@ -35,7 +36,7 @@ def command(
         str,
         typer.Option("--choose", metavar="best|NAME", help="Which candidate to explain; the first-ranked by default."),
     ] = "best",
-    all_candidates: Annotated[bool, typer.Option("--all", help="Explain every candidate.")] = False,
+    all_candidates: Annotated[bool, typer.Option("--all", help="Compare all candidates side by side.")] = False,
     samples: SampleCount = None,
     dt: SampleStep = None,
     tolerance: Tolerance = None,
@@ -45,9 +46,10 @@ def command(
 ) -> ExitCode:
     """Explain how well a way of doing a task is seen: when, by which camera, and why not."""
     from sqrp_cli.cli.console import progress, say_raw
-    from sqrp_cli.cli.documents import as_text, header
+    from sqrp_cli.cli.documents import as_text, header, infeasible_document, study_document
     from sqrp_cli.cli.rank import choose_candidate
     from sqrp_cli.cli.session import Session
+    from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
 
@@ -60,34 +62,37 @@ def command(
             advance()
     ranking = rank(assessments, "q_eoi")
     chosen = list(ranking) if all_candidates else [choose_candidate(ranking, choose)]
-    documents = [_explain(session, ranked, as_json=as_json) for ranked in chosen]
+    with progress("Looking up causes", len(chosen)) as advance:
+        explained = []
+        for ranked in chosen:
+            explained.append(_explained(session, ranked))
+            advance()
     if as_json:
+        documents = [
+            infeasible_document(ranked) if found is None else study_document(session.cell, found, ranked, sampling)
+            for ranked, found in explained
+        ]
         fields = header(session.workspace, task)
         say_raw(as_text({**fields, "candidates": documents} if all_candidates else {**fields, **documents[0]}))
+    elif all_candidates:
+        print_comparison(explained)
+    else:
+        print_study(session.cell, *explained[0])
     return ExitCode.OK if any(ranked.rank is not None for ranked in chosen) else ExitCode.NONE_FEASIBLE
 
 
-def _explain(session: Session, ranked: Ranked, *, as_json: bool) -> dict[str, Any]:
-    """Compute a candidate again with every camera's verdicts; print it, or give its document."""
+def _explained(session: Session, ranked: Ranked) -> tuple[Ranked, Study | None]:
+    """A candidate computed again with every camera's verdicts, with the figures of that; no study if it is infeasible."""
     from dataclasses import replace
 
-    from sqrp_cli.cli.console import say
-    from sqrp_cli.cli.documents import infeasible_document, study_document
-    from sqrp_cli.cli.timeline_chart import print_study
     from sqrp_cli.programming.assessment import study
     from sqrp_cli.programming.infeasible import Infeasible
     from sqrp_cli.programming.verdict import verdict
 
-    assignment = session.assignment
-    candidate = ranked.assessment.candidate
-    found = study(assignment.cell, candidate, assignment.world, assignment.sampling, full=True)
+    if ranked.rank is None:
+        return ranked, None
+    cell, assignment = session.cell, session.assignment
+    found = study(cell, ranked.assessment.candidate, assignment.world, assignment.sampling, full=True)
     if isinstance(found, Infeasible):
-        if as_json:
-            return infeasible_document(ranked)
-        say(f"{candidate.name} is infeasible: {'; '.join(found.reasons)}")
-        return {}
-    detailed = replace(ranked, assessment=found.assessment(verdict(assignment.cell, found)))
-    if as_json:
-        return study_document(assignment.cell, found, detailed, assignment.sampling)
-    print_study(assignment.cell, found, detailed)
-    return {}
+        raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
+    return replace(ranked, assessment=found.assessment(verdict(cell, found))), found

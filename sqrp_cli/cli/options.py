@@ -13,6 +13,7 @@ from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.programming.robustness import Calibration
     from sqrp_cli.programming.sampling import Sampling
 
 WorkspacePath = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of a workspace, or its YAML file.")]
@@ -86,6 +87,22 @@ def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) 
             raise _refused(f"--tolerance is {tolerance:g}, expected {LEAST_TOLERANCE:g} to 100 points")
         return Adaptive(tolerance / 100)
     return Adaptive()
+
+
+def read_calibration(text: str | None, seed: int) -> Calibration | None:
+    """The standard deviations of camera poses that `5 mm, 0.5 deg` states, either of which may be left out."""
+    from sqrp_cli.knowledge.units import ANGLE, LENGTH, read_quantity
+    from sqrp_cli.programming.robustness import Calibration
+
+    if text is None:
+        return None
+    deviations = {LENGTH: 0.0, ANGLE: 0.0}
+    for part in text.split(","):
+        quantity = read_quantity(part.strip())
+        if quantity is None or quantity.dimension not in deviations or quantity.value < 0:
+            raise _refused(f"--calibration is `{text}`, expected a length and an angle such as `5 mm, 0.5 deg`")
+        deviations[quantity.dimension] = quantity.value
+    return Calibration(deviations[LENGTH], deviations[ANGLE], seed)
 
 
 def job_count(jobs: int | None) -> int:

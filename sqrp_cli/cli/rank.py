@@ -19,6 +19,7 @@ from sqrp_cli.cli.options import (
     WorkspacePath,
     job_count,
     open_workspace,
+    read_calibration,
     read_sampling,
 )
 from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
@@ -47,13 +48,17 @@ def command(
         str, typer.Option("--choose", metavar="best|NAME", help="Which candidate goes into the program.")
     ] = "best",
     after: After = None,
+    calibration: Annotated[
+        str | None,
+        typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="What if the cameras are off by this (1 sigma)?"),
+    ] = None,
     jobs: Jobs = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
     """Rank the ways of doing a task by how well the cameras will see what matters."""
     from sqrp_cli.cli.console import note, progress, say_raw
-    from sqrp_cli.cli.documents import as_text, candidate_document, header, sampling_document
+    from sqrp_cli.cli.documents import as_text, calibration_fields, candidate_document, header, sampling_document
     from sqrp_cli.cli.rank_table import print_ranking
     from sqrp_cli.cli.session import Session, add_step
     from sqrp_cli.programming.pipeline import assess_all
@@ -63,7 +68,7 @@ def command(
     sampling = read_sampling(samples, dt, tolerance)
     # Without --after, a step that is appended to a program starts where the program ends.
     before = after or (program if program is not None and program.exists() else None)
-    session = Session.begin(open_workspace(workspace), task, before, sampling)
+    session = Session.begin(open_workspace(workspace), task, before, sampling, read_calibration(calibration, seed))
     assessments = []
     interrupted = False
     try:
@@ -80,6 +85,7 @@ def command(
             **header(session.workspace, session.task.text),
             "by": criterion,
             "sampling": sampling_document(sampling, assessments),
+            **calibration_fields(session.assignment.calibration, assessments, criterion),
             "candidates": [candidate_document(ranked) for ranked in ranking],
         }
         say_raw(as_text(document))

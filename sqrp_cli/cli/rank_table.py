@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+
 from sqrp_cli.cli.console import Column, Styled, joined, percentage, plain, print_table, say
+from sqrp_cli.cli.documents import percentiles
 from sqrp_cli.cli.session import Session
 from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.faults import FaultMetrics
-from sqrp_cli.programming.ranking import Criterion, Ranked
+from sqrp_cli.programming.ranking import Criterion, Ranked, winners
+from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.task import Candidate, shown
 
@@ -28,6 +32,8 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
     say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {counts}, by {_CRITERION_WORDS[by]}\n"]))
     if feasible:
         _print_feasible(feasible)
+    if feasible:
+        _print_calibration(session, feasible, by)
     for ranked in ranking:
         if ranked.rank is None:
             say(joined([("infeasible ", "red"), f"{ranked.assessment.candidate.name}: {ranked.assessment.reasons[0]}"]))
@@ -43,6 +49,33 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
                 "dim",
             )
         )
+
+
+def _print_calibration(session: Session, feasible: Sequence[Ranked], by: Criterion) -> None:
+    """What inexact camera poses do to the qualities and to who is first."""
+    calibration = session.assignment.calibration
+    if calibration is None:
+        return
+    assessments = [ranked.assessment for ranked in feasible]
+    first = winners(assessments, by)
+    errors = f"{1000 * calibration.position:g} mm, {np.degrees(calibration.rotation):g} deg"
+    say(f"\nIf every camera is off by {errors} (one standard deviation; {DRAWS} draws, 5th to 95th percentile):")
+    rows = [
+        (
+            assessment.candidate.name,
+            _span([q.q_eoi for q in assessment.recalibrated]),
+            _span([q.q_avg for q in assessment.recalibrated]),
+            f"{first[assessment.candidate.name]} of {DRAWS}",
+        )
+        for assessment in assessments
+    ]
+    titles = ("Q_eoi [%]", "Q_avg [%]", "first in")
+    print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
+
+
+def _span(values: Sequence[float | None]) -> str:
+    ends = percentiles(values)
+    return "-" if ends is None else f"{100 * ends[0]:.1f} to {100 * ends[1]:.1f}"
 
 
 def _print_feasible(feasible: Sequence[Ranked]) -> None:

@@ -12,6 +12,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.program_update import make_step
+from sqrp_cli.programming.robustness import Calibration
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Task, read_task
 
@@ -30,7 +31,14 @@ class Session:
         return self.assignment.cell
 
     @classmethod
-    def begin(cls, workspace: Workspace, task: str, before: Path | None, sampling: Sampling) -> Session:
+    def begin(
+        cls,
+        workspace: Workspace,
+        task: str,
+        before: Path | None,
+        sampling: Sampling,
+        calibration: Calibration | None = None,
+    ) -> Session:
         """Read the task, load the cell and find the world to start from.
 
         before: a program whose final world that is; the workspace's own state by default. Raises InputError for input
@@ -38,7 +46,7 @@ class Session:
         """
         read = read_task(task, workspace)
         world = workspace.initial_world if before is None else _world_after(before, workspace)
-        return cls(workspace, read, Assignment(Cell.load(workspace), world, sampling))
+        return cls(workspace, read, Assignment(Cell.load(workspace), world, sampling, calibration))
 
 
 def _world_after(path: Path, workspace: Workspace) -> World:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.cli.console import Column, Styled, joined, plain, print_table, say
-from sqrp_cli.programming.assessment import Study
+from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.explanation import CauseTotal, cause_totals, first_failures, sample_weights
 from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.robustness import without_each_camera
 from sqrp_cli.programming.sensing.cause import Cause
 
 WIDTH = 50
 """Signs in a row; each stands for an equal share of the motion's time."""
 
-LABEL = 20
+LABEL = 18
 """Width of the names in front of the rows."""
 
 SIGNS: dict[Cause, tuple[str, str]] = {
@@ -31,19 +34,26 @@ SIGNS: dict[Cause, tuple[str, str]] = {
 }
 """Sign and colour of each cause."""
 
+NOT_ASKED = ("·", "dim")
+"""Sign where no formula asks for a literal."""
+
 LEGEND = "█ covered  h hidden  o out of image  f too far  n too near  a angle  s too small  - not covered  · not asked"
 
 
-def print_study(cell: Cell, study: Study, ranked: Ranked) -> None:
-    """The timeline of a feasible candidate, the totals of its causes and the verdict."""
+def print_study(cell: Cell, ranked: Ranked, study: Study | None) -> None:
+    """The timeline of a candidate, the totals of its causes and the verdict; the reasons of an infeasible one."""
     assessment = ranked.assessment
+    if study is None:
+        say(f"{assessment.candidate.name} is infeasible:")
+        for reason in assessment.reasons:
+            say(f"- {reason}")
+        return
     figures = [f"time {assessment.time:.2f} s"]
     for label, quality in (("Q_eoi", assessment.q_eoi), ("Q_avg", assessment.q_avg)):
         figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
     place = f"rank {ranked.rank}" + (", Pareto-optimal" if ranked.pareto else "")
     say(joined([(assessment.candidate.name, "bold"), f": {place}, {', '.join(figures)}\n"]))
-    chart = _Chart(cell, study)
-    for row in chart.rows():
+    for row in _Chart(study, study.motion.time).rows(cell):
         say(row)
     say(plain(LEGEND, "dim"))
     for name, fault in assessment.faults.items():
@@ -52,6 +62,7 @@ def print_study(cell: Cell, study: Study, ranked: Ranked) -> None:
             f"\n{name}: noticed after {fault.delay_mean:.2f} s on average, {fault.delay_worst:.2f} s at worst{unseen};"
             f" longest blind stretch {fault.blind_longest:.2f} s; done after one retry at {fault.expected_time:.1f} s"
         )
+    say(f"\n{_camera_failures(cell, study, assessment)}")
     totals = cause_totals(cell, study)
     if totals:
         say()
@@ -60,6 +71,60 @@ def print_study(cell: Cell, study: Study, ranked: Ranked) -> None:
             ((str(t.atom), t.camera, f"{t.duration:.2f}", _because(t)) for t in totals),
         )
     say(f"\n{assessment.verdict}")
+
+
+def print_comparison(explained: Sequence[tuple[Ranked, Study | None]]) -> None:
+    """Every candidate's coverage on one scale of time, a row each, and the verdicts."""
+    longest = max((study.motion.time for _, study in explained if study is not None), default=0.0)
+    say(plain(" " * LABEL + _axis(longest)))
+    for ranked, study in explained:
+        name = ranked.assessment.candidate.name
+        if study is None:
+            say(joined([name.ljust(LABEL)[:LABEL], (f"infeasible: {ranked.assessment.reasons[0]}", "red")]))
+            continue
+        chart = _Chart(study, longest)
+        figures = f" {_percent(ranked.assessment.q_eoi)} {_percent(ranked.assessment.q_avg)}"
+        say(joined([(name.ljust(LABEL)[:LABEL], "bold"), *chart.state_signs(), figures]))
+        say(plain(" " * LABEL + chart.primitives_row()))
+    say(
+        plain(
+            "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ◆ not covered in an event of interest", "dim"
+        )
+    )
+    for ranked, study in explained:
+        if study is not None:
+            say(f"\n{ranked.assessment.candidate.name}: {ranked.assessment.verdict}")
+
+
+def _percent(quality: float | None) -> str:
+    return "    -" if quality is None else f"{100 * quality:5.1f}"
+
+
+def _axis(time: float) -> str:
+    end = f"{time:.1f} s"
+    return "0".ljust(WIDTH - len(end)) + end
+
+
+def _camera_failures(cell: Cell, study: Study, assessment: Assessment) -> str:
+    """One sentence about what each camera's failure would cost."""
+    needed, spare = [], []
+    for name, without in without_each_camera(cell, study).items():
+        losses = [
+            f"{label} to {100 * left:.1f} %"
+            for label, left, now in (
+                ("Q_eoi", without.q_eoi, assessment.q_eoi),
+                ("Q_avg", without.q_avg, assessment.q_avg),
+            )
+            if left is not None and now is not None and round(left, 3) < round(now, 3)
+        ]
+        if losses:
+            needed.append(f"without {name} {' and '.join(losses)}")
+        else:
+            spare.append(name)
+    parts = [f"If a camera fails: {'; '.join(needed)}." if needed else "No single camera is needed."]
+    if spare and needed:
+        parts.append(f"Not needed here: {', '.join(spare)}.")
+    return " ".join(parts)
 
 
 def _because(total: CauseTotal) -> str:
@@ -74,61 +139,65 @@ def _because(total: CauseTotal) -> str:
 
 
 class _Chart:
-    """Rows over the time of one study."""
+    """Rows over the time of one study, on a scale of `longest` seconds."""
 
-    def __init__(self, cell: Cell, study: Study) -> None:
-        self._cell, self._study = cell, study
-        self._time = study.motion.time
-        self._moments = (np.arange(WIDTH) + 0.5) / WIDTH * self._time
+    def __init__(self, study: Study, longest: float) -> None:
+        self._study, self._scale = study, WIDTH / longest
         samples = study.timeline.samples
-        before = np.clip(np.searchsorted(samples.t, self._moments, side="right") - 1, 0, len(samples) - 2)
-        later = samples.t[before + 1] - self._moments < self._moments - samples.t[before]
+        moments = (np.arange(round(study.motion.time * self._scale)) + 0.5) / self._scale
+        before = np.clip(np.searchsorted(samples.t, moments, side="right") - 1, 0, len(samples) - 2)
+        later = samples.t[before + 1] - moments < moments - samples.t[before]
         self._row: NDArray[np.int64] = before + later
         self._weights = sample_weights(study)
 
-    def rows(self) -> list[Styled]:
+    def rows(self, cell: Cell) -> list[Styled]:
         """Axis, primitives, events of interest, the state, and every literal with its cameras."""
         study, timeline = self._study, self._study.timeline
         interesting = "".join("◆" if flag else " " for flag in timeline.interesting[self._row])
-        rows: list[Styled] = [self._labelled("", self._axis()), self._labelled("", self._primitives())]
+        rows: list[Styled] = [plain(" " * LABEL + _axis(study.motion.time)), plain(" " * LABEL + self.primitives_row())]
         if interesting.strip():
-            rows.append(self._labelled("event of interest", interesting))
-        covered, monitored = timeline.covered, timeline.monitored
-        rows.append(self._coverage("all literals", covered, monitored, bold=True))
+            rows.append(plain("event of interest".ljust(LABEL) + interesting))
+        rows.append(self._coverage("all literals", timeline.covered, timeline.monitored))
         observation = timeline.observation
         for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
             required = observation.required[:, column]
-            rows.append("")
-            rows.append(self._coverage(str(target.atom), observation.covered[:, column], required, bold=True))
-            for index, camera in enumerate(self._cell.observer.cameras):
+            rows += ["", self._coverage(str(target.atom), observation.covered[:, column], required)]
+            for index, camera in enumerate(cell.observer.cameras):
                 causes = [failure.cause for failure in first_failures(boxes, np.arange(len(required)), index)]
-                signs = [SIGNS[causes[row]] if required[row] else ("·", "dim") for row in self._row]
+                signs = [SIGNS[causes[row]] if required[row] else NOT_ASKED for row in self._row]
                 seen = np.array([cause is Cause.NONE for cause in causes])
-                rows.append(joined([f"  {camera.name}".ljust(LABEL), *signs, self._share(seen & required, required)]))
+                share = self._share(seen & required, required)
+                rows.append(joined([f"  {camera.name}".ljust(LABEL)[:LABEL], *signs, share]))
         return rows
 
-    def _coverage(self, label: str, covered: NDArray[np.bool_], asked: NDArray[np.bool_], *, bold: bool) -> Styled:
-        signs = [
-            (("█", "green") if covered[row] else ("-", "red")) if asked[row] else ("·", "dim") for row in self._row
+    def state_signs(self) -> list[tuple[str, str]]:
+        """The coverage of the state, with what is not covered in an event of interest marked."""
+        timeline = self._study.timeline
+        missed = np.where(timeline.interesting, "◆", "-")
+        return self._signs(timeline.covered, timeline.monitored, missed)
+
+    def primitives_row(self) -> str:
+        """Where each primitive begins: its name, as far as there is room until the next one."""
+        primitives = self._study.motion.primitives
+        starts = [round(primitive.start * self._scale) for primitive in primitives]
+        row = [" "] * len(self._row)
+        for primitive, start, end in zip(primitives, starts, [*starts[1:], len(row)], strict=True):
+            name = f"|{primitive.name}"[: max(end - start, 0)]
+            row[start : start + len(name)] = name
+        return "".join(row)
+
+    def _coverage(self, label: str, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> Styled:
+        signs = self._signs(covered, asked, np.full(len(asked), "-"))
+        return joined([(label.ljust(LABEL)[:LABEL], "bold"), *signs, self._share(covered, asked)])
+
+    def _signs(
+        self, covered: NDArray[np.bool_], asked: NDArray[np.bool_], missed: NDArray[np.str_]
+    ) -> list[tuple[str, str]]:
+        return [
+            NOT_ASKED if not asked[row] else ("█", "green") if covered[row] else (str(missed[row]), "red")
+            for row in self._row
         ]
-        return joined([(label.ljust(LABEL)[:LABEL], "bold" if bold else ""), *signs, self._share(covered, asked)])
 
     def _share(self, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> str:
         total = float(self._weights[asked].sum())
         return f" {100 * float(self._weights[covered & asked].sum()) / total:5.1f} %" if total else ""
-
-    def _labelled(self, label: str, row: str) -> Styled:
-        return plain(label.ljust(LABEL) + row)
-
-    def _axis(self) -> str:
-        end = f"{self._time:.1f} s"
-        return "0".ljust(WIDTH - len(end)) + end
-
-    def _primitives(self) -> str:
-        """Where each primitive begins: its name, as far as there is room until the next one."""
-        row = [" "] * WIDTH
-        starts = [round(p.start / self._time * WIDTH) for p in self._study.motion.primitives]
-        for primitive, start, end in zip(self._study.motion.primitives, starts, [*starts[1:], WIDTH], strict=True):
-            name = f"|{primitive.name}"[: max(end - start, 0)]
-            row[start : start + len(name)] = name
-        return "".join(row)

@@ -15,7 +15,7 @@ from sqrp_cli.programming.grounding import TargetGrounder, ground_formulas
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion import Motion
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
-from sqrp_cli.programming.quality import average_quality, interest_quality
+from sqrp_cli.programming.quality import Qualities, average_quality, interest_quality
 from sqrp_cli.programming.recovery import recovery_over
 from sqrp_cli.programming.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.programming.stage import Stage
@@ -32,7 +32,7 @@ class Assessment:
     t_eoi: T and T_eoi [s].
     states: number of samples that hold literals. error: bound on the error of Q from bisection. largest_gap: between
     samples [s].
-    verdict: one or two sentences.
+    verdict: one or two sentences. recalibrated: the qualities with camera poses drawn anew, if that was asked for.
     """
 
     candidate: Candidate
@@ -48,6 +48,7 @@ class Assessment:
     error: float | None = None
     largest_gap: float | None = None
     verdict: str = ""
+    recalibrated: tuple[Qualities, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

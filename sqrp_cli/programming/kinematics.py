@@ -139,6 +139,17 @@ class RobotModel:
         columns = np.concatenate([np.where(turns, _cross(axes, arms), axes), np.where(turns, axes, 0.0)], axis=-1)
         return X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios
 
+    @property
+    def joints_move_alone(self) -> bool:
+        """Whether no joint on the way to the tool frame follows another one."""
+        return len(self._chain.joints) == len(self.arm)
+
+    def joint_origins(self, q: Array) -> Array:
+        """World position [m] of each arm joint's origin, shape (n, 3), at arm positions of shape (n,)."""
+        X_WJ = self._chain.poses(self._chain_couplings.positions(q[None]))[0]
+        origins: Array = X_WJ[[joint.mimic is None for joint in self._chain.joints], :3, 3]
+        return origins
+
     def joint_values(self, q: Array) -> dict[str, float]:
         """Position [rad or m] of every movable joint of robot and tool, at arm positions of shape (n,)."""
         positions = self._couplings.positions(q).tolist()

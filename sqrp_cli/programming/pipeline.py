@@ -12,6 +12,7 @@ from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.assessment import Assessment, study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.robustness import Calibration, under_calibration_errors
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.verdict import verdict
@@ -22,18 +23,26 @@ WORTH_A_PROCESS = 8
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """What is to be computed for each candidate: in which cell and world, and how it is sampled."""
+    """What is to be computed for each candidate: in which cell and world, and how it is sampled.
+
+    calibration: how exactly the cameras are calibrated, if what that does to the qualities is to be computed.
+    """
 
     cell: Cell
     world: World
     sampling: Sampling
+    calibration: Calibration | None = None
 
     def assess(self, candidate: Candidate) -> Assessment:
         """The figures of one candidate, or why it is infeasible."""
         result = study(self.cell, candidate, self.world, self.sampling, full=False)
         if isinstance(result, Infeasible):
             return Assessment(candidate, feasible=False, reasons=result.reasons, verdict=result.reasons[0])
-        return result.assessment(verdict(self.cell, result))
+        assessment = result.assessment(verdict(self.cell, result))
+        if self.calibration is None:
+            return assessment
+        recalibrated = under_calibration_errors(self.cell, result, self.sampling, self.calibration)
+        return replace(assessment, recalibrated=recalibrated)
 
 
 def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[Assessment]:

@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sqrp_cli.programming.timeline import Timeline
+
+
+@dataclass(frozen=True)
+class Qualities:
+    """Q_avg and Q_eoi in 0..1, None where undefined."""
+
+    q_avg: float | None
+    q_eoi: float | None
+
+    @classmethod
+    def of(cls, timeline: Timeline) -> Qualities:
+        """Both qualities of a timeline."""
+        return cls(average_quality(timeline), interest_quality(timeline))
 
 
 def average_quality(timeline: Timeline) -> float | None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from sqrp_cli.programming.assessment import Assessment
@@ -46,6 +47,17 @@ def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]
         Ranked(assessment, place, _undominated(assessment, feasible)) for place, assessment in enumerate(ordered, 1)
     ]
     return (*ranked, *(Ranked(assessment, None, False) for assessment in assessments if not assessment.feasible))
+
+
+def winners(assessments: Sequence[Assessment], by: Criterion) -> Counter[str]:
+    """How often each candidate would be first among the draws of camera poses."""
+    feasible = [assessment for assessment in assessments if assessment.feasible]
+    draws = zip(*(assessment.recalibrated for assessment in feasible), strict=True)
+    first = []
+    for draw in draws:
+        drawn = [replace(a, q_avg=q.q_avg, q_eoi=q.q_eoi) for a, q in zip(feasible, draw, strict=True)]
+        first.append(rank(drawn, by)[0].assessment.candidate.name)
+    return Counter(first)
 
 
 def _rounded(quality: float | None) -> float | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, transform
+from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.programming.motion import Motion
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.scene import SceneStates
@@ -95,10 +95,19 @@ def _equal_motion(stage: Stage, solids: Sequence[Solid], targets: Sequence[Targe
         if not pieces:
             result.append(t[:1])
             continue
-        states = stage.states(Samples(np.full(len(t), pieces[0]), t))
-        travelled = np.concatenate([[0.0], np.cumsum(_steps(states, solids, targets))])
+
+        def steps(instants: Array, piece: int = pieces[0]) -> Array:
+            return _steps(stage.states(Samples(np.full(len(instants), piece), instants)), solids, targets)
+
+        travelled = np.concatenate([[0.0], np.cumsum(steps(t))])
         count = int(np.ceil(travelled[-1] / MAX_MOTION))
-        result.append(np.interp(np.linspace(0.0, travelled[-1], count + 1), travelled, t) if count else t[[0, -1]])
+        if not count:
+            result.append(t[[0, -1]])
+            continue
+        instants = np.interp(np.linspace(0.0, travelled[-1], count + 1), travelled, t)
+        # Between the probes speed was taken as constant, which leaves some steps a little too long.
+        wide = np.flatnonzero(steps(instants) > MAX_MOTION)
+        result.append(np.insert(instants, wide + 1, 0.5 * (instants[wide] + instants[wide + 1])))
     return result
 
 
@@ -106,7 +115,9 @@ def _steps(states: SceneStates, solids: Sequence[Solid], targets: Sequence[Targe
     """How far the fastest corner moves from each state to the next [m], shape (m - 1,)."""
     moving = [transform(X_WP, solid.corners) for solid in solids if len(X_WP := states.X_WF[solid.part.parent]) > 1]
     boxes = [box for target in targets for box in target.boxes]
-    moving += [states.box_poses(box)[:, None, :3, 3] for box in boxes if len(states.X_WF[box.frame]) > 1]
+    moving += [
+        transform(states.box_poses(box), box_corners(box.size)) for box in boxes if len(states.X_WF[box.frame]) > 1
+    ]
     if not moving:
         return np.zeros(states.count - 1)
     tracks = np.concatenate(moving, axis=1)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.logic.literal import Literal
+from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.assessment import Study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.explanation import by_name, first_failures
@@ -26,14 +26,14 @@ _LOOKS = 5
 _NOTHING_MISSING = "Every literal is covered all the time."
 
 _SENTENCES = {
-    Cause.TOO_NEAR: "{camera} is {figure} too near to {literal}",
-    Cause.TOO_FAR: "{camera} is {figure} too far from {literal}",
-    Cause.OUT_OF_IMAGE: "{camera} has {literal} outside its image ({by})",
-    Cause.DETECTOR_NEAR: "{camera} is {figure} too near to {literal} for its detector",
-    Cause.DETECTOR_FAR: "{camera} is {figure} too far from {literal} for its detector",
-    Cause.OBLIQUE: "{camera} sees {literal} {figure} too obliquely",
-    Cause.TOO_SMALL: "{camera} sees {literal} {figure} too small",
-    Cause.HIDDEN: "{camera} loses {literal} behind {by}",
+    Cause.TOO_NEAR: "{camera} is {figure} too near to {target}",
+    Cause.TOO_FAR: "{camera} is {figure} too far from {target}",
+    Cause.OUT_OF_IMAGE: "{camera} has {target} outside its image ({by})",
+    Cause.DETECTOR_NEAR: "{camera} is {figure} too near to {target} for its detector",
+    Cause.DETECTOR_FAR: "{camera} is {figure} too far from {target} for its detector",
+    Cause.OBLIQUE: "{camera} sees {target} {figure} too obliquely",
+    Cause.TOO_SMALL: "{camera} sees {target} {figure} too small",
+    Cause.HIDDEN: "{camera} loses {target} behind {by}",
 }
 
 _ADVICE = {
@@ -61,7 +61,7 @@ class CameraCause:
     by: str | None
     figure: float
 
-    def told(self, templates: dict[Cause, str], literal: Literal) -> str:
+    def told(self, templates: dict[Cause, str], atom: Atom) -> str:
         """One of the sentences above about this camera."""
         match self.cause:
             case Cause.OBLIQUE:
@@ -70,7 +70,7 @@ class CameraCause:
                 figure = f"{self.figure:.0f} px"
             case _:
                 figure = f"{self.figure:.2f} m"
-        return templates[self.cause].format(camera=self.camera, by=self.by, figure=figure, literal=literal)
+        return templates[self.cause].format(camera=self.camera, by=self.by, figure=figure, target=atom)
 
     @property
     def words(self) -> str:
@@ -82,19 +82,19 @@ class CameraCause:
 class BlindStretch:
     """A stretch of time in which a state is not covered.
 
-    start, end: first and last uncovered sample [s]. literal: one that is not covered. causes: of every camera that does
+    start, end: first and last uncovered sample [s]. atom: one whose target is not covered. causes: of every camera that does
     not see it, the one that comes nearest to seeing it first.
     """
 
     start: float
     end: float
-    literal: Literal
+    atom: Atom
     causes: tuple[CameraCause, ...]
 
     def __str__(self) -> str:
         when = f"from {self.start:.1f} s to {self.end:.1f} s"
         nearest, *others = self.causes
-        sentence = f"{nearest.told(_SENTENCES, self.literal)} {when}"
+        sentence = f"{nearest.told(_SENTENCES, self.atom)} {when}"
         if not others:
             return sentence
         groups: dict[str, list[str]] = defaultdict(list)
@@ -106,7 +106,7 @@ class BlindStretch:
     @property
     def advice(self) -> str:
         """What would help."""
-        return self.causes[0].told(_ADVICE, self.literal)
+        return self.causes[0].told(_ADVICE, self.atom)
 
 
 def verdict(cell: Cell, study: Study) -> str:
@@ -156,11 +156,10 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     )
     worst = int(lost.sum(axis=1).argmax())
     missing = np.flatnonzero(lost[worst])
-    literals = timeline.pieces[int(samples.piece[chosen[missing[0]]])].literals
     return BlindStretch(
         start=float(samples.t[rows[0]]),
         end=float(samples.t[rows[-1]]),
-        literal=next(literal for literal in literals if literal.atom == study.targets[worst].atom),
+        atom=study.targets[worst].atom,
         causes=tuple(_camera_causes(cell, matrices[worst], missing)),
     )
 

@@ -31,7 +31,8 @@ def find_culprits(
 
 
 def _nearest_of(lines: SightLines, line: int, center: Array, poses: SolidPoses, solids: NDArray[np.int64]) -> int:
-    eye, state = lines.eye[line], int(lines.state[line])
+    hull = int(lines.hull[line])
+    eye, corners, state = lines.eyes[hull], lines.corners[hull], int(lines.state[line])
     faces = []
     for index in solids.tolist():
         X_WP = poses.pose(index)
@@ -40,8 +41,8 @@ def _nearest_of(lines: SightLines, line: int, center: Array, poses: SolidPoses, 
     along = [_first_hit(triangles, center - eye) for triangles in faces]
     if min(along) <= 1.0:
         return int(solids[int(np.argmin(along))])
-    hull = _hull_half_spaces(lines.corners[line] - eye)
-    return int(solids[int(np.argmin([_nearest_inside(triangles, hull) for triangles in faces]))])
+    spaces = _hull_half_spaces(corners - eye)
+    return int(solids[int(np.argmin([_nearest_inside(triangles, spaces) for triangles in faces]))])
 
 
 def _first_hit(triangles: Array, ray: Array) -> float:

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS, Array, transform
+from sqrp_cli.geometry import BOX_SIGNS, Array, cross, transform
 from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
 
 SKIN = 1e-3
@@ -21,6 +22,9 @@ SKIN = 1e-3
 
 What merely touches it must not hide it.
 """
+
+TOUCH = 1e-9
+"""Distance up to which bounds count as touching [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,19 +44,16 @@ class SolidPoses:
 
 @dataclass(frozen=True, eq=False)
 class SightLines:
-    """View hulls to test: one box seen from one camera, in a batch of states.
+    """View hulls to test: one box seen by cameras in a batch of states. Lines that never differ share a hull.
 
-    state: index of the state, shape (v,). eye: camera centre in the world, shape (v, 3). corners: corners of the shrunk
-    box in the world, shape (v, 8, 3).
+    state: index of the state, shape (v,). hull: index of the hull, shape (v,). eyes: camera centres in the world, shape
+    (h, 3). corners: of the shrunk box in the world, shape (h, 8, 3).
     """
 
     state: NDArray[np.int64]
-    eye: Array
+    hull: NDArray[np.int64]
+    eyes: Array
     corners: Array
-
-    def take(self, rows: NDArray[np.int64]) -> SightLines:
-        """Some of the sight lines."""
-        return SightLines(self.state[rows], self.eye[rows], self.corners[rows])
 
 
 def shrink(size: Sequence[float], normal: Sequence[float] | None) -> tuple[Array, Array]:
@@ -66,31 +67,33 @@ def shrink(size: Sequence[float], normal: Sequence[float] | None) -> tuple[Array
     return 0.5 * np.where(thin, extents, extents - 2 * SKIN) * BOX_SIGNS + offset, offset
 
 
-def hull_planes(lines: SightLines) -> Array:
-    """Planes through the eye that enclose each view hull, plus one behind the box and one behind the eye.
+def hull_planes(eyes: Array, corners: Array) -> Array:
+    """Planes through the eyes (h, 3) that enclose each view hull, plus one behind the box and one behind the eye.
 
-    Returns shape (v, 10, 4): normal n and offset o such that n . (p - eye) - o > 0 for every point p outside that
-    plane. The eight side planes bound the box's image by an octagon. All-zero planes (which exclude nothing) where the
-    eye is so close that the box has no bounded image.
+    Returns shape (h, 10, 4): unit normal n and offset o such that n . p > o for every point p outside that plane. The
+    eight side planes bound the box's image by an octagon. All-zero planes (which exclude nothing) where the eye is so
+    close that the box has no bounded image.
     """
-    rays = lines.corners - lines.eye[:, None]
+    rays = corners - eyes[:, None]
     axis = rays.mean(axis=1)
     axis /= np.linalg.norm(axis, axis=1, keepdims=True)
     helper = np.where(np.abs(axis[:, 2:]) < 0.9, (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
-    right = np.cross(axis, helper)
+    right = cross(axis, helper)
     right /= np.linalg.norm(right, axis=1, keepdims=True)
-    up = np.cross(right, axis)
+    up = cross(right, axis)
     diagonal = np.sqrt(0.5)
     across = np.stack([right, up, diagonal * (right + up), diagonal * (right - up)], axis=1)
-    depth = np.einsum("vki,vi->vk", rays, axis)
+    depth = (rays @ axis[:, :, None])[..., 0]
     bounded = depth.min(axis=1) > 1e-6
-    slope = (rays @ np.swapaxes(across, 1, 2)) / np.where(bounded[:, None], depth, 1.0)[..., None]
-    planes = np.zeros((len(rays), 10, 4))
-    planes[:, 0:4, :3] = across - slope.max(axis=1)[..., None] * axis[:, None]
-    planes[:, 4:8, :3] = slope.min(axis=1)[..., None] * axis[:, None] - across
+    slope = (across @ np.swapaxes(rays, 1, 2)) / np.where(bounded[:, None], depth, 1.0)[:, None]
+    planes = np.empty((len(rays), 10, 4))
+    planes[:, 0:4, :3] = across - slope.max(axis=2)[..., None] * axis[:, None]
+    planes[:, 4:8, :3] = slope.min(axis=2)[..., None] * axis[:, None] - across
     planes[:, 8, :3] = axis
-    planes[:, 8, 3] = depth.max(axis=1)
     planes[:, 9, :3] = -axis
+    planes[..., :3] /= np.linalg.norm(planes[..., :3], axis=2, keepdims=True)
+    planes[..., 3] = (planes[..., :3] @ eyes[:, :, None])[..., 0]
+    planes[:, 8, 3] += depth.max(axis=1)
     planes[~bounded] = 0.0
     return planes
 
@@ -101,31 +104,26 @@ def near_pairs(
     """Pairs (sight line, index of solid) whose hull and bounding volume may touch, ordered by sight line."""
     if not len(lines.state) or not solids:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    planes = hull_planes(lines)
-    normals, offsets = planes[..., :3], planes[..., 3]
-    lengths = np.linalg.norm(normals, axis=2)
+    planes = hull_planes(lines.eyes, lines.corners)
+    count = int(lines.state.max()) + 1
+    corners = np.empty((len(solids), count, 8, 3))
+    centers = np.empty((3, len(solids), count))
+    for row, index in enumerate(solids):
+        solid, X_WP = poses.solids[index], poses.pose(index)[:count]
+        corners[row] = transform(X_WP, solid.corners)
+        centers[:, row] = transform(X_WP, solid.center[None])[:, 0].T
+    x, y, z = centers[:, :, lines.state]
+    reach = np.array([poses.solids[index].radius for index in solids])[:, None] + TOUCH
+    near = np.ones(x.shape, dtype=bool)
+    # One plane at a time: NumPy is slow at reductions over short axes.
+    for a, b, c, offset in np.ascontiguousarray(planes.transpose(1, 2, 0))[:, :, lines.hull]:
+        near &= a * x + b * y + c * z <= reach + offset
 
-    near = np.empty((len(lines.state), len(solids)), dtype=bool)
-    for column, index in enumerate(solids):
-        solid, X_WP = poses.solids[index], poses.pose(index)
-        center = (X_WP[:, :3, :3] @ solid.center + X_WP[:, :3, 3])[_rows(X_WP, lines.state)]
-        height = np.einsum("vpi,vi->vp", normals, center - lines.eye) - offsets
-        near[:, column] = (height <= solid.radius * lengths + 1e-9).all(axis=1)
-
-    line, column = np.nonzero(near)
-    keep = np.ones(len(line), dtype=bool)
-    for position, index in enumerate(solids):
-        rows = np.flatnonzero(column == position)
-        if len(rows):
-            X_WP, at = poses.pose(index), line[rows]
-            corners = transform(X_WP, poses.solids[index].corners)[_rows(X_WP, lines.state[at])]
-            height = (corners - lines.eye[at][:, None]) @ np.swapaxes(normals[at], 1, 2) - offsets[at][:, None]
-            keep[rows] = (height.min(axis=1) <= 1e-9).all(axis=1)
-    return line[keep], np.asarray(solids, dtype=np.int64)[column[keep]]
-
-
-def _rows(X_WP: Array, state: NDArray[np.int64]) -> NDArray[np.int64]:
-    return state if len(X_WP) > 1 else np.zeros_like(state)
+    line, row = np.nonzero(near.T)
+    around, hull = corners[row, lines.state[line]], lines.hull[line]
+    lowest = (planes[hull, :, :3] @ np.swapaxes(around, 1, 2)).min(axis=2)
+    keep = (lowest <= planes[hull, :, 3] + TOUCH).all(axis=1)
+    return line[keep], np.asarray(solids, dtype=np.int64)[row[keep]]
 
 
 class HullTester:
@@ -160,27 +158,39 @@ class HullTester:
         found = np.zeros(len(pairs[0]), dtype=bool)
         if not len(found):
             return found
-        hulls = np.concatenate([lines.corners, lines.eye[:, None]], axis=1)
+        hulls = np.concatenate([lines.corners, lines.eyes[:, None]], axis=1)
+        hull_of = lines.hull.tolist()
+        still: dict[tuple[int, int], bool] = {}
         placements = {}
         for index in np.unique(pairs[1]).tolist():
             X_WG = poses.pose(index) @ poses.solids[index].part.X_PG
             placements[index] = (np.ascontiguousarray(X_WG[:, :3, :3]), np.ascontiguousarray(X_WG[:, :3, 3]))
         states = lines.state.tolist()
-        current, done = -1, False
+        current, done, loaded = -1, False, -1
         for row, (line, index) in enumerate(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True)):
             if line != current:
                 current, done = line, False
-                self._points[:] = hulls[line]
             elif done:
                 continue
             rotations, translations = placements[index]
-            at = states[line] if len(translations) > 1 else 0
-            self._placement.setRotation(rotations[at])
-            self._placement.setTranslation(translations[at])
-            self._result.clear()
-            if coal.collide(
-                self._hull, self._at_origin, poses.solids[index].geometry, self._placement, self._request, self._result
-            ):
-                found[row] = True
-                done = first_only
+            hull, fixed = hull_of[line], len(translations) == 1
+            hit = still.get((hull, index)) if fixed else None
+            if hit is None:
+                if hull != loaded:
+                    self._points[:] = hulls[hull]
+                    loaded = hull
+                at = 0 if fixed else states[line]
+                self._placement.setRotation(rotations[at])
+                self._placement.setTranslation(translations[at])
+                hit = self._meets(poses.solids[index].geometry)
+                if fixed:
+                    still[hull, index] = hit
+            found[row] = hit
+            done = hit and first_only
         return found
+
+    def _meets(self, geometry: Any) -> bool:
+        self._result.clear()
+        return bool(
+            coal.collide(self._hull, self._at_origin, geometry, self._placement, self._request, self._result)
+        )

@@ -60,15 +60,20 @@ def monotonic_radius(camera: Camera) -> float:
     return min(_smallest_root(slope + 2 * change), _smallest_root(denominator))
 
 
+_NEVER = 1e-12
+"""Values of 1 / u below which u is infinite: the radius 1e6 is 90 degrees off the axis but for 1e-6 rad."""
+
+
 def _smallest_root(coefficients: Array | list[float]) -> float:
-    """Square root of the smallest positive real root of a polynomial in u = r^2, lowest order first.
+    """Square root of the smallest positive real root of a polynomial 1 + ... in u = r^2, lowest order first.
 
     Infinite if none.
     """
-    roots = np.roots(np.asarray(coefficients, dtype=float)[::-1])
+    # In 1 / u the coefficients run the other way round: the leading one is then 1, however small the others are.
+    roots = np.roots(np.asarray(coefficients, dtype=float))
     real = roots[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))].real
-    positive = real[real > 0]
-    return float(np.sqrt(positive.min())) if positive.size else float("inf")
+    largest = float(np.max(real, initial=0.0))
+    return largest**-0.5 if largest > _NEVER else float("inf")
 
 
 def _distort(camera: Camera, plane: Array) -> Array:

@@ -1,0 +1,117 @@
+"""Searching joint positions that bring the tool to a pose, from many starting points at once (Levenberg-Marquardt).
+
+The method and its damping: K. Levenberg (1944) and D. Marquardt (1963), as in K. Madsen, H. B. Nielsen, O. Tingleff,
+Methods for non-linear least squares problems, 2004, section 3.2, with a fixed schedule of the damping.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.kinematics import RobotModel
+
+_PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
+
+_LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
+
+
+def pose_errors(X_WT: Array, X_target: Array) -> Array:
+    """Position error [m] over rotation vector [rad] from poses (m, 4, 4) to a target (4, 4), world axes, shape (m, 6)."""
+    errors = np.empty((len(X_WT), 6))
+    errors[:, :3] = X_target[:3, 3] - X_WT[:, :3, 3]
+    errors[:, 3:] = _rotation_vectors(X_target[:3, :3] @ np.swapaxes(X_WT[:, :3, :3], 1, 2))
+    return errors
+
+
+def descend(
+    model: RobotModel,
+    X_target: Array,
+    starts: Array,
+    moving: NDArray[np.bool_],
+    steps: int,
+    turn_weight: float = 1.0,
+    within: tuple[Array, Array] | None = None,
+) -> tuple[Array, Array]:
+    """Follow the pose error downhill from each of m starts, shape (m, n).
+
+    moving: which joints may move, (n,). turn_weight: what an error of 1 rad counts against one of 1 m.
+    within: lower and upper limits that are kept, shape (n,); by default none are.
+
+    Returns the joint positions reached, (m, n), and their weighted pose errors, (m, 6). A start is not followed further
+    once its error is below 1e-10.
+    """
+    weights = np.repeat([1.0, turn_weight], 3)
+    q = starts if within is None else np.clip(starts, *within)
+    q_all, e_all = q.copy(), np.empty((len(q), 6))
+    rows = np.arange(len(q))
+    damping = np.full(len(q), _FIRST_DAMPING)
+    X, J = model.tool_poses_and_jacobians(q)
+    e, J = pose_errors(X, X_target) * weights, J * weights[:, None]
+    e_all[:] = e
+    cost = (e**2).sum(axis=1)
+    for _ in range(steps):
+        going = cost > 1e-20
+        if not going.any():
+            break
+        if not going.all():
+            rows, q, e, J, cost, damping = (values[going] for values in (rows, q, e, J, cost, damping))
+        free = np.broadcast_to(moving, q.shape)
+        pull = (np.swapaxes(J, 1, 2) @ e[:, :, None])[..., 0]
+        if within is not None:
+            free = free & ~((q <= within[0]) & (pull < 0)) & ~((q >= within[1]) & (pull > 0))
+        J_free = J * free[:, None, :]
+        normal = np.swapaxes(J_free, 1, 2) @ J_free + damping[:, None, None] * np.eye(q.shape[1])
+        q_next = q + np.linalg.solve(normal, (pull * free)[..., None])[..., 0]
+        if within is not None:
+            q_next = np.clip(q_next, *within)
+        X, J_next = model.tool_poses_and_jacobians(q_next)
+        e_next = pose_errors(X, X_target) * weights
+        cost_next = (e_next**2).sum(axis=1)
+        better = cost_next < cost
+        q, e = np.where(better[:, None], q_next, q), np.where(better[:, None], e_next, e)
+        J = np.where(better[:, None, None], J_next * weights[:, None], J)
+        cost = np.where(better, cost_next, cost)
+        damping = np.clip(damping * np.where(better, 0.2, 4.0), _LEAST_DAMPING, _MOST_DAMPING)
+        q_all[rows], e_all[rows] = q, e
+    return q_all, e_all
+
+
+def spread_starts(model: RobotModel, count: int) -> Array:
+    """Joint positions that fill the space evenly, the same on every call, shape (count, n).
+
+    Turning joints go once round, sliding ones between their limits (1 m either way where there are none). The points are
+    those of J. H. Halton (1960).
+    """
+    half_turn = np.where(model.turns, np.pi, 1.0)
+    lower = np.where(model.turns | np.isinf(model.lower), -half_turn, model.lower)
+    upper = np.where(model.turns | np.isinf(model.upper), half_turn, model.upper)
+    return lower + (upper - lower) * _halton(count, len(model.arm))
+
+
+@cache
+def _halton(count: int, dimensions: int) -> Array:
+    points = np.zeros((count, dimensions))
+    for column, prime in enumerate(_PRIMES[:dimensions]):
+        index, weight = np.arange(1, count + 1), 1.0 / prime
+        while index.any():
+            points[:, column] += weight * (index % prime)
+            index, weight = index // prime, weight / prime
+    points.setflags(write=False)
+    return points
+
+
+def _rotation_vectors(R: Array) -> Array:
+    """Axis times angle [rad] of rotation matrices (m, 3, 3), shape (m, 3); for half a turn, one of both axes."""
+    skew = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    sine, cosine = np.sqrt((skew**2).sum(axis=1)), R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0
+    angle = np.arctan2(sine, cosine)
+    vectors: Array = skew * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 0.5)[:, None]
+    for row in np.flatnonzero((sine < 1e-6) & (cosine < 0.0)):
+        columns = R[row] + np.eye(3)
+        axis = columns[:, int(np.diag(columns).argmax())]
+        vectors[row] = axis * (angle[row] / np.linalg.norm(axis))
+    return vectors

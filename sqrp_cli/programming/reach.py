@@ -1,0 +1,126 @@
+"""Why an arm cannot bring its tool frame to a pose, and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.pose_search import descend, spread_starts
+
+STARTS = 64
+"""Starting points of the search for the closest pose that can be reached."""
+
+TURN_WEIGHTS = (1.0, 10.0, 100.0, 1000.0)
+"""Weights of an error of 1 rad against one of 1 m, in turn: the last holds the orientation to about 1e-6 rad."""
+
+STEPS = 60
+"""Steps of the search under each weight."""
+
+HELD_ORIENTATION = 1e-3
+"""Largest error of an orientation that counts as held [rad]."""
+
+
+@dataclass(frozen=True)
+class OutOfReach:
+    """The tool frame, turned as required, comes no closer to its place than `distance` [m].
+
+    direction: whether its place is beyond where the arm gets to, or too close to the arm's first joints for it to fold.
+    """
+
+    distance: float
+    too_close: bool
+
+    def __str__(self) -> str:
+        return f"{_metres(self.distance)} too {'close' if self.too_close else 'far'}"
+
+
+@dataclass(frozen=True)
+class WrongWayRound:
+    """The tool frame cannot be turned as required anywhere; at best it is off by `angle` [rad]."""
+
+    angle: float
+
+    def __str__(self) -> str:
+        return f"cannot be approached from that side: the tool is off by {np.degrees(self.angle):.0f} deg at best"
+
+
+@dataclass(frozen=True)
+class PastLimit:
+    """The pose can be reached but for the limit of `joint`, past which it would be by `excess` [rad, or m if it slides]."""
+
+    joint: str
+    excess: float
+    turns: bool
+
+    def __str__(self) -> str:
+        amount = f"{np.degrees(self.excess):.3g} deg" if self.turns else _metres(self.excess)
+        return f"joint `{self.joint}` {amount} past its limit"
+
+
+Unreachable = OutOfReach | WrongWayRound | PastLimit
+
+
+def why_unreachable(model: RobotModel, X_WT: Array, branches: Array) -> Unreachable:
+    """Why no position within the limits brings the tool frame to X_WT, shape (4, 4).
+
+    branches: the solutions that there are whatever the limits, shape (k, n), perhaps none. With some, the limit that is in the
+    way is named for the branch that exceeds the limits least (the sum over its joints), at its worst joint.
+    """
+    if len(branches):
+        excess = limit_excess(model, closest_turns(model, branches))
+        least = excess[excess.sum(axis=1).argmin()]
+        joint = int(least.argmax())
+        return PastLimit(model.arm[joint], float(least[joint]), bool(model.turns[joint]))
+    return _out_of_reach(model, X_WT)
+
+
+def closest_turns(model: RobotModel, q: Array) -> Array:
+    """Positions (m, n) with each turning joint outside its limits turned wholly to where it exceeds them least."""
+    bounded = model.turns & np.isfinite(model.lower) & np.isfinite(model.upper)
+    middle = np.where(bounded, 0.5 * (np.nan_to_num(model.lower) + np.nan_to_num(model.upper)), 0.0)
+    turned = q + 2 * np.pi * np.round((middle - q) / (2 * np.pi))
+    outside = (q < model.lower) | (q > model.upper)
+    closest: Array = np.where(bounded & outside, turned, q)
+    return closest
+
+
+def limit_excess(model: RobotModel, q: Array) -> Array:
+    """By how much positions (m, n) are past the limits, shape (m, n) [rad or m]; 0 within them."""
+    excess: Array = np.maximum(np.maximum(model.lower - q, q - model.upper), 0.0)
+    return excess
+
+
+def _out_of_reach(model: RobotModel, X_WT: Array) -> OutOfReach | WrongWayRound:
+    """The closest that the arm gets, joint limits kept.
+
+    The orientation is held by a growing weight (the penalty method), from many starting points; the closest counts.
+    """
+    everything = np.ones(len(model.arm), dtype=bool)
+    limits = (model.lower, model.upper)
+    q = np.concatenate([model.home[None], spread_starts(model, STARTS)])
+    for weight in TURN_WEIGHTS:
+        q, errors = descend(model, X_WT, q, everything, STEPS, weight, limits)
+    distances = np.linalg.norm(errors[:, :3], axis=1)
+    angles = np.linalg.norm(errors[:, 3:], axis=1) / TURN_WEIGHTS[-1]
+    held = angles < HELD_ORIENTATION
+    if not held.any():
+        return WrongWayRound(float(angles.min()))
+    best = int(np.where(held, distances, np.inf).argmin())
+    return OutOfReach(float(distances[best]), _is_too_close(model, q[best], errors[best, :3]))
+
+
+def _is_too_close(model: RobotModel, q: Array, missing: Array) -> bool:
+    """Whether the way that is missing leads towards the second joint, rather than away from it.
+
+    The origin of the last joint, near which the wrist is, and not of the tool, which may point anywhere: held in its orientation, it
+    has the same way to go.
+    """
+    shoulder, wrist = model.joint_origins(q)[[min(1, len(q) - 1), -1]]
+    return bool(missing @ (wrist - shoulder) < 0.0)
+
+
+def _metres(distance: float) -> str:
+    return f"{distance:.2f} m" if distance >= 0.01 else f"{1e3 * distance:.2g} mm"

@@ -1,0 +1,223 @@
+"""Runs commands as a user would, each expensive one once, and hands out what they printed."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import pytest
+import yaml
+
+from sqrp_cli.cli.main import run
+
+ROOT = Path(__file__).parents[2]
+TASK = "pickup green"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The one JSON document on stdout; strict about what JSON allows."""
+
+        def refuse(constant: str) -> None:
+            raise AssertionError(f"{constant} is no JSON")
+
+        document = json.loads(self.out, parse_constant=refuse)
+        assert isinstance(document, dict)
+        return document
+
+
+def _environment(columns: int, extra: dict[str, str]) -> dict[str, str]:
+    kept = {name: value for name, value in os.environ.items() if name not in {"FORCE_COLOR", "LINES", "TERM"}}
+    return {**kept, "COLUMNS": str(columns), "NO_COLOR": "1", **extra}
+
+
+def _call(*arguments: object, columns: int = 80) -> Outcome:
+    out, err = io.StringIO(), io.StringIO()
+    with (
+        mock.patch.dict(os.environ, _environment(columns, {}), clear=True),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        code = run([str(argument) for argument in arguments])
+    return Outcome(int(code), out.getvalue(), err.getvalue())
+
+
+def _start(*arguments: object, prelude: str = "", columns: int = 80, **variables: str) -> Outcome:
+    program = f"{prelude}\nfrom sqrp_cli.cli.main import main\nmain()"
+    finished = subprocess.run(  # noqa: S603 - our own interpreter and program
+        [sys.executable, "-c", program, *map(str, arguments)],
+        env=_environment(columns, variables),
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        encoding="utf-8",
+        timeout=120,
+        check=False,
+    )
+    return Outcome(finished.returncode, finished.stdout, finished.stderr)
+
+
+@pytest.fixture(scope="session")
+def sqrp() -> Callable[..., Outcome]:
+    """Runs a command in this process; `columns` is the width of the terminal."""
+    return _call
+
+
+@pytest.fixture(scope="session")
+def sqrp_process() -> Callable[..., Outcome]:
+    """Runs a command in a process of its own; `prelude` is Python that runs before it, the rest goes to its environment."""
+    return _start
+
+
+@pytest.fixture(scope="session")
+def tabletop() -> Path:
+    """The shipped workspace; nothing here may depend on where its things stand."""
+    return ROOT / "workspaces" / "tabletop"
+
+
+@pytest.fixture(scope="session")
+def watch() -> Path:
+    """A cell in which every figure can be worked out by hand; see its files."""
+    return ROOT / "tests" / "cases" / "watch"
+
+
+@pytest.fixture
+def own_watch(watch: Path, tmp_path: Path) -> Path:
+    """A copy of that cell, to be changed."""
+    return Path(shutil.copytree(watch, tmp_path / "watch"))
+
+
+@pytest.fixture(scope="session")
+def ranked(tabletop: Path) -> Outcome:
+    return _call("rank", tabletop, TASK, "--json")
+
+
+@pytest.fixture(scope="session")
+def explained(tabletop: Path) -> Outcome:
+    return _call("explain", tabletop, TASK, "--all", "--json")
+
+
+@pytest.fixture(scope="session")
+def shown(tabletop: Path) -> Outcome:
+    return _call("show", tabletop, "--json")
+
+
+@pytest.fixture
+def tabletop_cell() -> dict[str, Any]:
+    """What the tabletop's file says, to be changed and written elsewhere."""
+    return _read_tabletop()
+
+
+def _read_tabletop() -> dict[str, Any]:
+    cell = yaml.safe_load((ROOT / "workspaces" / "tabletop" / "workspace.yaml").read_text(encoding="utf-8"))
+    for thing in cell["objects"].values():
+        if True in thing:
+            thing["on"] = thing.pop(True)  # this reader takes the key `on` for a truth value
+    cell["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
+    cell["skills"] = [str(ROOT / "skills" / "pickup")]
+    return cell
+
+
+@pytest.fixture(scope="session")
+def harsh(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tabletop made hard to see.
+
+    Lenses of every kind, a camera on the wrist, narrow limits, two boxes and two cameras for a literal, nested formulas.
+    """
+    cell = _read_tabletop()
+    folder = tmp_path_factory.mktemp("harsh")
+    skill_folder = Path(shutil.copytree(ROOT / "skills" / "pickup", folder / "pickup"))
+    cell["robot"]["base"] = {"position": [0.01, -0.02, 0.005], "rpy": [0.002, -0.001, 0.01]}
+    cell["skills"] = ["pickup"]
+    cell["detectors"]["color"].update(distance=["60 cm", "150 cm"], min_pixels=24)
+    cell["detectors"]["flat"] = {
+        "kind": "aruco", "distance": [0.1, 3], "max_incidence": "65 deg", "min_pixels": 6, "min_visible": 1,
+    }  # fmt: skip
+    lenses = {
+        "cam1": ("plumb_bob", [-0.28, 0.09, 0.001, -0.0007, -0.01]),
+        "cam2": ("rational_polynomial", [0.4, 0.1, 0.0004, -0.001, 0.02, 0.5, 0.15, 0.01]),
+        "cam3": ("equidistant", [-0.02, 0.01, -0.004, 0.001]),
+    }
+    for name, (model, coefficients) in lenses.items():
+        cell["cameras"][name]["image"]["distortion"] = {"model": model, "coefficients": coefficients}
+    cell["cameras"]["cam2"].update(rate="25 Hz", latency="120 ms")
+    cell["cameras"]["cam4"]["far"] = "1.3 m"
+    cell["cameras"]["cam6"]["near"] = "85 cm"
+    cell["cameras"]["wrist"] = {
+        "frame": "wrist_2_link",
+        "pose": {"position": [0, 0.05, 0.05], "rpy": [0, "90 deg", 0]},
+        "image": {"width": 320, "height": 200, "fx": 150, "fy": 155, "cx": 150, "cy": 110},
+        "near": "5 cm", "rate": "30 Hz",
+    }  # fmt: skip
+    skill = yaml.safe_load((skill_folder / "skill.yaml").read_text(encoding="utf-8"))
+    skill["targets"]["hold"]["cameras"] = 2
+    skill["targets"]["obj_on_table"]["boxes"].append(
+        {"name": "top", "frame": "object@start", "size": [0.03, 0.03, 0.001], "normal": [0, 0, 1],
+         "pose": {"position": [0, 0, 0.0205]}, "detector": "flat"}
+    )  # fmt: skip
+    skill["formulas"].append("always[a1.start + 0.5, a2.end - 0.3] (eventually[0, 0.2] (obj_on_table))")
+    skill["faults"]["late"] = {
+        "formula": "eventually[a5.start, a5.end] (not hold)",
+        "response": "continue",
+    }
+    (skill_folder / "skill.yaml").write_text(yaml.safe_dump(skill), encoding="utf-8")
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def harsh_explained(harsh: Path) -> Outcome:
+    return _call("explain", harsh, TASK, "--all", "--json", "--samples", 25)
+
+
+@pytest.fixture(scope="session")
+def harsh_shown(harsh: Path) -> Outcome:
+    return _call("show", harsh, "--json")
+
+
+@pytest.fixture(scope="session")
+def watched(watch: Path) -> Outcome:
+    return _call("explain", watch, "watch cube", "--all", "--json")
+
+
+@pytest.fixture(scope="session")
+def watch_shown(watch: Path) -> Outcome:
+    return _call("show", watch, "--json")
+
+
+@pytest.fixture(scope="session")
+def scenes(
+    explained: Outcome,
+    shown: Outcome,
+    harsh_explained: Outcome,
+    harsh_shown: Outcome,
+    watched: Outcome,
+    watch_shown: Outcome,
+) -> dict[str, tuple[dict[str, Any], list[dict[str, Any]]]]:
+    """Per cell the `show` document and the `explain` documents of its feasible candidates."""
+    pairs = {
+        "tabletop": (shown, explained),
+        "harsh": (harsh_shown, harsh_explained),
+        "watch": (watch_shown, watched),
+    }
+    return {
+        name: (show.document, [c for c in explain.document["candidates"] if c["feasible"]])
+        for name, (show, explain) in pairs.items()
+    }

@@ -1,0 +1,221 @@
+"""`rank --json`: fields, order and the Pareto-optimal candidates, from the document alone."""
+
+from __future__ import annotations
+
+import math
+import re
+from itertools import pairwise
+from typing import Any
+
+import pytest
+import yaml
+
+Document = dict[str, Any]
+
+CRITERIA = ("q_eoi", "q_avg", "time", "delay", "expected_time")
+METRICS = ("time", "q_avg", "q_eoi", "t_total", "t_eoi", "states")
+FAULT_FIGURES = {"delay_mean", "delay_worst", "blind_longest", "unseen", "expected_time"}
+
+
+def feasible(document: Document) -> list[Document]:
+    return [candidate for candidate in document["candidates"] if candidate["feasible"]]
+
+
+def points(quality: float) -> int:
+    """A quality as it is compared: in tenths of a point."""
+    return round(quality * 1000)
+
+
+def worst(candidate: Document, figure: str) -> float:
+    return max(fault[figure] for fault in candidate["faults"].values())
+
+
+def order(candidate: Document, by: str) -> tuple[Any, ...]:
+    """What the ranking sorts by; less is better."""
+    first = {
+        "q_eoi": -points(candidate["q_eoi"]),
+        "q_avg": -points(candidate["q_avg"]),
+        "time": candidate["time"],
+        "delay": worst(candidate, "delay_mean"),
+        "expected_time": worst(candidate, "expected_time"),
+    }[by]
+    parameters = [value if isinstance(value, str) else (value,) for value in candidate["parameters"].values()]
+    return (first, -points(candidate["q_avg"]), candidate["time"], worst(candidate, "delay_worst"), parameters)
+
+
+def dominates(first: Document, second: Document) -> bool:
+    better = [
+        points(first["q_avg"]) - points(second["q_avg"]),
+        points(first["q_eoi"]) - points(second["q_eoi"]),
+        second["time"] - first["time"],
+    ]
+    return min(better) >= 0 and max(better) > 0
+
+
+@pytest.fixture(scope="module")
+def watch_ranked(sqrp, watch):
+    return sqrp("rank", watch, "watch cube", "--json").document
+
+
+def test_the_document_has_the_fields_of_the_contract(ranked, tabletop):
+    assert (ranked.code, ranked.err) == (0, "")
+    document = ranked.document
+    assert set(document) == {"schema", "workspace", "task", "by", "sampling", "candidates"}
+    assert document["schema"] == 1
+    assert (document["workspace"], document["task"], document["by"]) == (tabletop.name, "pickup green", "q_eoi")
+    assert document["sampling"]
+
+
+def test_six_green_objects_are_candidates_and_only_g6_is_infeasible(ranked):
+    candidates = ranked.document["candidates"]
+    assert sorted(candidate["parameters"]["object"] for candidate in candidates) == ["g1", "g2", "g3", "g4", "g5", "g6"]
+    assert [c["parameters"]["object"] for c in candidates if not c["feasible"]] == ["g6"]
+    assert candidates[-1]["parameters"]["object"] == "g6"
+
+
+def missing_reach(candidate: Document) -> float | None:
+    """By how much [m] a candidate is said to be too far, None where it is not for that."""
+    figure = re.search(r"(\d+(?:\.\d+)?) m\b", candidate["reasons"][0] if candidate["reasons"] else "")
+    return float(figure[1]) if figure and "too far" in candidate["reasons"][0] else None
+
+
+def test_the_reason_of_g6_says_by_how_much_it_is_out_of_reach(ranked):
+    figure = missing_reach(ranked.document["candidates"][-1])
+    assert figure is not None
+    assert figure > 0.0
+
+
+def test_moving_an_object_by_less_than_it_is_too_far_does_not_help(sqrp, ranked, tabletop_cell, tmp_path):
+    figure = missing_reach(ranked.document["candidates"][-1])
+    x, y, z = tabletop_cell["objects"]["g6"]["pose"]["position"]
+    away = math.hypot(x, y)
+    closer = 0.9 * (figure - 0.005)  # the figure is rounded
+    tabletop_cell["objects"]["g6"]["pose"]["position"] = [x - closer * x / away, y - closer * y / away, z]
+    (tmp_path / "workspace.yaml").write_text(yaml.safe_dump(tabletop_cell), encoding="utf-8")
+    (g6,) = sqrp("check", tmp_path, "pickup g6", "--json").document["candidates"]
+    assert 0.0 <= missing_reach(g6) < figure
+
+
+def test_candidates_have_exactly_the_fields_and_types_of_the_contract(ranked, watch_ranked):
+    for candidate in (*ranked.document["candidates"], *watch_ranked["candidates"]):
+        assert set(candidate) == {
+            "parameters", "feasible", "rank", "reasons", "time", "q_avg", "q_eoi", "t_total", "t_eoi", "faults",
+            "states", "pareto", "verdict",
+        }  # fmt: skip
+        assert type(candidate["feasible"]) is bool
+        assert type(candidate["pareto"]) is bool
+        assert isinstance(candidate["verdict"], str)
+        assert all(type(value) in (str, float, int) for value in candidate["parameters"].values())
+        assert all(isinstance(reason, str) and reason for reason in candidate["reasons"])
+
+
+def test_feasible_candidates_have_every_metric(ranked):
+    for candidate in feasible(ranked.document):
+        assert candidate["reasons"] == []
+        assert candidate["verdict"]
+        assert type(candidate["rank"]) is int
+        assert type(candidate["states"]) is int
+        assert candidate["states"] > 0
+        assert 0.0 <= candidate["q_avg"] <= 1.0
+        assert 0.0 <= candidate["q_eoi"] <= 1.0
+        assert 0.0 < candidate["t_eoi"] <= candidate["t_total"] <= candidate["time"]
+        for figures in candidate["faults"].values():
+            assert set(figures) == FAULT_FIGURES
+            assert all(type(figure) is float for figure in figures.values()), figures
+            assert 0.0 <= figures["unseen"] <= 1.0
+            assert 0.0 <= figures["delay_mean"] <= figures["delay_worst"]
+            assert 0.0 <= figures["blind_longest"] <= candidate["t_eoi"] + 1e-9
+            assert figures["expected_time"] >= candidate["time"]
+
+
+def test_infeasible_candidates_have_reasons_and_no_metrics(ranked, watch_ranked):
+    infeasible = [c for d in (ranked.document, watch_ranked) for c in d["candidates"] if not c["feasible"]]
+    assert len(infeasible) == 2
+    for candidate in infeasible:
+        assert candidate["reasons"]
+        assert candidate["rank"] is None
+        assert candidate["pareto"] is False
+        assert all(candidate[metric] is None for metric in METRICS)
+        assert candidate["faults"] in ({}, None)
+
+
+def test_a_failing_precondition_names_its_literals(watch_ranked):
+    stray = watch_ranked["candidates"][-1]
+    assert stray["parameters"] == {"object": "stray"}
+    reasons = " ".join(stray["reasons"])
+    assert "in_place(stray)" in reasons
+    assert "faces(stray)" in reasons
+
+
+@pytest.mark.parametrize("by", CRITERIA)
+def test_ranking_follows_the_criterion_and_its_ties(sqrp, harsh, by):
+    document = sqrp("rank", harsh, "pickup green", "--json", "--samples", 10, "--by", by).document
+    assert document["by"] == by
+    candidates = feasible(document)
+    assert len(candidates) > 2
+    assert [candidate["rank"] for candidate in candidates] == list(range(1, len(candidates) + 1))
+    assert all(order(first, by) < order(then, by) for first, then in pairwise(candidates))
+    assert document["candidates"][: len(candidates)] == candidates
+
+
+@pytest.mark.parametrize("by", CRITERIA)
+def test_equal_candidates_are_ordered_by_their_parameters(sqrp, watch, by):
+    candidates = feasible(sqrp("rank", watch, "watch cube", "--json", "--by", by).document)
+    names = [candidate["parameters"]["object"] for candidate in candidates]
+    assert names == ["seen", "turned", *sorted(set(names) - {"seen", "turned"})]
+
+
+def test_qualities_are_compared_in_tenths_of_a_point(ranked):
+    candidates = feasible(ranked.document)
+    assert all(order(first, "q_eoi") < order(then, "q_eoi") for first, then in pairwise(candidates))
+
+
+def test_pareto_candidates_are_those_that_no_other_dominates(ranked, watch_ranked):
+    for document in (ranked.document, watch_ranked):
+        candidates = feasible(document)
+        for candidate in candidates:
+            assert candidate["pareto"] is not any(dominates(other, candidate) for other in candidates)
+        assert any(candidate["pareto"] for candidate in candidates)
+
+
+def test_metrics_that_no_formula_defines_are_null(sqrp, own_watch):
+    skill = own_watch / "watch" / "skill.yaml"
+    text = skill.read_text(encoding="utf-8")
+    before, _, rest = text.partition("faults:")
+    skill.write_text(before + rest[rest.index("targets:") :], encoding="utf-8")
+    candidates = feasible(sqrp("rank", own_watch, "watch cube", "--json").document)
+    for candidate in candidates:
+        assert (candidate["q_eoi"], candidate["t_eoi"], candidate["faults"]) == (None, 0.0, {})
+        assert candidate["t_total"] == pytest.approx(1.5, abs=1e-9)
+    assert [candidate["rank"] for candidate in candidates] == list(range(1, len(candidates) + 1))
+    assert candidates[0]["parameters"]["object"] == "seen"
+
+
+def test_a_skill_that_only_waits_can_be_ranked(sqrp, own_watch):
+    skill = own_watch / "watch" / "skill.yaml"
+    lines = skill.read_text(encoding="utf-8").splitlines(keepends=True)
+    skill.write_text("".join(line for line in lines if "joint_move" not in line), encoding="utf-8")
+    outcome = sqrp("rank", own_watch, "watch seen", "--json")
+    assert outcome.code == 0, outcome.err
+    assert outcome.document["candidates"][0]["time"] == pytest.approx(4.0, abs=1e-9)
+
+
+def test_an_object_of_unknown_pose_is_an_infeasible_candidate_that_says_so(sqrp, watch):
+    outcome = sqrp("rank", watch, "watch lost", "--json")
+    assert outcome.code == 1, outcome.err
+    (lost,) = outcome.document["candidates"]
+    assert lost["feasible"] is False
+    assert "lost" in lost["reasons"][0]
+    assert re.search(r"unknown|not known", lost["reasons"][0])
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--samples", 5), ("--dt", "0.25"), ("--tolerance", 1)],
+    ids=["samples", "dt", "tolerance"],
+)
+def test_every_sampling_gives_all_metrics_and_is_stated(sqrp, watch, arguments):
+    document = sqrp("rank", watch, "watch seen", "--json", *arguments).document
+    (candidate,) = document["candidates"]
+    assert (candidate["q_avg"], candidate["q_eoi"]) == pytest.approx((1.0, 1.0), abs=1e-9)
+    assert document["sampling"] != sqrp("rank", watch, "watch seen", "--json").document["sampling"]
