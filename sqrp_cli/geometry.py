@@ -51,6 +51,15 @@ def transform(X_AB: Array, points_B: Array) -> Array:
     return moved
 
 
+def cross(a: Array, b: Array) -> Array:
+    """The cross product of vectors (..., 3); several times faster than `np.cross` on small arrays."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for axis in range(3):
+        second, third = (axis + 1) % 3, (axis + 2) % 3
+        product[..., axis] = a[..., second] * b[..., third] - a[..., third] * b[..., second]
+    return product
+
+
 def quaternion_to_matrix(quaternion: ArrayLike) -> Array:
     """Rotation matrix of a quaternion (x, y, z, w) of any non-zero length."""
     x, y, z, w = np.asarray(quaternion, dtype=float) / np.linalg.norm(quaternion)

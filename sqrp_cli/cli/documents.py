@@ -88,7 +88,7 @@ def candidate_document(ranked: Ranked) -> Document:
 
 
 def calibration_fields(calibration: Calibration | None, assessments: Sequence[Assessment], by: Criterion) -> Document:
-    """What inexact camera poses do: how often each candidate is first, and the 5th to 95th percentile of its qualities."""
+    """What inexact camera poses do: how often each candidate is first, and the spread of its qualities."""
     if calibration is None:
         return {}
     feasible = [assessment for assessment in assessments if assessment.feasible]

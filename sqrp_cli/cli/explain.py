@@ -47,7 +47,7 @@ def command(
     """Explain how well a way of doing a task is seen: when, by which camera, and why not."""
     from sqrp_cli.cli.console import progress, say_raw
     from sqrp_cli.cli.documents import as_text, header, infeasible_document, study_document
-    from sqrp_cli.cli.rank import choose_candidate
+    from sqrp_cli.cli.rank import check_choice, choose_candidate
     from sqrp_cli.cli.session import Session
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.pipeline import assess_all
@@ -55,6 +55,7 @@ def command(
 
     sampling = read_sampling(samples, dt, tolerance)
     session = Session.begin(open_workspace(workspace), task, after, sampling)
+    check_choice(session.task, choose)
     with progress(f"Assessing {task}", len(session.task.candidates)) as advance:
         assessments = []
         for assessment in assess_all(session.assignment, session.task.candidates, job_count(jobs)):
@@ -82,7 +83,7 @@ def command(
 
 
 def _explained(session: Session, ranked: Ranked) -> tuple[Ranked, Study | None]:
-    """A candidate computed again with every camera's verdicts, with the figures of that; no study if it is infeasible."""
+    """A candidate with the study of every camera's verdicts and the figures of that; no study if it is infeasible."""
     from dataclasses import replace
 
     from sqrp_cli.programming.assessment import study

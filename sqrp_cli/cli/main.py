@@ -26,15 +26,20 @@ for module in (check, rank, explain, show, schema):
     app.command(module.NAME)(module.command)
 
 
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"sqrp {__version__}")
+        raise typer.Exit
+
+
 @app.callback()
 def options(
-    version: bool = typer.Option(False, "--version", help="Print the version.", is_eager=True),
+    version: bool = typer.Option(  # noqa: ARG001 - its callback prints
+        False, "--version", help="Print the version.", is_eager=True, callback=_print_version
+    ),
     debug: bool = typer.Option(False, "--debug", help="Show the traceback of an internal error."),  # noqa: ARG001 - read by main
 ) -> None:
     """Options that go before the command."""
-    if version:
-        typer.echo(f"sqrp {__version__}")
-        raise typer.Exit
 
 
 def main() -> None:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sqrp_cli.programming.ranking import Criterion, Ranked
+    from sqrp_cli.programming.task import Task
 
 NAME = "rank"
 
@@ -69,6 +70,7 @@ def command(
     # Without --after, a step that is appended to a program starts where the program ends.
     before = after or (program if program is not None and program.exists() else None)
     session = Session.begin(open_workspace(workspace), task, before, sampling, read_calibration(calibration, seed))
+    check_choice(session.task, choose)
     assessments = []
     interrupted = False
     try:
@@ -95,31 +97,36 @@ def command(
         return ExitCode.INTERRUPTED
     if ranking[0].rank is None:
         return ExitCode.NONE_FEASIBLE
-    if program is None:
-        return ExitCode.OK
     chosen = choose_candidate(ranking, choose)
     if chosen.rank is None:
-        reason = f"{chosen.assessment.candidate.name} is infeasible ({chosen.assessment.reasons[0]})"
-        note(f"{reason}, so {program} was not written")
+        consequence = "" if program is None else f", so {program} was not written"
+        note(f"{chosen.assessment.candidate.name} is infeasible ({chosen.assessment.reasons[0]}){consequence}")
         return ExitCode.NONE_FEASIBLE
+    if program is None:
+        return ExitCode.OK
     add_step(session, chosen.assessment, program)
     note(f"{chosen.assessment.candidate.name} is now the last step of {program}")
     return ExitCode.OK
 
 
-def choose_candidate(ranking: Sequence[Ranked], choice: str) -> Ranked:
-    """The candidate that `best` or a name stands for: the first in the ranking whose name has all its words.
+def check_choice(task: Task, choice: str) -> None:
+    """Raises InputError for a name that no candidate has, before any of them is computed."""
+    names = [candidate.name for candidate in task.candidates]
+    if choice != "best" and not any(_is_meant(name, choice) for name in names):
+        message = f"there is no candidate `{choice}`; {expected_names(choice, names)}"
+        raise InputError(Problem("unknown-candidate", message))
 
-    Raises InputError for a name that no candidate has.
-    """
+
+def choose_candidate(ranking: Sequence[Ranked], choice: str) -> Ranked:
+    """The candidate that `best` or a name stands for: the first in the ranking whose name has all its words."""
     if choice == "best":
         return ranking[0]
+    return next(ranked for ranked in ranking if _is_meant(ranked.assessment.candidate.name, choice))
+
+
+def _is_meant(name: str, choice: str) -> bool:
     words = set(choice.split())
-    for ranked in ranking:
-        if words and words <= set(ranked.assessment.candidate.name.split()):
-            return ranked
-    names = [ranked.assessment.candidate.name for ranked in ranking]
-    raise InputError(Problem("unknown-candidate", f"there is no candidate `{choice}`; {expected_names(choice, names)}"))
+    return bool(words) and words <= set(name.split())
 
 
 def _criterion(by: str) -> Criterion:

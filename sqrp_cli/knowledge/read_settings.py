@@ -7,58 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from sqrp_cli.errors import Problem, expected_names, nearest
-from sqrp_cli.knowledge import units
+from sqrp_cli.errors import Problem, expected_names
 from sqrp_cli.knowledge.skill import MotionParameter, MotionValue, Reference, Setting
+from sqrp_cli.knowledge.setting_kind import Kind
 from sqrp_cli.knowledge.skill_file import ListedValues, ValueRange
 from sqrp_cli.knowledge.source import Document, KeyPath, describe
-from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
-
-SIDES = ("+x", "-x", "+y", "-y", "+z", "-z")
-
-
-@dataclass(frozen=True)
-class Kind:
-    """What a setting may be: a quantity of a dimension within bounds (the lower one excluded if `above`), or a word."""
-
-    dimension: Dimension | None = None
-    least: float = -np.inf
-    most: float = np.inf
-    above: bool = False
-    words: tuple[str, ...] = ()
-
-    def complaint(self, value: Quantity | str) -> tuple[str, str] | None:
-        """What is wrong with a value, as the code and message of a problem, or None."""
-        if isinstance(value, str):
-            if value in self.words:
-                return None
-            close = nearest(value, self.words)
-            hint = f"; did you mean `{close}`?" if close else ""
-            return "wrong-value", f"found `{value}`, expected {self._expected()}{hint}"
-        if self.dimension is None or value.dimension not in (None, self.dimension):
-            found = value.dimension.name if value.dimension else f"`{value.value:g}`"
-            return "wrong-unit", f"found {found}, expected {self._expected()}"
-        if value.value < self.least or (self.above and value.value <= self.least):
-            bound = f"{'above' if self.above else 'of at least'} {self.least:g}"
-            return "wrong-value", f"found {value.value:g}, expected a value {bound}"
-        if value.value > self.most:
-            return "wrong-value", f"found {value.value:g}, expected a value of at most {self.most:g}"
-        return None
-
-    def _expected(self) -> str:
-        if self.dimension is not None:
-            return expected_quantity(self.dimension)
-        return "one of " + ", ".join(f"`{word}`" for word in self.words)
-
-
-YAW = Kind(units.ANGLE)
-SIDE = Kind(words=SIDES)
-DISTANCE = Kind(units.LENGTH, least=0.0)
-SPEED_SHARE = Kind(units.SHARE, least=0.0, most=1.0, above=True)
-SPEED = Kind(units.SPEED, least=0.0, above=True)
-ACCELERATION = Kind(units.ACCELERATION, least=0.0, above=True)
-JERK = Kind(units.JERK, least=0.0, above=True)
-DURATION = Kind(units.TIME, least=0.0, most=3600.0)
+from sqrp_cli.knowledge.units import Quantity
 
 
 @dataclass
@@ -68,12 +22,13 @@ class SettingsReader:
     document: Document
     entries: Mapping[str, ListedValues | ValueRange | Quantity | str]
     problems: list[Problem] = field(default_factory=list)
+    _kinds: dict[str, list[Kind]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self._values = {name: self._read_values(name) for name in self.entries}
 
     def parameters(self) -> tuple[MotionParameter, ...]:
-        """The motion parameters with their values in SI units."""
+        """The motion parameters with their values in SI units; to be asked when all settings have been read."""
         parameters = []
         for name in self.entries:
             values = tuple(value.value if isinstance(value, Quantity) else value for value in self._values[name])
@@ -81,7 +36,8 @@ class SettingsReader:
                 self.problems.append(
                     self.document.problem("repeated-value", ("motion", name), "a value is given twice")
                 )
-            parameters.append(MotionParameter(name, values))
+            kinds = tuple(dict.fromkeys(self._kinds.get(name, ())))
+            parameters.append(MotionParameter(name, values, kinds))
         return tuple(parameters)
 
     def setting(self, value: Quantity | str | Reference, kind: Kind, path: KeyPath) -> Setting:
@@ -92,6 +48,7 @@ class SettingsReader:
                 message = f"found `${value.parameter}`, which is no parameter under `motion`; {expected}"
                 self.problems.append(self.document.problem("unknown-parameter", path, message))
                 return value
+            self._kinds.setdefault(value.parameter, []).append(kind)
             used_at = ".".join(str(part) for part in path)
             for parameter_value in self._values[value.parameter]:
                 complaint = kind.complaint(parameter_value)

@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
 from sqrp_cli.geometry import read_only
-from sqrp_cli.knowledge import read_settings, skill_file
+from sqrp_cli.knowledge import setting_kind, skill_file
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.read_settings import SettingsReader
 from sqrp_cli.knowledge.skill import (
@@ -89,20 +89,20 @@ class _SkillReader:
         self.problems = self.settings.problems
 
     def read(self, folder: Path) -> Skill:
-        motion_parameters = self.settings.parameters()
         for name in self.file.motion:
             if name in self.objects:
                 self._report("ambiguous-name", ("motion", name), "the PDDL action has a parameter of this name too")
         waypoints = {name: self._waypoint(name, entry) for name, entry in self.file.waypoints.items()}
         self._check_waypoints()
+        primitives = tuple(self._primitive(index, entry) for index, entry in enumerate(self.file.primitives))
         skill = Skill(
             name=folder.name,
             folder=folder,
             domain=self.domain,
             action=self.action,
-            motion_parameters=motion_parameters,
+            motion_parameters=self.settings.parameters(),
             waypoints=waypoints,
-            primitives=tuple(self._primitive(index, entry) for index, entry in enumerate(self.file.primitives)),
+            primitives=primitives,
             requirements=self._requirements(),
             targets=self._targets(),
             places=self.document.places,
@@ -130,12 +130,12 @@ class _SkillReader:
         match entry:
             case skill_file.GraspWaypointEntry():
                 self._known(entry.object, self.objects, "skill parameter", (*path, "object"))
-                side = setting(entry.side, read_settings.SIDE, (*path, "side"))
-                return GraspWaypoint(entry.object, side, setting(entry.yaw, read_settings.YAW, (*path, "yaw")))
+                side = setting(entry.side, setting_kind.SIDE, (*path, "side"))
+                return GraspWaypoint(entry.object, side, setting(entry.yaw, setting_kind.YAW, (*path, "yaw")))
             case skill_file.RetreatWaypointEntry():
-                return RetreatWaypoint(entry.origin, setting(entry.retreat, read_settings.DISTANCE, (*path, "retreat")))
+                return RetreatWaypoint(entry.origin, setting(entry.retreat, setting_kind.DISTANCE, (*path, "retreat")))
             case skill_file.RaiseWaypointEntry():
-                return RaiseWaypoint(entry.origin, setting(entry.lift, read_settings.DISTANCE, (*path, "raise")))
+                return RaiseWaypoint(entry.origin, setting(entry.lift, setting_kind.DISTANCE, (*path, "raise")))
             case skill_file.PoseWaypointEntry():
                 return PoseWaypoint(read_only(entry.pose.matrix()))
 
@@ -165,25 +165,25 @@ class _SkillReader:
         match entry:
             case skill_file.JointMoveEntry():
                 self._known(entry.joint_move, [*self.file.waypoints, HOME], "waypoint", (*path, "joint_move"))
-                speed = setting(entry.speed, read_settings.SPEED_SHARE, (*path, "speed"))
+                speed = setting(entry.speed, setting_kind.SPEED_SHARE, (*path, "speed"))
                 return JointMove(entry.name, entry.joint_move, speed)
             case skill_file.StraightMoveEntry():
                 self._known(entry.straight_move, self.file.waypoints, "waypoint", (*path, "straight_move"))
                 return StraightMove(
                     entry.name,
                     entry.straight_move,
-                    setting(entry.speed, read_settings.SPEED, (*path, "speed")),
-                    setting(entry.acceleration, read_settings.ACCELERATION, (*path, "acceleration")),
-                    setting(entry.jerk, read_settings.JERK, (*path, "jerk")),
+                    setting(entry.speed, setting_kind.SPEED, (*path, "speed")),
+                    setting(entry.acceleration, setting_kind.ACCELERATION, (*path, "acceleration")),
+                    setting(entry.jerk, setting_kind.JERK, (*path, "jerk")),
                 )
             case skill_file.GraspEntry():
                 self._known(entry.grasp, self.objects, "skill parameter", (*path, "grasp"))
-                duration = setting(entry.duration, read_settings.DURATION, (*path, "duration"))
+                duration = setting(entry.duration, setting_kind.DURATION, (*path, "duration"))
                 return Grasp(entry.name, entry.grasp, duration)
             case skill_file.ReleaseEntry():
-                return Release(entry.name, setting(entry.release, read_settings.DURATION, (*path, "release")))
+                return Release(entry.name, setting(entry.release, setting_kind.DURATION, (*path, "release")))
             case skill_file.WaitEntry():
-                return Wait(entry.name, setting(entry.wait, read_settings.DURATION, (*path, "wait")))
+                return Wait(entry.name, setting(entry.wait, setting_kind.DURATION, (*path, "wait")))
 
     def _requirements(self) -> tuple[Requirement, ...]:
         requirements = []

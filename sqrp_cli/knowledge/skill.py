@@ -9,6 +9,7 @@ from typing import Literal
 
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.setting_kind import Kind
 from sqrp_cli.logic.mtl import Formula
 from sqrp_cli.logic.pddl import Action, Domain
 
@@ -18,10 +19,14 @@ MotionValue = float | str
 
 @dataclass(frozen=True)
 class MotionParameter:
-    """A parameter of the motion with the values that candidates try, in order; the first is the default."""
+    """A parameter of the motion with the values that candidates try, in order; the first is the default.
+
+    kinds: what each setting that uses it may be.
+    """
 
     name: str
     values: tuple[MotionValue, ...]
+    kinds: tuple[Kind, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -90,10 +90,12 @@ def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> 
     together = covered[:-1] & covered[1:] & ~np.isnan(timeline.steps)
     sights = [(t[i], t[i], response[i]) for i in np.flatnonzero(covered)]
     sights += [(t[i], t[i + 1], max(response[i], response[i + 1])) for i in np.flatnonzero(together)]
-    x = interval.start
+    x, found = interval.start, False
     for start, end, delay in sorted(sights):
-        if end < x or x > interval.end:
+        if end < x:
             continue
+        if found and x >= interval.end:
+            break
         if start > x:
             yield _Range(
                 x, min(float(start), interval.end), seen=False, noticed=float(start + delay), response=float(delay)
@@ -102,7 +104,8 @@ def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> 
         if x <= interval.end:
             yield _Range(x, min(float(end), interval.end), seen=True, noticed=0.0, response=float(delay))
             x = float(end)
-    if x < interval.end or not sights:
+        found = True
+    if x < interval.end or not found:
         yield _Range(x, interval.end, seen=False, noticed=total, response=0.0, ever=False)
 
 
@@ -112,8 +115,7 @@ def _mean_end(part: _Range, recovery: Recovery, total: float) -> float:
     It is noticed + recovery + total; the mean is exact for a piecewise linear recovery.
     """
     if not part.seen:
-        noticed = min(part.noticed, total)
-        return noticed + float(recovery.at(np.array([noticed]))[0]) + total
+        return part.noticed + float(recovery.at(np.array([part.noticed]))[0]) + total
     bends = recovery.t - part.response
     x = np.unique(np.concatenate([[part.start, part.end], bends[(bends > part.start) & (bends < part.end)]]))
     ends = x + part.response + recovery.at(x + part.response) + total

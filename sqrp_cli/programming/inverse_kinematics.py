@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.programming.analytic_ik import approximate_solutions
 from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.pose_search import descend, pose_errors, spread_starts
+from sqrp_cli.programming.pose_search import descend, halton, pose_errors, spread_starts
 from sqrp_cli.programming.reach import Unreachable, closest_turns, limit_excess, why_unreachable
 
 SOLVED = 1e-11
@@ -36,16 +36,28 @@ SINGULAR = 1e-6
 """Smallest singular value of the Jacobian below which a solution is tried for being a point of a curve of solutions."""
 
 STARTS = 512
-"""Starting points of the search for branches of an arm with up to six joints."""
+"""Starting points of the search for branches of an arm with up to six joints; it goes on from what they lead to."""
 
-STARTS_PER_SAMPLE = 96
-"""The same for each redundancy sample of an arm with more joints."""
+STARTS_PER_SAMPLE = 64
+"""Starting points for each redundancy sample of an arm with more joints."""
 
 STEPS = 40
 """Steps in which a starting point must lead to a solution."""
 
+LONGEST_SLIDE = 0.2
+"""Longest step along a curve of solutions [rad or m]."""
+
+SLIDES = 60
+"""Steps along a curve of solutions at most."""
+
+MOST_BRANCHES = 64
+"""Solutions after which the search stops: no arm of six joints has more than 16 isolated ones."""
+
 SEED_STEPS = 20
-"""The same for an approximate solution."""
+"""Steps in which an approximate solution must lead to a solution."""
+
+SEED_STARTS, SEED_SPREAD = 8, 0.5
+"""Number of starting points around an approximate solution that is far from exact, and how far off they are at most [rad]."""
 
 REDUNDANCY_SAMPLES = 8
 """Positions of the joints that are held still, one after the other, in an arm with more than six joints."""
@@ -69,8 +81,8 @@ class IkResult:
 def all_solutions(model: RobotModel, X_WT: Array, seed: int = 0) -> IkResult:
     """All branches that bring the tool frame to X_WT, shape (4, 4), within the joints' limits.
 
-    Up to six joints: every isolated solution. Where the arm is singular and a whole curve of positions gives the same pose, one
-    point of it: the one at which the first joint that the curve moves most is at its home position.
+    Up to six joints: every isolated solution. Where the arm is singular and a whole curve of positions gives the same pose,
+    the points of it that are nearest to home. No more than `MOST_BRANCHES`.
     More than six joints: the branches that remain when the joints from the third on, as many as there are too many, are held at
     `REDUNDANCY_SAMPLES` positions: home, and positions spread over their limits that depend on `seed` alone.
     The result does not depend on whether EAIK is installed; it only saves time, for arms with six joints.
@@ -109,7 +121,7 @@ def _branches(model: RobotModel, X_WT: Array, held: NDArray[np.bool_], samples: 
     """
     seeds = approximate_solutions(model, X_WT)
     if len(seeds):
-        found = _distinct(model, _solutions_from(model, X_WT, seeds, ~held, SEED_STEPS))
+        found = _distinct(model, _solutions_near(model, X_WT, seeds))
         if len(found) and _smallest_singular_values(model, found, ~held).min() > NEAR_SINGULAR:
             return found
     per_sample = STARTS_PER_SAMPLE if held.any() else STARTS
@@ -119,8 +131,8 @@ def _branches(model: RobotModel, X_WT: Array, held: NDArray[np.bool_], samples: 
     while len(starts):
         more = _distinct(model, _solutions_from(model, X_WT, starts, ~held, STEPS))
         known = len(found)
-        found = _distinct(model, np.concatenate([found, _settled(model, X_WT, more, ~held)]))
-        starts = _variations(found[known:], model.turns & ~held)
+        found = _distinct(model, np.concatenate([found, _settled(model, X_WT, more, ~held)]))[:MOST_BRANCHES]
+        starts = starts[:0] if held.any() else _variations(found[known:], model.turns)
     return found
 
 
@@ -129,6 +141,19 @@ def _any_solutions(model: RobotModel, X_WT: Array) -> Array:
     everything = np.ones(len(model.arm), dtype=bool)
     starts = np.concatenate([model.home[None], spread_starts(model, STARTS)])
     return _distinct(model, _solutions_from(model, X_WT, starts, everything, STEPS, (model.lower, model.upper)))
+
+
+def _solutions_near(model: RobotModel, X_WT: Array, seeds: Array) -> Array:
+    """The solutions to which approximate ones (m, n) lead, and places around those that are far from being one.
+
+    Those are the least-squares answers of EAIK. They may stand for a branch that has no solution here, but also for one
+    that is singular, and may lie where the pose error has no slope although it is large.
+    """
+    errors = pose_errors(model.tool_poses_and_jacobians(seeds)[0], X_WT)
+    rough = np.abs(errors).max(axis=1) > NEARLY_SOLVED
+    around = SEED_SPREAD * (2 * halton(SEED_STARTS, len(model.arm)) - 1)
+    starts = np.concatenate([seeds, *(seed + around for seed in seeds[rough])])
+    return _solutions_from(model, X_WT, starts, np.ones(len(model.arm), dtype=bool), SEED_STEPS)
 
 
 def _solutions_from(
@@ -141,7 +166,8 @@ def _solutions_from(
 ) -> Array:
     """The solutions to which the search leads from starting points, shape (m, n), some perhaps several times, (k, n)."""
     reached, errors = descend(model, X_WT, starts, moving, steps, within=within)
-    return _polished(model, X_WT, reached[np.abs(errors).max(axis=1) < NEARLY_SOLVED], moving)
+    solutions, solved = _newton(model, X_WT, reached[np.abs(errors).max(axis=1) < NEARLY_SOLVED], moving)
+    return solutions[solved]
 
 
 def _variations(q: Array, turning: NDArray[np.bool_]) -> Array:
@@ -156,60 +182,47 @@ def _variations(q: Array, turning: NDArray[np.bool_]) -> Array:
     return np.concatenate(variations) if variations else q[:0]
 
 
-def _polished(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> Array:
-    """Those of the positions q (m, n) from which Newton's method leads to a solution, as that solution."""
+def _newton(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+    """Where Newton's method leads from positions q (m, n), and whether that is a solution, (m,)."""
     for _ in range(NEWTON_STEPS):
-        if not len(q):
-            return q
         X, J = model.tool_poses_and_jacobians(q)
         errors = pose_errors(X, X_WT)
-        if np.abs(errors).max() < POLISHED:
-            return q
+        if np.abs(errors).max(initial=0.0) < POLISHED:
+            break
         J = J * moving
         normal = np.swapaxes(J, 1, 2) @ J + 1e-13 * np.eye(q.shape[1])
         q = q + np.linalg.solve(normal, np.swapaxes(J, 1, 2) @ errors[:, :, None])[..., 0]
-    errors = pose_errors(model.tool_poses_and_jacobians(q)[0], X_WT)
-    solutions: Array = q[np.abs(errors).max(axis=1) < SOLVED]
-    return solutions
+    else:
+        errors = pose_errors(model.tool_poses_and_jacobians(q)[0], X_WT)
+    return q, np.abs(errors).max(axis=1) < SOLVED
 
 
 def _settled(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> Array:
-    """The solutions q (m, n) with those on curves of solutions moved along them, as `all_solutions` says.
+    """The solutions q (m, n) with those on curves of solutions moved along them to where they are nearest to home.
 
-    Each step goes along the curve's tangent, the null space of the Jacobian, and Newton's method leads back to the curve while
-    the guiding joint stands. An isolated singular solution has no curve: Newton's method does not get back, it stays.
+    Each step goes along the curve's tangent, the null space of the Jacobian, and Newton's method leads back to the curve;
+    steps are halved when they turn round. An isolated singular solution has no curve, so that it does not get away.
     """
-    if not len(q):
-        return q
     settled: Array = q.copy()
-    for row in np.flatnonzero(_smallest_singular_values(model, q, moving) < SINGULAR):
-        point = q[row]
-        tangent = _tangent(model, point, moving)
-        guide = int(np.flatnonzero(np.abs(tangent) > 0.9 * np.abs(tangent).max())[0])
-        goal = point[guide] + _principal(model.home - point, model.turns)[guide]
-        while point is not None and abs(goal - point[guide]) > 0.0:
-            tangent = _tangent(model, point, moving)
-            advance = float(np.clip(goal - point[guide], -0.2, 0.2))
-            if abs(tangent[guide]) < 0.1:
-                break
-            ahead = point + tangent * (advance / tangent[guide])
-            ahead[guide] = goal if abs(goal - point[guide]) <= 0.2 else ahead[guide]
-            others = moving & (np.arange(len(point)) != guide)
-            back = _polished(model, X_WT, ahead[None], others)
-            if not len(back):
-                break
-            point = back[0]
-        else:
-            settled[row] = point
+    rows = np.flatnonzero(_smallest_singular_values(model, q, moving) < SINGULAR)
+    longest = np.full(len(rows), LONGEST_SLIDE)
+    previous = np.zeros((len(rows), q.shape[1]))
+    for _ in range(SLIDES):
+        if not len(rows):
+            break
+        points = settled[rows]
+        tangents = np.zeros_like(points)
+        tangents[:, moving] = np.linalg.svd(model.tool_poses_and_jacobians(points)[1][:, :, moving])[2][:, -1]
+        steps = (tangents * _principal(model.home - points, model.turns)).sum(axis=1, keepdims=True) * tangents
+        length = np.linalg.norm(steps, axis=1)
+        longest = np.where((steps * previous).sum(axis=1) < 0.0, 0.5 * np.minimum(longest, length), longest)
+        steps *= np.minimum(1.0, longest / np.maximum(length, 1e-12))[:, None]
+        reached, solved = _newton(model, X_WT, points + steps, moving)
+        went = ((reached - points) * steps).sum(axis=1) > 0.5 * (steps**2).sum(axis=1)
+        going = solved & went & (np.linalg.norm(steps, axis=1) > 1e-9)
+        settled[rows[going]] = reached[going]
+        rows, longest, previous = rows[going], longest[going], steps[going]
     return settled
-
-
-def _tangent(model: RobotModel, q: Array, moving: NDArray[np.bool_]) -> Array:
-    """Unit vector of joint motion that moves the tool least, shape (n,)."""
-    columns = np.flatnonzero(moving)
-    tangent = np.zeros(len(q))
-    tangent[columns] = np.linalg.svd(model.jacobian(q)[:, columns])[2][-1]
-    return tangent
 
 
 def _smallest_singular_values(model: RobotModel, q: Array, moving: NDArray[np.bool_]) -> Array:

@@ -20,10 +20,13 @@ _LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
 
 
 def pose_errors(X_WT: Array, X_target: Array) -> Array:
-    """Position error [m] over rotation vector [rad] from poses (m, 4, 4) to a target (4, 4), world axes, shape (m, 6)."""
+    """Position error [m] over rotation vector [rad] from poses to targets, in world axes, shape (m, 6).
+
+    X_WT: shape (m, 4, 4). X_target: one pose, (4, 4), or one for each, (m, 4, 4).
+    """
     errors = np.empty((len(X_WT), 6))
-    errors[:, :3] = X_target[:3, 3] - X_WT[:, :3, 3]
-    errors[:, 3:] = _rotation_vectors(X_target[:3, :3] @ np.swapaxes(X_WT[:, :3, :3], 1, 2))
+    errors[:, :3] = X_target[..., :3, 3] - X_WT[:, :3, 3]
+    errors[:, 3:] = _rotation_vectors(X_target[..., :3, :3] @ np.swapaxes(X_WT[:, :3, :3], 1, 2))
     return errors
 
 
@@ -38,6 +41,7 @@ def descend(
 ) -> tuple[Array, Array]:
     """Follow the pose error downhill from each of m starts, shape (m, n).
 
+    X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each start, (m, 4, 4).
     moving: which joints may move, (n,). turn_weight: what an error of 1 rad counts against one of 1 m.
     within: lower and upper limits that are kept, shape (n,); by default none are.
 
@@ -45,12 +49,13 @@ def descend(
     once its error is below 1e-10.
     """
     weights = np.repeat([1.0, turn_weight], 3)
+    targets = np.broadcast_to(X_target, (len(starts), 4, 4))
     q = starts if within is None else np.clip(starts, *within)
     q_all, e_all = q.copy(), np.empty((len(q), 6))
     rows = np.arange(len(q))
     damping = np.full(len(q), _FIRST_DAMPING)
     X, J = model.tool_poses_and_jacobians(q)
-    e, J = pose_errors(X, X_target) * weights, J * weights[:, None]
+    e, J = pose_errors(X, targets) * weights, J * weights[:, None]
     e_all[:] = e
     cost = (e**2).sum(axis=1)
     for _ in range(steps):
@@ -58,7 +63,9 @@ def descend(
         if not going.any():
             break
         if not going.all():
-            rows, q, e, J, cost, damping = (values[going] for values in (rows, q, e, J, cost, damping))
+            rows, targets, q, e, J, cost, damping = (
+                values[going] for values in (rows, targets, q, e, J, cost, damping)
+            )
         free = np.broadcast_to(moving, q.shape)
         pull = (np.swapaxes(J, 1, 2) @ e[:, :, None])[..., 0]
         if within is not None:
@@ -69,7 +76,7 @@ def descend(
         if within is not None:
             q_next = np.clip(q_next, *within)
         X, J_next = model.tool_poses_and_jacobians(q_next)
-        e_next = pose_errors(X, X_target) * weights
+        e_next = pose_errors(X, targets) * weights
         cost_next = (e_next**2).sum(axis=1)
         better = cost_next < cost
         q, e = np.where(better[:, None], q_next, q), np.where(better[:, None], e_next, e)
@@ -83,17 +90,17 @@ def descend(
 def spread_starts(model: RobotModel, count: int) -> Array:
     """Joint positions that fill the space evenly, the same on every call, shape (count, n).
 
-    Turning joints go once round, sliding ones between their limits (1 m either way where there are none). The points are
-    those of J. H. Halton (1960).
+    Turning joints go once round, sliding ones between their limits (1 m either way where there are none).
     """
     half_turn = np.where(model.turns, np.pi, 1.0)
     lower = np.where(model.turns | np.isinf(model.lower), -half_turn, model.lower)
     upper = np.where(model.turns | np.isinf(model.upper), half_turn, model.upper)
-    return lower + (upper - lower) * _halton(count, len(model.arm))
+    return lower + (upper - lower) * halton(count, len(model.arm))
 
 
 @cache
-def _halton(count: int, dimensions: int) -> Array:
+def halton(count: int, dimensions: int) -> Array:
+    """The first `count` points of the sequence of J. H. Halton (1960) in the unit cube, shape (count, dimensions)."""
     points = np.zeros((count, dimensions))
     for column, prime in enumerate(_PRIMES[:dimensions]):
         index, weight = np.arange(1, count + 1), 1.0 / prime

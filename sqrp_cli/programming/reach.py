@@ -19,6 +19,9 @@ TURN_WEIGHTS = (1.0, 10.0, 100.0, 1000.0)
 STEPS = 60
 """Steps of the search under each weight."""
 
+PLACES_BEYOND, STARTS_BEYOND = 16, 16
+"""Places behind one out of reach that are tried, and starting points of the search for each."""
+
 HELD_ORIENTATION = 1e-3
 """Largest error of an orientation that counts as held [rad]."""
 
@@ -27,7 +30,8 @@ HELD_ORIENTATION = 1e-3
 class OutOfReach:
     """The tool frame, turned as required, comes no closer to its place than `distance` [m].
 
-    direction: whether its place is beyond where the arm gets to, or too close to the arm's first joints for it to fold.
+    too_close: whether the arm could reach places behind it: it lies in a hole of the arm's reach, as there is one around the
+    base of most arms, which cannot fold that tight. Otherwise it lies outside.
     """
 
     distance: float
@@ -109,17 +113,29 @@ def _out_of_reach(model: RobotModel, X_WT: Array) -> OutOfReach | WrongWayRound:
     if not held.any():
         return WrongWayRound(float(angles.min()))
     best = int(np.where(held, distances, np.inf).argmin())
-    return OutOfReach(float(distances[best]), _is_too_close(model, q[best], errors[best, :3]))
+    return OutOfReach(float(distances[best]), _is_in_hole(model, X_WT, q[best], errors[best, :3]))
 
 
-def _is_too_close(model: RobotModel, q: Array, missing: Array) -> bool:
-    """Whether the way that is missing leads towards the second joint, rather than away from it.
+def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> bool:
+    """Whether the arm can reach places beyond X_WT in the direction `missing` in which it lies from the closest one.
 
-    The origin of the last joint, near which the wrist is, and not of the tool, which may point anywhere: held in its orientation, it
-    has the same way to go.
+    q: where the arm is closest, shape (n,). Nothing lies beyond a place that is too far.
     """
-    shoulder, wrist = model.joint_origins(q)[[min(1, len(q) - 1), -1]]
-    return bool(missing @ (wrist - shoulder) < 0.0)
+    legs = np.diff(np.concatenate([model.joint_origins(q), model.tool_pose(q)[None, :3, 3]]), axis=0)
+    farthest = 2 * float(np.linalg.norm(legs, axis=1).sum())
+    beyond = np.tile(X_WT, (PLACES_BEYOND, 1, 1))
+    beyond[:, :3, 3] += np.linspace(0.0, farthest, PLACES_BEYOND)[:, None] * missing / np.linalg.norm(missing)
+    starts = np.concatenate([q[None], spread_starts(model, STARTS_BEYOND - 1)])
+    everything = np.ones(len(q), dtype=bool)
+    _, errors = descend(
+        model,
+        np.repeat(beyond, STARTS_BEYOND, axis=0),
+        np.tile(starts, (PLACES_BEYOND, 1)),
+        everything,
+        STEPS,
+        within=(model.lower, model.upper),
+    )
+    return bool((np.abs(errors).max(axis=1) < 1e-6).any())
 
 
 def _metres(distance: float) -> str:

@@ -23,8 +23,8 @@ DRAWS = 20
 class Calibration:
     """How exactly the cameras are calibrated.
 
-    position, rotation: standard deviations of the error of each camera's optical frame along [m] and about [rad] each of
-    its axes. seed: of the errors that are drawn.
+    position, rotation: standard deviations of the error of each camera's optical frame along [m] and about [rad] each
+    of its axes. seed: of the errors that are drawn.
     """
 
     position: float
@@ -50,7 +50,7 @@ def without_each_camera(cell: Cell, study: Study) -> dict[str, Qualities]:
 def under_calibration_errors(
     cell: Cell, study: Study, sampling: Sampling, calibration: Calibration
 ) -> tuple[Qualities, ...]:
-    """The qualities of a candidate for each of `DRAWS` draws of camera poses; draw i is the same for every candidate."""
+    """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
     timeline = study.timeline
     found = []
     for draw in range(DRAWS):

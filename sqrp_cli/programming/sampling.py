@@ -63,7 +63,7 @@ def first_samples(sampling: Sampling, stage: Stage, solids: Sequence[Solid], tar
         case FixedCount(samples):
             instants = [np.linspace(p.start, p.end, samples, dtype=float) for p in primitives]
         case FixedStep(dt):
-            instants = [p.start + dt * np.arange(int((p.end - p.start) / dt) + 1) for p in primitives]
+            instants = [p.start + dt * np.arange(int((p.end - p.start) / dt) + 1, dtype=float) for p in primitives]
         case Adaptive():
             instants = _equal_motion(stage, solids, targets)
     t = [_within(piece, instants[piece.primitive]) for piece in stage.pieces]

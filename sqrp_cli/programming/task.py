@@ -111,14 +111,13 @@ def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tupl
     parameter = next(parameter for parameter in skill.motion_parameters if parameter.name == name)
     if name not in settings:
         return parameter.values
-    if isinstance(parameter.values[0], str):
-        return (settings[name],)
-    quantity = read_quantity(settings[name])
-    if quantity is None:
-        example = f"`{name}={shown(parameter.values[0])}`"
-        message = f"`{name}={settings[name]}` is no number with a known unit; expected one like {example}"
-        raise InputError(Problem("wrong-unit", message))
-    return (quantity.value,)
+    text = settings[name]
+    value = read_quantity(text) or text
+    for kind in parameter.kinds:
+        if (complaint := kind.complaint(value)) is not None:
+            code, message = complaint
+            raise InputError(Problem(code, f"`{name}={text}`: {message}"))
+    return (value if isinstance(value, str) else value.value,)
 
 
 def _object_choices(

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, transform
-from sqrp_cli.programming.sensing.occlusion import SightLines, SolidPoses
-from sqrp_cli.programming.solids import BOX_TRIANGLES
+from sqrp_cli.geometry import Array, cross, inverse, transform
+from sqrp_cli.programming.sensing.occlusion import Pairs, SightLines, SolidPoses
+from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
+
+_PRODUCTS = 4_000_000
+"""Pairs of ray and triangle edge that are compared at once, to bound the memory."""
+
+_EDGES = np.array(list(combinations(range(8), 2))).T
+"""Pairs of a box's corners, shape (2, 28)."""
 
 
-def find_culprits(
-    lines: SightLines,
-    center: Array,
-    poses: SolidPoses,
-    pairs: tuple[NDArray[np.int64], NDArray[np.int64]],
-) -> NDArray[np.int64]:
+def find_culprits(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pairs) -> NDArray[np.int64]:
     """Index of the solid that hides each sight line's box, shape (v,); -1 where no pair names the sight line.
 
     It is the solid whose first hit along the ray from the camera to the box's centre (v, 3) is nearest or, if none
@@ -23,102 +26,154 @@ def find_culprits(
     solid) inside the view hulls, ordered by sight line.
     """
     culprits = np.full(len(lines.state), -1, dtype=np.int64)
-    _, first, counts = np.unique(pairs[0], return_index=True, return_counts=True)
-    for start, count in zip(first.tolist(), counts.tolist(), strict=True):
-        line, solids = int(pairs[0][start]), pairs[1][start : start + count]
-        culprits[line] = solids[0] if count == 1 else _nearest_of(lines, line, center[line], poses, solids)
+    line, solid = pairs
+    culprits[line] = solid
+    several = np.bincount(line, minlength=len(culprits))[line] > 1
+    line, solid = line[several], solid[several]
+    along = _along_rays(lines, center, poses, (line, solid))
+    met = np.full(len(culprits), np.inf)
+    np.minimum.at(met, line, along)
+    _name_least(culprits, (line, solid), along)
+    missed = met[line] > 1.0
+    line, solid = line[missed], solid[missed]
+    _name_least(culprits, (line, solid), _nearest_inside(lines, poses, (line, solid)))
     return culprits
 
 
-def _nearest_of(lines: SightLines, line: int, center: Array, poses: SolidPoses, solids: NDArray[np.int64]) -> int:
-    hull = int(lines.hull[line])
-    eye, corners, state = lines.eyes[hull], lines.corners[hull], int(lines.state[line])
-    faces = []
-    for index in solids.tolist():
-        X_WP = poses.pose(index)
-        vertices = transform(X_WP[state if len(X_WP) > 1 else 0], poses.solids[index].vertices) - eye
-        faces.append(vertices[poses.solids[index].triangles])
-    along = [_first_hit(triangles, center - eye) for triangles in faces]
-    if min(along) <= 1.0:
-        return int(solids[int(np.argmin(along))])
-    spaces = _hull_half_spaces(corners - eye)
-    return int(solids[int(np.argmin([_nearest_inside(triangles, spaces) for triangles in faces]))])
+def _name_least(culprits: NDArray[np.int64], pairs: Pairs, values: Array) -> None:
+    """Make the solid with the least value among the pairs of a line its culprit; the first of equals."""
+    order = np.lexsort((values, pairs[0]))
+    named, first = np.unique(pairs[0][order], return_index=True)
+    culprits[named] = pairs[1][order][first]
 
 
-def _first_hit(triangles: Array, ray: Array) -> float:
-    """Smallest factor of `ray` (3,) at which it meets a triangle (n, 3, 3), both from the eye.
+def _along_rays(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pairs) -> Array:
+    """Smallest factor of the ray from the eye to the centre at which it meets the solid of each pair, shape (pairs,).
 
-    It is infinite if it meets none.
+    It is infinite if it meets none of the solid's triangles. Rays and edges are compared by their Plücker coordinates.
     """
-    edges = np.stack([np.cross(triangles[:, i], triangles[:, (i + 1) % 3]) for i in range(3)], axis=1)
-    sides = edges @ ray
-    total = sides.sum(axis=1)
-    met = ((sides >= 0).all(axis=1) | (sides <= 0).all(axis=1)) & (total != 0)
-    factors = np.einsum("ni,ni->n", triangles[met, 2], edges[met, 0]) / total[met]
-    return float(np.min(factors[factors > 0], initial=np.inf))
+    factors = np.full(len(pairs[0]), np.inf)
+    for index in np.unique(pairs[1]).tolist():
+        here = np.flatnonzero(pairs[1] == index)
+        line = pairs[0][here]
+        X_PW = inverse(_at(poses.pose(index), lines.state[line]))
+        ends = transform(X_PW, np.stack([lines.eyes[lines.hull[line]], center[line]], axis=1))
+        factors[here] = _first_hits(ends[:, 0], ends[:, 1] - ends[:, 0], poses.solids[index])
+    return factors
+
+
+def _first_hits(eye: Array, ray: Array, solid: Solid) -> Array:
+    """Smallest factor of each ray (n, 3) from its eye (n, 3) at which it meets a triangle of a solid; shape (n,)."""
+    p = [solid.vertices[solid.triangles[:, k]] for k in range(3)]
+    edges = [np.concatenate([cross(p[k], p[(k + 1) % 3]), p[(k + 1) % 3] - p[k]], axis=1).T for k in range(3)]
+    normal = cross(p[1] - p[0], p[2] - p[0])
+    offset = np.einsum("fi,fi->f", normal, p[0])
+    lines = np.concatenate([ray, cross(eye, ray)], axis=1)
+    factors = np.full(len(eye), np.inf)
+    for chunk in np.array_split(np.arange(len(eye)), 1 + len(eye) * len(offset) // _PRODUCTS):
+        sides = [lines[chunk] @ edge for edge in edges]
+        inside = ((sides[0] >= 0) & (sides[1] >= 0) & (sides[2] >= 0)) | (
+            (sides[0] <= 0) & (sides[1] <= 0) & (sides[2] <= 0)
+        )
+        row, face = np.nonzero(inside)
+        at = chunk[row]
+        slope = np.einsum("ni,ni->n", normal[face], ray[at])
+        height = offset[face] - np.einsum("ni,ni->n", normal[face], eye[at])
+        factor = height / np.where(slope == 0, np.inf, slope)
+        np.minimum.at(factors, at, np.where(factor > 0, factor, np.inf))
+    return factors
+
+
+def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
+    """Least distance from the eye to the part of each pair's solid inside the view hull, shape (pairs,)."""
+    nearest = np.full(len(pairs[0]), np.inf)
+    polygons, spaces, of_pair = [], [], []
+    hulls, hull_of = np.unique(lines.hull[pairs[0]], return_inverse=True)
+    half_spaces = _hull_half_spaces(lines.corners[hulls] - lines.eyes[hulls, None])
+    bits = 1 << np.arange(half_spaces.shape[1], dtype=np.int64)
+    for row, (line, index) in enumerate(zip(*(side.tolist() for side in pairs), strict=True)):
+        X_WP = _at(poses.pose(index), lines.state[line : line + 1])[0]
+        vertices = transform(X_WP, poses.solids[index].vertices) - lines.eyes[lines.hull[line]]
+        space = half_spaces[hull_of[row]]
+        outside = (vertices @ space[:, :3].T > space[:, 3]) @ bits
+        a, b, c = outside[poses.solids[index].triangles].T
+        kept = vertices[poses.solids[index].triangles[(a & b & c) == 0]]
+        polygons.append(kept)
+        spaces.append(np.full(len(kept), hull_of[row]))
+        of_pair.append(np.full(len(kept), row))
+    if polygons:
+        row = np.concatenate(of_pair)
+        distance = _clipped_distances(np.concatenate(polygons), half_spaces[np.concatenate(spaces)])
+        np.minimum.at(nearest, row, distance)
+    return nearest
 
 
 def _hull_half_spaces(corners: Array) -> Array:
-    """Half spaces whose intersection is the hull of the eye (the origin) and the box's corners (8, 3).
+    """Half spaces whose intersection is the hull of the eye (the origin) and a box's corners (h, 8, 3).
 
-    Rows (n, o) of shape (k, 4) for the points p with n . p <= o.
+    Rows (n, o) of shape (h, k, 4) for the points p with n . p <= o; rows of zeros, which hold everything, come last.
     """
-    spaces = []
-    for triangle in BOX_TRIANGLES[::2]:
-        normal = np.cross(corners[triangle[1]] - corners[triangle[0]], corners[triangle[2]] - corners[triangle[0]])
-        offset = float(normal @ corners[triangle[0]])
-        if offset > 0:
-            spaces.append([*normal, offset])
-    for first in range(8):
-        for second in range(first + 1, 8):
-            normal = np.cross(corners[first], corners[second])
-            heights = corners @ normal
-            if np.linalg.norm(normal) > 0 and (heights.max() <= 1e-12 or heights.min() >= -1e-12):
-                spaces.append([*(normal if heights.max() <= 1e-12 else -normal), 0.0])
-    return np.array(spaces)
+    faces = [corners[:, BOX_TRIANGLES[::2, k]] for k in range(3)]
+    normals = cross(faces[1] - faces[0], faces[2] - faces[0])
+    offsets = np.einsum("hki,hki->hk", normals, faces[0])
+    behind = np.where((offsets > 0)[..., None], np.concatenate([normals, offsets[..., None]], axis=2), 0.0)
+    normals = cross(corners[:, _EDGES[0]], corners[:, _EDGES[1]])
+    heights = normals @ np.swapaxes(corners, 1, 2)
+    below, above = heights.max(axis=2) <= 1e-12, heights.min(axis=2) >= -1e-12
+    beside = np.zeros((*normals.shape[:2], 4))
+    beside[..., :3] = np.where(below[..., None], normals, np.where(above[..., None], -normals, 0.0))
+    spaces = np.concatenate([behind, beside], axis=1)
+    bounding = np.any(spaces != 0, axis=2)
+    order = np.argsort(~bounding, axis=1, kind="stable")[:, : int(bounding.sum(axis=1).max(initial=0))]
+    return np.take_along_axis(spaces, order[..., None], axis=1)
 
 
-def _nearest_inside(triangles: Array, hull: Array) -> float:
-    """Least distance from the eye (the origin) to the part of the triangles (n, 3, 3) inside the hull.
+def _clipped_distances(triangles: Array, spaces: Array) -> Array:
+    """Distance from the origin to the part of each triangle (n, 3, 3) inside its half spaces (n, k, 4); shape (n,).
 
-    It is infinite if none is.
+    It is infinite where nothing is left. The triangles are clipped side by side (Sutherland and Hodgman 1974).
     """
-    outside = np.einsum("kj,nvj->nkv", hull[:, :3], triangles) > hull[:, 3][None, :, None]
-    best = np.inf
-    for triangle in triangles[~outside.all(axis=2).any(axis=1)]:
-        polygon = list(triangle)
-        for space in hull:
-            polygon = _clip(polygon, space)
-        if polygon:
-            best = min(best, _distance_to_origin(np.array(polygon)))
-    return best
+    polygons, counts = triangles, np.full(len(triangles), 3)
+    normals = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    for space in np.swapaxes(spaces, 0, 1):
+        width = polygons.shape[1]
+        present = np.arange(width) < counts[:, None]
+        heights = (polygons @ space[:, :3, None])[..., 0] - space[:, 3:]
+        following = _following(counts, width)
+        after = np.take_along_axis(heights, following, axis=1)
+        ends = np.take_along_axis(polygons, following[..., None], axis=1)
+        inside, crosses = present & (heights <= 0), present & ((heights > 0) != (after > 0))
+        share = heights / np.where(crosses, heights - after, 1.0)
+        points = np.stack([polygons, polygons + share[..., None] * (ends - polygons)], axis=2)
+        kept = np.stack([inside, crosses], axis=2).reshape(len(polygons), -1)
+        counts = kept.sum(axis=1)
+        order = np.argsort(~kept, axis=1, kind="stable")[:, : max(1, int(counts.max(initial=0)))]
+        polygons = np.take_along_axis(points.reshape(len(polygons), -1, 3), order[..., None], axis=1)
+    return _distances_to_origin(polygons, counts, normals)
 
 
-def _clip(polygon: list[Array], space: Array) -> list[Array]:
-    """The part of a convex polygon inside a half space (Sutherland and Hodgman 1974)."""
-    heights = [float(space[:3] @ point - space[3]) for point in polygon]
-    kept = []
-    for i, point in enumerate(polygon):
-        before = heights[i - 1]
-        if (before > 0) != (heights[i] > 0):
-            kept.append(polygon[i - 1] + (point - polygon[i - 1]) * before / (before - heights[i]))
-        if heights[i] <= 0:
-            kept.append(point)
-    return kept
+def _following(counts: NDArray[np.int64], width: int) -> NDArray[np.int64]:
+    """Index of the next point around polygons of `counts` points, shape (n, width)."""
+    following = np.arange(1, width + 1)
+    return np.where(following < counts[:, None], following, 0)
 
 
-def _distance_to_origin(polygon: Array) -> float:
-    """Distance from the origin to a convex planar polygon (n, 3), n >= 1."""
-    following = np.roll(polygon, -1, axis=0)
-    sides = following - polygon
-    squares = np.maximum(np.einsum("ni,ni->n", sides, sides), 1e-300)
-    share = np.clip(-np.einsum("ni,ni->n", polygon, sides) / squares, 0.0, 1.0)
-    best = float(np.linalg.norm(polygon + share[:, None] * sides, axis=1).min())
-    normal = np.cross(polygon[1] - polygon[0], polygon[2] - polygon[0]) if len(polygon) > 2 else np.zeros(3)
-    length = np.linalg.norm(normal)
-    if length > 1e-15:
-        foot = normal * (polygon[0] @ normal) / length**2
-        turns = np.cross(sides, foot - polygon) @ normal
-        if (turns >= 0).all() or (turns <= 0).all():
-            best = min(best, float(np.linalg.norm(foot)))
-    return best
+def _distances_to_origin(polygons: Array, counts: NDArray[np.int64], normals: Array) -> Array:
+    """Distance from the origin to convex planar polygons (n, p, 3) of the first `counts` points; shape (n,)."""
+    width = polygons.shape[1]
+    present = np.arange(width) < counts[:, None]
+    sides = np.take_along_axis(polygons, _following(counts, width)[..., None], axis=1) - polygons
+    squares = np.maximum(np.einsum("npi,npi->np", sides, sides), 1e-300)
+    share = np.clip(-np.einsum("npi,npi->np", polygons, sides) / squares, 0.0, 1.0)
+    to_sides = np.where(present, np.linalg.norm(polygons + share[..., None] * sides, axis=2), np.inf)
+    lengths = np.maximum(np.einsum("ni,ni->n", normals, normals), 1e-300)
+    feet = normals * (np.einsum("ni,ni->n", polygons[:, 0], normals) / lengths)[:, None]
+    turns = (cross(sides, feet[:, None] - polygons) @ normals[:, :, None])[..., 0]
+    surrounded = ((turns >= 0) | ~present).all(axis=1) | ((turns <= 0) | ~present).all(axis=1)
+    surrounded &= (counts > 2) & (lengths > 1e-30)
+    to_plane = np.where(surrounded, np.linalg.norm(feet, axis=1), np.inf)
+    return np.minimum(to_plane, to_sides.min(axis=1))
+
+
+def _at(X_WP: Array, state: NDArray[np.int64]) -> Array:
+    return X_WP[state] if len(X_WP) > 1 else X_WP

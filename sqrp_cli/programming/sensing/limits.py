@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +14,16 @@ from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.projection import Projection
 
+Scalar = TypeVar("Scalar", bound=np.generic)
+
 
 @dataclass(frozen=True, eq=False)
 class LimitVerdicts:
-    """Which limit a box fails first, per state.
+    """Which limit a box fails first, per state or per camera and state.
 
-    cause: codes of `Cause`, shape (m,). side: index into `SIDES` where the cause is OUT_OF_IMAGE, else -1, shape (m,).
-    figure: by how much the limit is missed, shape (m,): [m] for ranges and distances, [pixels] for image and size,
-    [rad] for the angle; 0 where no limit fails.
+    cause: codes of `Cause`, shape (m,) or (c, m). side: index into `SIDES` where the cause is OUT_OF_IMAGE, else -1,
+    same shape. figure: by how much the limit is missed, same shape: [m] for ranges and distances, [pixels] for image
+    and size, [rad] for the angle; 0 where no limit fails.
     """
 
     cause: NDArray[np.int8]
@@ -33,54 +37,86 @@ def check_limits(projection: Projection, detector: Detector, corners_C: Array, n
     corners_C: the box's 8 corners in the optical frame, shape (m, 8, 3) [m].
     normal_C: unit normal of the box in the optical frame, shape (m, 3), or None for a box without one.
     """
-    camera = projection.camera
-    depth = corners_C[..., 2]
-    nearest, farthest = depth.min(axis=1), depth.max(axis=1)
+    verdicts = check_camera_limits(
+        [projection], detector, corners_C[None], None if normal_C is None else normal_C[None]
+    )
+    return LimitVerdicts(verdicts.cause[0], verdicts.side[0], verdicts.figure[0])
+
+
+def check_camera_limits(
+    projections: Sequence[Projection], detector: Detector, corners_C: Array, normal_C: Array | None
+) -> LimitVerdicts:
+    """Check the limits of c cameras at once, each in its own optical frame.
+
+    corners_C: shape (c, m, 8, 3) [m]. normal_C: shape (c, m, 3), or None for a box without one.
+    """
+    width, height, near, far = (
+        np.array([[float(getattr(projection.camera, name))] for projection in projections])
+        for name in ("width", "height", "near", "far")
+    )
+    # Corners first: NumPy is slow at reductions over short trailing axes.
+    depth = _corners_first(corners_C[..., 2])
+    nearest, farthest = depth.min(axis=0), depth.max(axis=0)
     in_front = nearest > 0
 
-    pixels, inside = projection.pixels(np.where(in_front[:, None, None], corners_C, (0.0, 0.0, 1.0)))
-    u, v = pixels[..., 0], pixels[..., 1]
-    beyond = np.stack([-0.5 - u, u - (camera.width - 0.5), -0.5 - v, v - (camera.height - 0.5)], axis=-1).max(axis=1)
-    side = beyond.argmax(axis=1)
-    outside = beyond.max(axis=1)
+    ahead = np.where(in_front[..., None, None], corners_C, (0.0, 0.0, 1.0))
+    seen = [projection.pixels(points) for projection, points in zip(projections, ahead, strict=True)]
+    inside = _corners_first(np.stack([within for _, within in seen])).all(axis=0)
+    pixels = np.stack([places for places, _ in seen])
+    u, v = _corners_first(pixels[..., 0]), _corners_first(pixels[..., 1])
+    beyond = np.stack(
+        [-0.5 - u.min(axis=0), u.max(axis=0) - (width - 0.5), -0.5 - v.min(axis=0), v.max(axis=0) - (height - 0.5)]
+    )
+    outside = beyond.max(axis=0)
 
-    center = corners_C.mean(axis=1)
-    distance = np.linalg.norm(center, axis=1)
-    size = np.sqrt(_hull_areas(pixels, detector.min_pixels**2))
-    incidence = np.zeros(len(depth))
+    center = corners_C.mean(axis=2)
+    distance = np.sqrt(np.einsum("cmi,cmi->cm", center, center))
+    size = np.sqrt(_hull_areas(u, v, detector.min_pixels**2))
+    incidence = np.zeros_like(distance)
     if normal_C is not None:
-        cosine = -np.einsum("mi,mi->m", normal_C, center) / np.maximum(distance, 1e-12)
+        cosine = -np.einsum("cmi,cmi->cm", normal_C, center) / np.maximum(distance, 1e-12)
         incidence = np.arccos(np.clip(cosine, -1.0, 1.0))
 
     fails = [
-        (Cause.TOO_NEAR, ~in_front | (nearest < camera.near), camera.near - nearest),
-        (Cause.TOO_FAR, farthest > camera.far, farthest - camera.far),
-        (Cause.OUT_OF_IMAGE, (outside > 0) | ~inside.all(axis=1), np.maximum(outside, 0.0)),
+        (Cause.TOO_NEAR, ~in_front | (nearest < near), near - nearest),
+        (Cause.TOO_FAR, farthest > far, farthest - far),
+        (Cause.OUT_OF_IMAGE, (outside > 0) | ~inside, np.maximum(outside, 0.0)),
         (Cause.DETECTOR_NEAR, distance < detector.distance[0], detector.distance[0] - distance),
         (Cause.DETECTOR_FAR, distance > detector.distance[1], distance - detector.distance[1]),
         (Cause.OBLIQUE, incidence > detector.max_incidence, incidence - detector.max_incidence),
         (Cause.TOO_SMALL, size < detector.min_pixels, detector.min_pixels - size),
     ]
-    conditions = [failed for _, failed, _ in fails]
-    cause = np.select(conditions, [np.int8(code) for code, _, _ in fails], np.int8(Cause.NONE))
-    figure = np.select(conditions, [missed for _, _, missed in fails], 0.0)
-    return LimitVerdicts(cause, np.where(cause == Cause.OUT_OF_IMAGE, side, -1).astype(np.int8), figure)
+    cause, figure = np.full(distance.shape, np.int8(Cause.NONE)), np.zeros(distance.shape)
+    for code, failed, missed in reversed(fails):
+        cause[failed], figure[failed] = code, missed[failed]
+    side = np.where(cause == Cause.OUT_OF_IMAGE, beyond.argmax(axis=0), -1).astype(np.int8)
+    return LimitVerdicts(cause, side, figure)
 
 
-def _hull_areas(points: Array, enough: float) -> Array:
-    """Areas of the convex hulls of point sets (m, n, 2), exact where below `enough`, elsewhere a lower bound above it.
+def _corners_first(values: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Values (c, m, 8) of corners as a contiguous array of shape (8, c, m)."""
+    return np.ascontiguousarray(np.moveaxis(values, -1, 0))
+
+
+def _hull_areas(u: Array, v: Array, enough: float) -> Array:
+    """Areas of the convex hulls of points (n, ...), exact where below `enough`, elsewhere a lower bound above it.
 
     The four extreme points along the axes span a quadrilateral inside the hull, which settles nearly every box that is
     far from the limit.
     """
-    extremes = np.stack(
-        [points[..., 0].argmin(1), points[..., 1].argmin(1), points[..., 0].argmax(1), points[..., 1].argmax(1)], axis=1
+    left, top, right, bottom = ([points.argmin(0), points.argmax(0)][end] for end in (0, 1) for points in (u, v))
+
+    def span(values: Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> Array:
+        ends = [np.take_along_axis(values, corner[None], axis=0)[0] for corner in (first, second)]
+        difference: Array = ends[1] - ends[0]
+        return difference
+
+    areas: Array = 0.5 * np.abs(
+        span(u, left, right) * span(v, top, bottom) - span(v, left, right) * span(u, top, bottom)
     )
-    quad = np.take_along_axis(points, extremes[..., None], axis=1)
-    first, second = quad[:, 2] - quad[:, 0], quad[:, 3] - quad[:, 1]
-    areas: Array = 0.5 * np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
-    for row in np.flatnonzero(areas < enough):
-        areas[row] = hull_area(points[row])
+    for row in np.argwhere(areas < enough):
+        at = (slice(None), *row)
+        areas[at[1:]] = hull_area(np.column_stack([u[at], v[at]]))
     return areas
 
 

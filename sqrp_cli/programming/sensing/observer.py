@@ -5,20 +5,20 @@ The full verdict matrix, or just what is covered, as fast as possible.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, box_corners, transform
+from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.culprit import find_culprits
-from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
-from sqrp_cli.programming.sensing.occlusion import HullTester, SightLines, SolidPoses, near_pairs, shrink
+from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_camera_limits
+from sqrp_cli.programming.sensing.occlusion import HullTester, Pairs, SightLines, near_pairs, shrink
 from sqrp_cli.programming.sensing.projection import Projection
-from sqrp_cli.programming.sensing.scene import SceneStates, relative, rows_of
+from sqrp_cli.programming.sensing.scene import SceneStates, rows_of
 from sqrp_cli.programming.sensing.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid
 from sqrp_cli.programming.targets import Target, TargetBox
@@ -56,6 +56,14 @@ class TargetCoverage:
 
 
 @dataclass(frozen=True, eq=False)
+class Views:
+    """Pairs of a camera and a state, by index, shape (v,) each."""
+
+    camera: NDArray[np.int64]
+    state: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
 class Observer:
     """The cameras of a cell with everything solid in it."""
 
@@ -67,9 +75,13 @@ class Observer:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_projections", tuple(Projection.of(camera) for camera in self.cameras))
 
-    def verdicts(self, target: Target, states: SceneStates) -> tuple[BoxVerdicts, ...]:
-        """The full matrix of a target: every box, state and camera, with causes."""
-        return tuple(self._box_verdicts(box, states) for box in target.boxes)
+    def verdicts(self, target: Target, states: SceneStates, *, shares: bool = True) -> tuple[BoxVerdicts, ...]:
+        """The full matrix of a target: every box, state and camera, with causes.
+
+        shares: whether to measure visible shares also where the verdict does not need them; without, they are NaN
+        there.
+        """
+        return tuple(self._box_verdicts(box, states, shares=shares) for box in target.boxes)
 
     def coverage(self, target: Target, states: SceneStates, rows: Rows) -> TargetCoverage:
         """Whether a target is covered in the states `rows`, asking no more cameras than needed.
@@ -78,153 +90,146 @@ class Observer:
         """
         response = np.full(len(rows), np.nan)
         count = np.zeros(len(rows), dtype=np.int64)
-        within = np.stack(
-            [self._within_limits(index, target.boxes, states, rows) for index in range(len(self.cameras))]
-        )
-        open_rows = within.sum(axis=0) >= target.cameras
-        for tier in self._tiers(within):
-            partial: list[tuple[int, Rows]] = []
-            for index in tier:
-                here = np.flatnonzero(open_rows & within[index])
-                clear, part = self._clear(index, target.boxes, states, rows[here])
-                count[here[clear]] += 1
-                open_rows &= count < target.cameras
-                partial.append((index, here[part]))
-            for index, candidates in partial:
-                here = candidates[open_rows[candidates]]
-                count[here[self._enough_visible(index, target.boxes, states, rows[here])]] += 1
-                open_rows &= count < target.cameras
+        if not len(rows):
+            return TargetCoverage(count >= target.cameras, response)
+        within = np.logical_and.reduce([self._limits(box, states, rows).cause == Cause.NONE for box in target.boxes])
+        possible = within.sum(axis=0) >= target.cameras
+        for tier in self._tiers():
+            order, row = np.nonzero(within[tier] & possible & (count < target.cameras))
+            if len(row):
+                self._count_seeing(target, states, Views(tier[order], rows[row]), row, count)
             reached = (count >= target.cameras) & np.isnan(response)
             response[reached] = self.cameras[tier[0]].response
         return TargetCoverage(count >= target.cameras, response)
 
-    def _tiers(self, within: Mask) -> list[list[int]]:
-        """Cameras grouped by response, fastest first.
+    def _tiers(self) -> list[NDArray[np.int64]]:
+        """Indices of cameras grouped by response, fastest first."""
+        responses = np.array([camera.response for camera in self.cameras])
+        return [np.flatnonzero(responses == response) for response in np.unique(responses)]
 
-        Within a group the one with most states inside its limits first.
+    def _count_seeing(
+        self, target: Target, states: SceneStates, views: Views, row: Rows, count: NDArray[np.int64]
+    ) -> None:
+        """Add to `count` of each row how many of its views see the target, at least up to the number it needs.
+
+        Views whose hulls nothing is near see it without further tests. The others of a row are tested one after the
+        other, those with the fewest solids near first, until enough of them see it: first for empty hulls, then, where
+        a part of a box is enough, for the share that is visible.
         """
-        order = sorted(range(len(self.cameras)), key=lambda i: (self.cameras[i].response, -int(within[i].sum()), i))
-        tiers: list[list[int]] = []
-        for index in order:
-            if tiers and self.cameras[tiers[-1][0]].response == self.cameras[index].response:
-                tiers[-1].append(index)
-            else:
-                tiers.append([index])
-        return tiers
-
-    def _limits(self, index: int, box: TargetBox, X_WC: Array, X_WB: Array) -> LimitVerdicts:
-        X_CB = relative(X_WC, X_WB)
-        normal = None if box.normal is None else X_CB[:, :3, :3] @ np.asarray(box.normal)
-        return check_limits(self._projections[index], box.detector, transform(X_CB, box_corners(box.size)), normal)
-
-    def _within_limits(self, index: int, boxes: Sequence[TargetBox], states: SceneStates, rows: Rows) -> Mask:
-        """Whether every box passes every limit of a camera that needs no scene, shape (rows,)."""
-        X_WC = states.camera_poses(self.cameras[index])
-        passed = np.ones(len(rows), dtype=bool)
-        for box in boxes:
-            X_WB = states.box_poses(box)
-            moving = len(X_WC) > 1 or len(X_WB) > 1
-            limits = self._limits(
-                index, box, rows_of(X_WC, rows) if moving else X_WC, rows_of(X_WB, rows) if moving else X_WB
-            )
-            passed &= limits.cause == Cause.NONE
-        return passed
-
-    def _sight_lines(self, index: int, box: TargetBox, states: SceneStates, rows: Rows) -> SightLines:
-        corners, _ = shrink(box.size, box.normal)
-        eye = rows_of(states.camera_poses(self.cameras[index])[:, :3, 3], rows)
-        return SightLines(rows, eye, rows_of(transform(states.box_poses(box), corners), rows))
-
-    def _hits(
-        self, index: int, box: TargetBox, states: SceneStates, rows: Rows, *, first_only: bool
-    ) -> tuple[Rows, NDArray[np.int64]]:
-        """Pairs (position in rows, solid) whose solid reaches into the view hull of a box."""
         poses = states.solid_poses(self.solids)
-        solids = self._opaque(box)
-        fixed_view = len(states.camera_poses(self.cameras[index])) == 1 and len(states.box_poses(box)) == 1
-        fixed = [i for i in solids if fixed_view and len(poses.pose(i)) == 1]
-        pairs = self._hull_hits(self._sight_lines(index, box, states, rows[:1]), poses, fixed, first_only=first_only)
-        line = np.repeat(np.arange(len(rows)), len(pairs[1]))
-        solid = np.tile(pairs[1], len(rows))
-        if len(line) and first_only:
-            return line, solid
-        others = [i for i in solids if i not in fixed]
-        moving = self._hull_hits(self._sight_lines(index, box, states, rows), poses, others, first_only=first_only)
-        line, solid = np.concatenate([line, moving[0]]), np.concatenate([solid, moving[1]])
-        order = np.lexsort((solid, line))
-        return line[order], solid[order]
+        lines = [self._sight_lines(box, states, views) for box in target.boxes]
+        near = [near_pairs(line, poses, self._opaque(box)) for line, box in zip(lines, target.boxes, strict=True)]
+        pending = np.bincount(np.concatenate([line for line, _ in near]), minlength=len(row))
+        np.add.at(count, row[pending == 0], 1)
+        partly = np.zeros(len(row), dtype=bool)
+        unsettled = np.flatnonzero(pending)
+        order = unsettled[np.lexsort((pending[unsettled], row[unsettled]))]
+        for asked in _one_per_row(order, row, count, target.cameras):
+            clear, enough = np.ones(len(row), dtype=bool), np.ones(len(row), dtype=bool)
+            for box, line, pairs in zip(target.boxes, lines, near, strict=True):
+                blocked, _ = self._tester.met(line, poses, _of_lines(pairs, asked), first_only=True)
+                clear[blocked] = False
+                enough[blocked] &= box.detector.min_visible < 1
+            partly[asked] = ~clear[asked] & enough[asked]
+            count[row[asked[clear[asked]]]] += 1
+        for asked in _one_per_row(order[partly[order]], row, count, target.cameras):
+            enough = np.ones(len(asked), dtype=bool)
+            for box, line, pairs in zip(target.boxes, lines, near, strict=True):
+                left = asked[enough]
+                met = self._tester.met(line, poses, _of_lines(pairs, left), first_only=False)
+                enough[enough] = self._shares(box, states, views, met)[left] >= box.detector.min_visible
+            count[row[asked[enough]]] += 1
 
-    def _hull_hits(
-        self, lines: SightLines, poses: SolidPoses, solids: Sequence[int], *, first_only: bool
-    ) -> tuple[Rows, NDArray[np.int64]]:
-        pairs = near_pairs(lines, poses, solids)
-        hit = self._tester.hits(lines, poses, pairs, first_only=first_only)
-        return pairs[0][hit], pairs[1][hit]
+    def _limits(self, box: TargetBox, states: SceneStates, rows: Rows) -> LimitVerdicts:
+        """Limits of every camera in the states `rows`, each array of shape (c, rows)."""
+        shape = (len(self.cameras), len(rows))
+        cause, side, figure = np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int8), np.empty(shape)
+        corners_B, X_WB = box_corners(box.size), states.box_poses(box)
+        moving = np.array([len(states.X_WF[camera.frame]) > 1 for camera in self.cameras])
+        for group in (np.flatnonzero(~moving), np.flatnonzero(moving)):
+            if not len(group):
+                continue
+            X_WC = np.stack([states.camera_poses(self.cameras[index]) for index in group])
+            at = rows if len(X_WB) > 1 or X_WC.shape[1] > 1 else rows[:1]
+            X_CB = inverse(X_WC[:, at] if X_WC.shape[1] > 1 else X_WC) @ (X_WB[at] if len(X_WB) > 1 else X_WB)
+            normal_C = None if box.normal is None else X_CB[..., :3, :3] @ np.asarray(box.normal)
+            projections = [self._projections[index] for index in group]
+            limits = check_camera_limits(projections, box.detector, transform(X_CB, corners_B), normal_C)
+            cause[group], side[group], figure[group] = limits.cause, limits.side, limits.figure
+        return LimitVerdicts(cause, side, figure)
+
+    def _sight_lines(self, box: TargetBox, states: SceneStates, views: Views) -> SightLines:
+        """One sight line per view; views of a camera and box that both stand still share a hull."""
+        corners_B, _ = shrink(box.size, box.normal)
+        corners_W = transform(states.box_poses(box), corners_B)
+        moving = np.array([len(states.X_WF[camera.frame]) > 1 for camera in self.cameras])
+        if len(corners_W) > 1 or moving[views.camera].any():
+            first = hull = np.arange(len(views.camera))
+        else:
+            _, first, hull = np.unique(views.camera, return_index=True, return_inverse=True)
+        X_WC = self._camera_poses(states, Views(views.camera[first], views.state[first]))
+        return SightLines(views.state, hull, X_WC[:, :3, 3], rows_of(corners_W, views.state[first]))
+
+    def _camera_poses(self, states: SceneStates, views: Views) -> Array:
+        """World poses of the optical frame of each view, shape (v, 4, 4)."""
+        X_WC = np.empty((len(views.camera), 4, 4))
+        for index in np.unique(views.camera).tolist():
+            here = np.flatnonzero(views.camera == index)
+            X_WC[here] = rows_of(states.camera_poses(self.cameras[index]), views.state[here])
+        return X_WC
 
     def _opaque(self, box: TargetBox) -> list[int]:
         """Indices of the solids that can hide a box."""
         parts = [solid.part for solid in self.solids]
         return [i for i, part in enumerate(parts) if part.parent not in box.encloses and part.name not in box.encloses]
 
-    def _clear(self, index: int, boxes: Sequence[TargetBox], states: SceneStates, rows: Rows) -> tuple[Mask, Mask]:
-        """Which rows see all boxes through empty view hulls, and which may still see enough of them."""
-        clear, part = np.ones(len(rows), dtype=bool), np.ones(len(rows), dtype=bool)
-        for box in boxes:
-            asked = np.flatnonzero(part)
-            lines, _ = self._hits(index, box, states, rows[asked], first_only=True)
-            clear[asked[lines]] = False
-            if box.detector.min_visible >= 1:
-                part[asked[lines]] = False
-        return clear, part & ~clear
-
-    def _enough_visible(self, index: int, boxes: Sequence[TargetBox], states: SceneStates, rows: Rows) -> Mask:
-        """Which rows see the least share of every box that its detector needs."""
-        enough = np.ones(len(rows), dtype=bool)
-        for box in boxes:
-            asked = np.flatnonzero(enough)
-            pairs = self._hits(index, box, states, rows[asked], first_only=False)
-            enough[asked] = self._shares(index, box, states, rows[asked], pairs) >= box.detector.min_visible
-        return enough
-
-    def _shares(
-        self, index: int, box: TargetBox, states: SceneStates, rows: Rows, pairs: tuple[Rows, NDArray[np.int64]]
-    ) -> Array:
-        """Visible shares of a box, shape (rows,); 1 where nothing reaches into its view hull."""
-        shares = np.ones(len(rows))
-        blocked, position = np.unique(pairs[0], return_inverse=True)
+    def _shares(self, box: TargetBox, states: SceneStates, views: Views, met: Pairs) -> Array:
+        """Visible shares of a box, shape (v,); 1 where no solid is met in the view hull."""
+        shares = np.ones(len(views.camera))
+        blocked, position = np.unique(met[0], return_inverse=True)
         if len(blocked):
-            at = rows[blocked]
-            X_WC = rows_of(states.camera_poses(self.cameras[index]), at)
-            X_WB = rows_of(states.box_poses(box), at)
+            at = Views(views.camera[blocked], views.state[blocked])
+            X_WC, X_WB = self._camera_poses(states, at), rows_of(states.box_poses(box), at.state)
             corners, _ = shrink(box.size, box.normal)
             poses = states.solid_poses(self.solids)
-            shares[blocked] = visible_shares(X_WC, X_WB, corners, at, poses, (position, pairs[1]))
+            shares[blocked] = visible_shares(X_WC, X_WB, corners, at.state, poses, (position, met[1]))
         return shares
 
-    def _box_verdicts(self, box: TargetBox, states: SceneStates) -> BoxVerdicts:
-        shape = (states.count, len(self.cameras))
-        cause, by = np.zeros(shape, dtype=np.int8), np.full(shape, -1, dtype=np.int64)
-        figure, visible = np.zeros(shape), np.full(shape, np.nan)
-        X_WB = states.box_poses(box)
-        for index, camera in enumerate(self.cameras):
-            limits = self._limits(index, box, states.camera_poses(camera), X_WB)
-            cause[:, index], by[:, index], figure[:, index] = limits.cause, limits.side, limits.figure
-            rows = np.flatnonzero(cause[:, index] == Cause.NONE)
-            if not len(rows):
-                continue
-            pairs = self._hits(index, box, states, rows, first_only=False)
-            shares = self._shares(index, box, states, rows, pairs)
-            visible[rows, index] = shares
-            hidden = np.zeros(len(rows), dtype=bool)
-            hidden[pairs[0]] = True
-            if box.detector.min_visible < 1:
-                hidden = shares < box.detector.min_visible
-            cause[rows[hidden], index] = Cause.HIDDEN
-            of_hidden = hidden[pairs[0]]
-            lines = self._sight_lines(index, box, states, rows)
-            center = rows_of(X_WB[:, :3, 3], rows)
-            culprits = find_culprits(
-                lines, center, states.solid_poses(self.solids), (pairs[0][of_hidden], pairs[1][of_hidden])
-            )
-            by[rows[hidden], index] = culprits[hidden]
+    def _box_verdicts(self, box: TargetBox, states: SceneStates, *, shares: bool) -> BoxVerdicts:
+        limits = self._limits(box, states, np.arange(states.count))
+        cause, by, figure = limits.cause.T.copy(), limits.side.T.astype(np.int64), limits.figure.T.copy()
+        visible = np.full(cause.shape, np.nan)
+        views = Views(*np.nonzero(limits.cause == Cause.NONE))
+        poses = states.solid_poses(self.solids)
+        lines = self._sight_lines(box, states, views)
+        met = self._tester.met(lines, poses, near_pairs(lines, poses, self._opaque(box)), first_only=False)
+        hidden = np.zeros(len(views.camera), dtype=bool)
+        hidden[met[0]] = True
+        if shares or box.detector.min_visible < 1:
+            share = self._shares(box, states, views, met)
+            visible[views.state, views.camera] = share
+            hidden &= (share < box.detector.min_visible) | (box.detector.min_visible >= 1)
+        of_hidden = hidden[met[0]]
+        center = rows_of(states.box_poses(box)[:, :3, 3], views.state)
+        culprits = find_culprits(lines, center, poses, (met[0][of_hidden], met[1][of_hidden]))
+        state, camera = views.state[hidden], views.camera[hidden]
+        cause[state, camera], by[state, camera] = Cause.HIDDEN, culprits[hidden]
         return BoxVerdicts(cause, by, figure, visible)
+
+
+def _one_per_row(order: Rows, row: Rows, count: NDArray[np.int64], needed: int) -> Iterator[Rows]:
+    """Rounds over views that are ordered by row: in each, the next view of every row that has not got enough yet."""
+    if not len(order):
+        return
+    _, first, counts = np.unique(row[order], return_index=True, return_counts=True)
+    for turn in range(int(counts.max())):
+        asked = order[first[counts > turn] + turn]
+        asked = asked[count[row[asked]] < needed]
+        if len(asked):
+            yield asked
+
+
+def _of_lines(pairs: Pairs, lines: Rows) -> Pairs:
+    """The pairs of some of the sight lines."""
+    wanted = np.isin(pairs[0], lines)
+    return pairs[0][wanted], pairs[1][wanted]

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import coal
 import numpy as np
@@ -16,6 +15,9 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, cross, transform
 from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
+
+Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Sight lines and the solids they are paired with, by index, ordered by sight line."""
 
 SKIN = 1e-3
 """By how much a box is shrunk on every side before its sight is tested [m].
@@ -98,9 +100,7 @@ def hull_planes(eyes: Array, corners: Array) -> Array:
     return planes
 
 
-def near_pairs(
-    lines: SightLines, poses: SolidPoses, solids: Sequence[int]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def near_pairs(lines: SightLines, poses: SolidPoses, solids: Sequence[int]) -> Pairs:
     """Pairs (sight line, index of solid) whose hull and bounding volume may touch, ordered by sight line."""
     if not len(lines.state) or not solids:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
@@ -108,10 +108,10 @@ def near_pairs(
     count = int(lines.state.max()) + 1
     corners = np.empty((len(solids), count, 8, 3))
     centers = np.empty((3, len(solids), count))
-    for row, index in enumerate(solids):
+    for number, index in enumerate(solids):
         solid, X_WP = poses.solids[index], poses.pose(index)[:count]
-        corners[row] = transform(X_WP, solid.corners)
-        centers[:, row] = transform(X_WP, solid.center[None])[:, 0].T
+        corners[number] = transform(X_WP, solid.corners)
+        centers[:, number] = transform(X_WP, solid.center[None])[:, 0].T
     x, y, z = centers[:, :, lines.state]
     reach = np.array([poses.solids[index].radius for index in solids])[:, None] + TOUCH
     near = np.ones(x.shape, dtype=bool)
@@ -143,21 +143,11 @@ class HullTester:
         self._request = coal.CollisionRequest()
         self._result = coal.CollisionResult()
 
-    def hits(
-        self,
-        lines: SightLines,
-        poses: SolidPoses,
-        pairs: tuple[NDArray[np.int64], NDArray[np.int64]],
-        *,
-        first_only: bool,
-    ) -> NDArray[np.bool_]:
-        """Whether the solid of each pair reaches into its view hull, shape (pairs,).
-
-        first_only: stop at the first hit of each sight line; the pairs after it are reported as False.
-        """
+    def met(self, lines: SightLines, poses: SolidPoses, pairs: Pairs, *, first_only: bool) -> Pairs:
+        """Those of the pairs whose solid reaches into its view hull; only the first of each line if `first_only`."""
         found = np.zeros(len(pairs[0]), dtype=bool)
         if not len(found):
-            return found
+            return pairs
         hulls = np.concatenate([lines.corners, lines.eyes[:, None]], axis=1)
         hull_of = lines.hull.tolist()
         still: dict[tuple[int, int], bool] = {}
@@ -182,15 +172,16 @@ class HullTester:
                 at = 0 if fixed else states[line]
                 self._placement.setRotation(rotations[at])
                 self._placement.setTranslation(translations[at])
-                hit = self._meets(poses.solids[index].geometry)
+                hit = self._meets(poses.solids[index])
                 if fixed:
                     still[hull, index] = hit
             found[row] = hit
             done = hit and first_only
-        return found
+        return pairs[0][found], pairs[1][found]
 
-    def _meets(self, geometry: Any) -> bool:
+    def _meets(self, solid: Solid) -> bool:
         self._result.clear()
-        return bool(
-            coal.collide(self._hull, self._at_origin, geometry, self._placement, self._request, self._result)
+        contacts: int = coal.collide(
+            self._hull, self._at_origin, solid.geometry, self._placement, self._request, self._result
         )
+        return contacts > 0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, inverse, pose
+from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.programming.sensing.occlusion import SolidPoses
 from sqrp_cli.programming.solids import Solid
@@ -46,12 +46,6 @@ class SceneStates:
 def fixed_frame(X_WF: Array | None = None) -> Array:
     """A frame that never moves, as an entry of `SceneStates.X_WF`; the world's origin by default."""
     return (pose() if X_WF is None else X_WF)[None]
-
-
-def relative(X_WA: Array, X_WB: Array) -> Array:
-    """X_AB of poses with leading dimensions m or 1."""
-    X_AB: Array = inverse(X_WA) @ X_WB
-    return X_AB
 
 
 def rows_of(values: Array, rows: NDArray[np.int64]) -> Array:

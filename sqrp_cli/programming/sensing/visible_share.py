@@ -13,12 +13,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, inverse, transform
+from sqrp_cli.geometry import Array, cross, inverse, transform
 from sqrp_cli.programming.sensing.occlusion import SolidPoses
 from sqrp_cli.programming.solids import Solid
 
 GRID = 40
 """Cells along each side of the silhouette's bounding rectangle."""
+
+TILES = 5
+"""Tiles along each side of it; a triangle is compared with whole tiles before it is with the cells in them."""
+
+_TILE = GRID // TILES
+_CELLS_OF_TILE = (np.arange(_TILE)[:, None] * GRID + np.arange(_TILE)).reshape(-1)
+
+_SLACK = 1 + 1e-6
+"""Factor on the size of tiles, far above the rounding of what is compared with their edges."""
+
+_BATCH = 2048
+"""Pairs of triangle and tile whose cells are compared together: about what fits the cache."""
 
 _CHUNK = 64
 """Sight lines that are sampled together, to bound the memory."""
@@ -87,13 +99,13 @@ def _chunk_shares(
     grid = _Grid.over(image.min(axis=1), image.max(axis=1))
     leaves = _exit_depths(X_CB, corners_B, grid)
     silhouette = leaves > 0
-    blocked = np.zeros(silhouette.shape, dtype=bool)
+    blocked = ~silhouette
     for index in np.unique(pairs[1]).tolist():
         lines = pairs[0][pairs[1] == index]
         X_WP = poses.pose(index)
         X_CP = X_CW[lines] @ X_WP[state[lines] if len(X_WP) > 1 else np.zeros_like(lines)]
         _block(blocked, lines, X_CP, poses.solids[index], grid, leaves)
-    seen: Array = (silhouette & ~blocked).sum(axis=1) / np.maximum(silhouette.sum(axis=1), 1)
+    seen: Array = (~blocked).sum(axis=1) / np.maximum(silhouette.sum(axis=1), 1)
     return seen
 
 
@@ -126,10 +138,10 @@ def _block(
 ) -> None:
     """Mark the directions of `lines` that a solid's triangles block, by homogeneous edge functions.
 
-    (Olano and Greer 1997).
+    (Olano and Greer 1997). Directions that are marked already are left out.
 
-    Only triangles and cells whose bounding rectangles in the image overlap are paired; triangles that reach behind the
-    camera have no bounded image and are paired with every cell. Arrays are kept per component: reductions over an axis
+    Only triangles and tiles whose bounding rectangles in the image overlap are paired; triangles that reach behind the
+    camera have no bounded image and are paired with every tile. Arrays are kept per component: reductions over an axis
     of two or three are slow.
     """
     x, y, z = np.moveaxis(transform(X_CP, solid.vertices), -1, 0)
@@ -146,31 +158,95 @@ def _block(
     for least, most in bounds:
         reaches &= (most >= 0) & (least < GRID)
     row, face = np.nonzero(reaches)
-    if not len(row):
-        return
-
-    p = [np.stack([axis[row, corner[k, face]] for axis in (x, y, z)], axis=-1) for k in range(3)]
-    edges = [np.cross(p[k], p[(k + 1) % 3]) for k in range(3)]
-    volume = np.einsum("ti,ti->t", p[2], edges[0])
-    first_u, first_v = (np.clip(least[row, face], 0, GRID - 1).astype(np.int64) for least, _ in bounds)
-    last_u, last_v = (np.clip(most[row, face], 0, GRID - 1).astype(np.int64) for _, most in bounds)
+    triangles = _Triangles.of([np.stack([axis[row, corner[k, face]] for axis in (x, y, z)]) for k in range(3)])
+    first_u, first_v = (np.clip(least[row, face], 0, GRID - 1).astype(np.int64) // _TILE for least, _ in bounds)
+    last_u, last_v = (np.clip(most[row, face], 0, GRID - 1).astype(np.int64) // _TILE for _, most in bounds)
     across = last_v - first_v + 1
     counts = (last_u - first_u + 1) * across
     triangle = np.repeat(np.arange(len(row)), counts)
     within = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts, counts)
     step_u, step_v = np.divmod(within, across[triangle])
-    sample = (first_u[triangle] + step_u) * GRID + first_v[triangle] + step_v
-    sample += lines[row][triangle] * GRID**2
-    u, v = grid.u.reshape(-1)[sample], grid.v.reshape(-1)[sample]
-    sides = [edge[triangle, 0] * u + edge[triangle, 1] * v + edge[triangle, 2] for edge in edges]
-    inside = ((sides[0] >= 0) & (sides[1] >= 0) & (sides[2] >= 0)) | (
-        (sides[0] <= 0) & (sides[1] <= 0) & (sides[2] <= 0)
-    )
-    hit = np.flatnonzero(inside)
-    total = sides[0][hit] + sides[1][hit] + sides[2][hit]
-    depth = volume[triangle[hit]] / np.where(total == 0, np.inf, total)
-    hit = hit[(depth > 0) & (depth < leaves.reshape(-1)[sample[hit]])]
-    blocked.reshape(-1)[sample[hit]] = True
+    tile_u, tile_v = first_u[triangle] + step_u, first_v[triangle] + step_v
+    line = lines[row][triangle]
+
+    depths = np.where(blocked, np.inf, leaves).reshape(-1, TILES, _TILE, TILES, _TILE)
+    soonest = depths.min(axis=(2, 4))
+    latest = np.where(np.isinf(depths), 0.0, depths).max(axis=(2, 4))
+    some, all_ = triangles.over_tiles(triangle, grid, line, tile_u, tile_v, (soonest, latest))
+    full = np.zeros_like(soonest, dtype=bool)
+    full[line[all_], tile_u[all_], tile_v[all_]] = True
+    blocked.reshape(-1, TILES, _TILE, TILES, _TILE)[...] |= full[:, :, None, :, None]
+    left = np.flatnonzero(some & ~full[line, tile_u, tile_v])
+    origin = line * GRID**2 + (tile_u * GRID + tile_v) * _TILE
+    for start in range(0, len(left), _BATCH):
+        batch = left[start : start + _BATCH]
+        cells = origin[batch, None] + _CELLS_OF_TILE
+        hit = triangles.before(triangle[batch], grid.u.reshape(-1)[cells], grid.v.reshape(-1)[cells], leaves, cells)
+        blocked.reshape(-1)[cells[hit]] = True
+
+
+@dataclass(frozen=True, eq=False)
+class _Triangles:
+    """n triangles in an optical frame as homogeneous edge functions a u + b v + c, all positive inside.
+
+    edges: a, b and c of each of the three edges, shape (3, 3, n). volume: by which the sum of the edge functions is to
+    be divided to get 1 / z, shape (n,).
+    """
+
+    edges: Array
+    volume: Array
+
+    @classmethod
+    def of(cls, corners: list[Array]) -> _Triangles:
+        """Triangles of three corners, shape (3, n) each."""
+        p = [corner.T for corner in corners]
+        edges = np.stack([cross(p[k], p[(k + 1) % 3]).T for k in range(3)])
+        volume = np.einsum("tn,tn->n", corners[2], edges[0])
+        sign = np.where(volume < 0, -1.0, 1.0)
+        return cls(edges * sign, volume * sign)
+
+    def over_tiles(
+        self,
+        triangle: NDArray[np.int64],
+        grid: _Grid,
+        line: NDArray[np.int64],
+        tile_u: NDArray[np.int64],
+        tile_v: NDArray[np.int64],
+        exits: tuple[Array, Array],
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """For each pair of a triangle and a tile, whether the triangle may block some directions and does block all.
+
+        exits: least and greatest depth at which the open directions of each tile leave the box, shape
+        (l, TILES, TILES).
+        """
+        half_u, half_v = (0.5 * _TILE * grid.step[line, axis] for axis in (0, 1))
+        u = grid.low[line, 0] + (2 * tile_u + 1) * half_u
+        v = grid.low[line, 1] + (2 * tile_v + 1) * half_v
+        soonest, latest = (depths[line, tile_u, tile_v] for depths in exits)
+        some, all_ = latest > 0, np.ones(len(line), dtype=bool)
+        least, most = np.zeros(len(line)), np.zeros(len(line))
+        for a, b, c in self.edges[:, :, triangle]:
+            middle, reach = a * u + b * v + c, _SLACK * (np.abs(a) * half_u + np.abs(b) * half_v)
+            some &= middle >= -reach
+            all_ &= middle > reach
+            least += middle - reach
+            most += middle + reach
+        volume = self.volume[triangle]
+        some &= volume <= most * latest
+        all_ &= some & (volume < least * soonest)
+        return some, all_
+
+    def before(
+        self, triangle: NDArray[np.int64], u: Array, v: Array, leaves: Array, cells: NDArray[np.int64]
+    ) -> NDArray[np.bool_]:
+        """Whether each triangle lies on its directions (u, v, 1), shape (n, k) each, before they leave the box."""
+        inside, total = np.ones(u.shape, dtype=bool), np.zeros(u.shape)
+        for a, b, c in self.edges[:, :, triangle, None]:
+            side = a * u + b * v + c
+            inside &= side >= 0
+            total += side
+        depth = self.volume[triangle, None] / np.where(total > 0, total, np.inf)
+        return inside & (depth > 0) & (depth < leaves.reshape(-1)[cells])
 
 
 def _extremes(values: Array, corner: NDArray[np.int64]) -> tuple[Array, Array]:

@@ -1,0 +1,57 @@
+"""What a setting of a skill may be: a quantity within bounds, or one of a few words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.errors import nearest
+from sqrp_cli.knowledge import units
+from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
+
+SIDES = ("+x", "-x", "+y", "-y", "+z", "-z")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a setting may be: a quantity of a dimension within bounds (the lower one excluded if `above`), or a word."""
+
+    dimension: Dimension | None = None
+    least: float = -np.inf
+    most: float = np.inf
+    above: bool = False
+    words: tuple[str, ...] = ()
+
+    def complaint(self, value: Quantity | str) -> tuple[str, str] | None:
+        """What is wrong with a value, as the code and message of a problem, or None."""
+        if isinstance(value, str):
+            if value in self.words:
+                return None
+            close = nearest(value, self.words)
+            hint = f"; did you mean `{close}`?" if close else ""
+            return "wrong-value", f"found `{value}`, expected {self._expected()}{hint}"
+        if self.dimension is None or value.dimension not in (None, self.dimension):
+            found = value.dimension.name if value.dimension else f"`{value.value:g}`"
+            return "wrong-unit", f"found {found}, expected {self._expected()}"
+        if value.value < self.least or (self.above and value.value <= self.least):
+            bound = f"{'above' if self.above else 'of at least'} {self.least:g}"
+            return "wrong-value", f"found {value.value:g}, expected a value {bound}"
+        if value.value > self.most:
+            return "wrong-value", f"found {value.value:g}, expected a value of at most {self.most:g}"
+        return None
+
+    def _expected(self) -> str:
+        if self.dimension is not None:
+            return expected_quantity(self.dimension)
+        return "one of " + ", ".join(f"`{word}`" for word in self.words)
+
+
+YAW = Kind(units.ANGLE)
+SIDE = Kind(words=SIDES)
+DISTANCE = Kind(units.LENGTH, least=0.0)
+SPEED_SHARE = Kind(units.SHARE, least=0.0, most=1.0, above=True)
+SPEED = Kind(units.SPEED, least=0.0, above=True)
+ACCELERATION = Kind(units.ACCELERATION, least=0.0, above=True)
+JERK = Kind(units.JERK, least=0.0, above=True)
+DURATION = Kind(units.TIME, least=0.0, most=3600.0)

@@ -1,0 +1,359 @@
+"""Exit codes, and what stands on stdout and stderr when something is wrong."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.cli import options
+from sqrp_cli.programming import pipeline
+
+COMMANDS = ("check", "rank", "explain", "show", "schema")
+
+
+def assert_refused(outcome, *words: str) -> None:
+    """Exit 2, nothing on stdout, one message on stderr that says these words, no traceback."""
+    assert outcome.code == 2, outcome
+    assert outcome.out == ""
+    assert outcome.err.startswith("error: ")
+    assert outcome.err.count("error:") == 1
+    assert "Traceback" not in outcome.err
+    for word in words:
+        assert word in outcome.err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_is_on_stdout_and_names_every_argument(sqrp, command):
+    outcome = sqrp(command, "--help")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert f"Usage: sqrp {command}" in outcome.out
+    assert ("WORKSPACE" in outcome.out) is (command != "schema")
+
+
+def test_help_lists_every_command(sqrp):
+    outcome = sqrp("--help")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert all(command in outcome.out for command in COMMANDS)
+
+
+@pytest.mark.parametrize(
+    ("command", "wanted"),
+    [
+        ("rank", "--by --samples --dt --tolerance --program --choose --after --jobs --seed --json"),
+        ("explain", "--choose --all --samples --dt --tolerance --after --json"),
+        ("check", "--after --json"),
+        ("show", "--json"),
+    ],
+)
+def test_help_lists_the_options_of_the_contract(sqrp, command, wanted):
+    text = sqrp(command, "--help").out
+    assert [option for option in wanted.split() if option not in text] == []
+
+
+def test_version_is_printed_alone(sqrp):
+    outcome = sqrp("--version")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out.startswith("sqrp ")
+    assert len(outcome.out.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (["frobnicate"], "frobnicate"),
+        (["rnak"], "rnak"),
+        (["rank"], "WORKSPACE"),
+        (["rank", "{watch}"], "TASK"),
+        (["explain", "{watch}"], "TASK"),
+        (["show"], "WORKSPACE"),
+        (["check"], "WORKSPACE"),
+        (["show", "{watch}", "surplus"], "surplus"),
+        (["rank", "{watch}", "watch seen", "--bogus"], "--bogus"),
+        (["rank", "{watch}", "watch seen", "--by", "beauty"], "beauty"),
+        (["rank", "{watch}", "watch seen", "--by", "q_eio"], "q_eoi"),
+        (["rank", "{watch}", "watch seen", "--by"], "--by"),
+        (["rank", "{watch}", "watch seen", "--samples", "1"], "--samples"),
+        (["rank", "{watch}", "watch seen", "--samples", "0"], "--samples"),
+        (["rank", "{watch}", "watch seen", "--samples", "many"], "--samples"),
+        (["rank", "{watch}", "watch seen", "--samples", "2.5"], "--samples"),
+        (["explain", "{watch}", "watch seen", "--samples", "-3"], "--samples"),
+        (["rank", "{watch}", "watch seen", "--dt", "1ns"], "--dt"),
+        (["rank", "{watch}", "watch seen", "--dt", "1e-9"], "--dt"),
+        (["rank", "{watch}", "watch seen", "--dt", "0"], "--dt"),
+        (["rank", "{watch}", "watch seen", "--dt", "-1"], "--dt"),
+        (["rank", "{watch}", "watch seen", "--dt", "nan"], "--dt"),
+        (["rank", "{watch}", "watch seen", "--dt", "inf"], "--dt"),
+        (["rank", "{watch}", "watch seen", "--dt", "5 cm"], "--dt"),
+        (["rank", "{watch}", "watch seen", "--samples", "10", "--dt", "0.1"], "--dt"),
+        (["explain", "{watch}", "watch seen", "--samples", "10", "--tolerance", "1"], "--tolerance"),
+        (["rank", "{watch}", "watch seen", "--tolerance", "0"], "--tolerance"),
+        (["rank", "{watch}", "watch seen", "--tolerance", "nan"], "--tolerance"),
+        (["rank", "{watch}", "watch seen", "--jobs", "0"], "--jobs"),
+        (["rank", "{watch}", "watch seen", "--seed", "-1"], "--seed"),
+        (["rank", "{watch}", "watch seen", "--choose", "nobody"], "nobody"),
+        (["explain", "{watch}", "watch seen", "--choose", "nobody"], "nobody"),
+        (["explain", "{watch}", "watch cube", "--choose", "seem"], "seen"),
+        (["rank", "{watch}", ""], "task"),
+        (["rank", "{watch}", "wach seen"], "watch"),
+        (["rank", "{watch}", "watch purple"], "purple"),
+        (["rank", "{watch}", "watch sean"], "seen"),
+        (["check", "{watch}", "watch purple"], "purple"),
+        (["explain", "{watch}", "watch purple"], "purple"),
+        (["rank", "{watch}", "watch colour=green"], "colour"),
+        (["rank", "{watch}", "watch object=nobody"], "nobody"),
+        (["rank", "{tmp}/nowhere", "watch seen"], "nowhere"),
+        (["show", "{tmp}/nowhere"], "nowhere"),
+        (["check", "{tmp}/nowhere"], "nowhere"),
+        (["rank", "{watch}", "watch seen", "--after", "{tmp}/none.yaml"], "none.yaml"),
+        (["check", "{watch}", "watch seen", "--after", "{tmp}/none.yaml"], "none.yaml"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_misuse_is_refused_with_one_message(sqrp, watch, tmp_path, arguments, word):
+    filled = [argument.format(watch=watch, tmp=tmp_path) for argument in arguments]
+    assert_refused(sqrp(*filled), word)
+
+
+@pytest.mark.parametrize("arguments", [(), ("--debug",)], ids=["nothing", "debug"])
+def test_without_a_command_the_help_is_shown_and_it_is_misuse(sqrp, arguments):
+    outcome = sqrp(*arguments)
+    assert outcome.code == 2
+    assert "Traceback" not in outcome.err
+    assert "rank" in outcome.err + outcome.out or "command" in outcome.err
+
+
+@pytest.mark.parametrize("command", ["rank", "explain", "show"])
+def test_bad_input_prints_no_document(sqrp, tmp_path, command):
+    task = () if command == "show" else ("pickup green",)
+    assert_refused(sqrp(command, tmp_path / "nowhere", *task, "--json"), "nowhere")
+
+
+def test_check_tells_about_bad_input_in_its_document(sqrp, own_watch):
+    file = own_watch / "workspace.yaml"
+    file.write_text(file.read_text(encoding="utf-8").replace("latency:", "latensy:"), encoding="utf-8")
+    outcome = sqrp("check", own_watch, "--json")
+    assert outcome.code == 2
+    assert "Traceback" not in outcome.err
+    document = outcome.document
+    assert (document["schema"], document["candidates"]) == (1, [])
+    (problem,) = document["problems"]
+    assert set(problem) == {"code", "severity", "file", "line", "column", "message"}
+    assert problem["severity"] == "error"
+    assert Path(problem["file"]) == file
+    lines = file.read_text(encoding="utf-8").splitlines()
+    assert lines[problem["line"] - 1][problem["column"] - 1 :].startswith("latensy")
+    assert "latency" in problem["message"]
+
+
+def test_check_without_a_task_lists_no_candidates(sqrp, watch):
+    outcome = sqrp("check", watch, "--json")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert set(outcome.document) == {"schema", "workspace", "task", "candidates", "problems"}
+    assert (outcome.document["task"], outcome.document["candidates"]) == (None, [])
+
+
+def test_check_gives_every_candidate_its_verdict(sqrp, watch):
+    outcome = sqrp("check", watch, "watch cube", "--json")
+    assert outcome.code == 0
+    assert outcome.document["workspace"] == "watch"
+    assert outcome.document["task"] == "watch cube"
+    for candidate in outcome.document["candidates"]:
+        assert {"parameters", "feasible", "reasons", "plan", "planning"} <= set(candidate)
+        assert candidate["feasible"] is (candidate["parameters"]["object"] != "stray")
+        assert bool(candidate["reasons"]) is not candidate["feasible"]
+
+
+@pytest.mark.parametrize("command", ["check", "rank", "explain"])
+def test_no_feasible_candidate_is_exit_1(sqrp, watch, command):
+    plain = sqrp(command, watch, "watch stray")
+    assert plain.code == 1
+    assert "in_place(stray)" in " ".join(plain.out.split())
+    outcome = sqrp(command, watch, "watch stray", "--json")
+    assert outcome.code == 1
+    assert outcome.document["task"] == "watch stray"
+
+
+@pytest.mark.parametrize("command", ["check", "rank", "explain"])
+def test_one_feasible_candidate_is_exit_0(sqrp, watch, command):
+    assert sqrp(command, watch, "watch cube").code == 0
+
+
+def test_explaining_an_infeasible_candidate_is_exit_1(sqrp, watch):
+    outcome = sqrp("explain", watch, "watch cube", "--choose", "stray", "--json")
+    assert outcome.code == 1
+    assert (outcome.document["feasible"], outcome.document["samples"]) == (False, [])
+
+
+def test_choosing_an_infeasible_candidate_writes_nothing(sqrp, watch, tmp_path):
+    program = tmp_path / "program.yaml"
+    outcome = sqrp("rank", watch, "watch cube", "--program", program, "--choose", "stray")
+    assert outcome.code == 1
+    assert "stray" in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_choosing_an_infeasible_candidate_is_exit_1_without_a_program_too(sqrp, watch):
+    assert sqrp("rank", watch, "watch cube", "--choose", "stray").code == 1
+
+
+def test_choosing_an_unknown_candidate_writes_nothing_and_names_the_nearest(sqrp, watch, tmp_path):
+    program = tmp_path / "program.yaml"
+    outcome = sqrp("rank", watch, "watch cube", "--program", program, "--choose", "seem")
+    assert outcome.code == 2
+    assert "seen" in outcome.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ranking_with_no_feasible_candidate_writes_no_program(sqrp, watch, tmp_path):
+    assert sqrp("rank", watch, "watch stray", "--program", tmp_path / "program.yaml").code == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("where", ["folder", "below-a-file"])
+def test_a_program_that_cannot_be_written_is_bad_input(sqrp, watch, tmp_path, where):
+    (tmp_path / "file").write_text("mine", encoding="utf-8")
+    path = tmp_path if where == "folder" else tmp_path / "file" / "program.yaml"
+    outcome = sqrp("rank", watch, "watch seen", "--program", path)
+    assert outcome.code == 2
+    assert outcome.err.count("error:") == 1
+    assert str(path) in outcome.err
+    assert [file.name for file in tmp_path.iterdir()] == ["file"]
+    assert (tmp_path / "file").read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize("option", ["--after", "--program"])
+def test_a_stale_program_is_refused_with_the_command_that_mends_it(sqrp, own_watch, tmp_path, option):
+    program = tmp_path / "program.yaml"
+    assert sqrp("rank", own_watch, "watch seen", "--program", program).code == 0
+    before = program.read_bytes()
+    file = own_watch / "workspace.yaml"
+    file.write_text(file.read_text(encoding="utf-8").replace("near: 50 cm", "near: 51 cm"), encoding="utf-8")
+    outcome = sqrp("rank", own_watch, "watch seen", option, program)
+    assert_refused(outcome, "changed", "sqrp rank", str(program))
+    assert program.read_bytes() == before
+
+
+@pytest.mark.parametrize("option", ["--after", "--program"])
+def test_a_program_of_another_workspace_is_refused(sqrp, watch, own_watch, tmp_path, option):
+    program = tmp_path / "program.yaml"
+    assert sqrp("rank", own_watch, "watch seen", "--program", program).code == 0
+    assert_refused(sqrp("rank", watch, "watch seen", option, program), str(own_watch), str(watch))
+
+
+@pytest.mark.parametrize("text", ["", "a: [1", "just words", "steps: []\n", "sqrp_program: 1\nworkspace: 3\n"])
+def test_a_file_that_is_no_program_is_refused(sqrp, watch, tmp_path, text):
+    program = tmp_path / "program.yaml"
+    program.write_text(text, encoding="utf-8")
+    outcome = sqrp("rank", watch, "watch seen", "--after", program)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert str(program) in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+def test_json_is_one_document_and_nothing_else(sqrp_process, tabletop):
+    for arguments in (("rank", tabletop, "pickup green"), ("show", tabletop), ("check", tabletop, "pickup green")):
+        outcome = sqrp_process(*arguments, "--json")
+        assert (outcome.code, outcome.err) == (0, "")
+        assert outcome.document["schema"] == 1
+
+
+def test_schema_is_json_schema_of_a_workspace(sqrp):
+    outcome = sqrp("schema")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert {"robot", "cameras", "objects"} <= set(outcome.document["properties"])
+
+
+def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
+    finished = pipeline.Assignment.assess
+
+    def interrupted_at_the_third(assignment, candidate):
+        if candidate.name == "near":
+            signal.raise_signal(signal.SIGINT)
+        return finished(assignment, candidate)
+
+    monkeypatch.setattr(pipeline.Assignment, "assess", interrupted_at_the_third)
+    outcome = sqrp("rank", watch, "watch cube", "--json")
+    assert outcome.code == 130
+    assert [c["parameters"]["object"] for c in outcome.document["candidates"]] == ["seen", "turned"]
+    assert "Traceback" not in outcome.err
+    plain = sqrp("rank", watch, "watch cube")
+    assert plain.code == 130
+    assert "turned" in plain.out
+
+
+def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
+    def interrupted(*_):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(pipeline.Assignment, "assess", interrupted)
+    for command in ("rank", "explain"):
+        outcome = sqrp(command, watch, "watch cube")
+        assert outcome.code == 130
+        assert "Traceback" not in outcome.err
+
+
+def test_ctrl_c_ends_a_process_with_130_and_no_traceback(watch):
+    # Every candidate waits, so that the signal certainly comes in between.
+    program = (
+        "import time\nfrom sqrp_cli.programming import pipeline\n"
+        "def slow(*_):\n    print('ready', flush=True)\n    time.sleep(60)\n"
+        "pipeline.Assignment.assess = slow\nfrom sqrp_cli.cli.main import main\nmain()"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "rank", str(watch), "watch cube"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+    )
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+
+
+def test_an_internal_error_is_one_line_and_exit_70(sqrp, watch, monkeypatch):
+    def broken(_):
+        raise RuntimeError("the moon is in the way")
+
+    monkeypatch.setattr(options, "open_workspace", broken)
+    monkeypatch.setattr("sqrp_cli.cli.show.open_workspace", broken, raising=False)
+    outcome = sqrp("show", watch, "--json")
+    assert (outcome.code, outcome.out) == (70, "")
+    assert len(outcome.err.splitlines()) == 1
+    assert "the moon is in the way" in outcome.err
+    assert "--debug" in outcome.err
+    with pytest.raises(RuntimeError, match="moon"):
+        sqrp("--debug", "show", watch)
+
+
+def test_a_reader_that_leaves_early_is_no_error(watch):
+    program = "from sqrp_cli.cli.main import main\nmain()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "explain", str(watch), "watch cube", "--all", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+    )
+    assert process.stdout.read(10)
+    process.stdout.close()
+    assert process.wait(timeout=60) in (0, 141)
+    assert process.stderr.read() == ""
+    process.stderr.close()
+
+
+def test_the_installed_script_runs_from_any_folder(tmp_path, watch):
+    script = Path(sys.executable).with_name("sqrp")
+    finished = subprocess.run(
+        [str(script), "rank", os.path.relpath(watch, tmp_path), "watch seen", "--json"],
+        cwd=tmp_path, capture_output=True, encoding="utf-8", check=False,
+    )  # fmt: skip
+    assert finished.returncode == 0, finished.stderr
+    assert json.loads(finished.stdout)["workspace"] == "watch"
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,227 @@
+"""`show --json`: what was understood of a workspace, against what its files say."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+Document = dict[str, Any]
+
+CELLS = ("tabletop", "harsh", "watch")
+COEFFICIENTS = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
+SIZES = {"box": 3, "cylinder": 2, "capsule": 2}
+
+
+@pytest.fixture(params=CELLS)
+def show(request, scenes) -> Document:
+    document, _ = scenes[request.param]
+    return document
+
+
+def poses(value: Any) -> list[Any]:
+    """Every 4x4 of numbers somewhere inside a document."""
+    if isinstance(value, dict):
+        return [found for entry in value.values() for found in poses(entry)]
+    if isinstance(value, list):
+        if len(value) == 4 and all(isinstance(row, list) and len(row) == 4 for row in value):
+            return [value]
+        return [found for entry in value for found in poses(entry)]
+    return []
+
+
+def root(show: Document) -> ElementTree.Element:
+    return ElementTree.parse(show["robot"]["urdf"]).getroot()  # noqa: S314 - our own files
+
+
+def test_the_document_has_the_fields_of_the_contract(show):
+    assert {
+        "schema", "robot", "cameras", "detectors", "objects", "opaque", "state", "skills", "tasks",
+    } <= set(show)  # fmt: skip
+    assert show["schema"] == 1
+    assert {"urdf", "package_roots", "base", "tool_frame", "joints", "home", "geometry"} <= set(show["robot"])
+    for camera in show["cameras"].values():
+        assert set(camera) == {
+            "width", "height", "K", "distortion_model", "D", "frame", "pose", "near", "far", "rate", "latency",
+        }  # fmt: skip
+    for detector in show["detectors"].values():
+        assert set(detector) == {"kind", "distance", "max_incidence", "min_pixels", "min_visible"}
+    for thing in show["objects"].values():
+        assert set(thing) == {"type", "color", "size", "pose", "fixed"}
+    for joint in show["robot"]["joints"].values():
+        assert set(joint) == {"lower", "upper", "velocity", "acceleration", "jerk"}
+
+
+def test_every_pose_is_rigid(show):
+    found = poses(show)
+    assert len(found) > len(show["cameras"])
+    for pose in found:
+        X = np.array(pose)
+        assert np.abs(X[:3, :3] @ X[:3, :3].T - np.eye(3)).max() < 1e-9
+        assert np.linalg.det(X[:3, :3]) == pytest.approx(1.0, abs=1e-9)
+        assert X[3].tolist() == [0.0, 0.0, 0.0, 1.0]
+
+
+def test_the_urdf_exists_and_has_the_joints_that_are_listed(show):
+    assert Path(show["robot"]["urdf"]).is_file()
+    joints = {joint.get("name"): joint for joint in root(show).findall("joint")}
+    assert show["robot"]["joints"]
+    for name, limits in show["robot"]["joints"].items():
+        stated = joints[name].find("limit")
+        assert joints[name].get("type") in ("revolute", "prismatic", "continuous")
+        if joints[name].get("type") != "continuous":
+            assert limits["lower"] == pytest.approx(float(stated.get("lower")))
+            assert limits["upper"] == pytest.approx(float(stated.get("upper")))
+        assert 0.0 < limits["velocity"] <= float(stated.get("velocity")) + 1e-9
+        assert limits["acceleration"] > 0.0
+        assert limits["jerk"] > 0.0
+
+
+def test_home_is_within_the_joint_limits_and_begins_every_motion(show, scenes):
+    for name, value in show["robot"]["home"].items():
+        limits = show["robot"]["joints"].get(name)
+        if limits is not None:
+            assert limits["lower"] <= value <= limits["upper"]
+    documents = next(documents for found, documents in scenes.values() if found is show)
+    for document in documents:
+        assert document["samples"][0]["q"] == pytest.approx(show["robot"]["home"], abs=1e-9)
+
+
+def test_opaque_parts_hang_on_links_of_the_urdf_or_on_objects_or_in_the_world(show):
+    links = {link.get("name") for link in root(show).findall("link")}
+    names = [part["name"] for part in show["opaque"]]
+    assert len(names) == len(set(names))
+    for part in show["opaque"]:
+        assert part["parent"] in {*links, *show["objects"], "world"}
+        assert ("shape" in part) != ("mesh" in part)
+        if "mesh" in part:
+            assert Path(part["mesh"]).is_file()
+            assert np.size(part["scale"]) in (1, 3)
+        else:
+            assert part["shape"] in (*SIZES, "sphere")
+            assert np.size(part["size"]) == SIZES.get(part["shape"], 1)
+            assert np.min(part["size"]) > 0.0
+
+
+def test_the_solid_parts_of_the_tool_are_listed_on_the_link_that_carries_it(scenes):
+    show, _ = scenes["tabletop"]
+    tool = ElementTree.parse(show["robot"]["tool"]["urdf"]).getroot()  # noqa: S314 - our own files
+    solid = [link for link in tool.findall("link") if link.find("collision") is not None]
+    carried = [part for part in show["opaque"] if part["parent"] == show["robot"]["tool"]["link"]]
+    assert {part["name"] for part in carried} == {link.get("name") for link in solid}
+    # The tool's own axis is z: its parts are cylinders whose centres lie on it, one after the other.
+    heights = [np.array(part["pose"])[:3, 3] for part in carried]
+    assert np.abs(np.array(heights)[:, :2]).max() < 1e-9
+    assert sorted(heights[i][2] for i in range(len(heights))) == pytest.approx([0.01, 0.05, 0.09], abs=1e-9)
+
+
+def test_links_of_the_robot_are_not_repeated_among_the_opaque_parts(show):
+    links = {link.get("name") for link in root(show).findall("link")}
+    assert not links & {part["name"] for part in show["opaque"]}
+
+
+def test_cameras_are_given_in_full(show):
+    links = {link.get("name") for link in root(show).findall("link")}
+    for camera in show["cameras"].values():
+        K = np.array(camera["K"])
+        assert K.shape == (3, 3)
+        assert K[2].tolist() == [0.0, 0.0, 1.0]
+        assert min(K[0, 0], K[1, 1]) > 0.0
+        assert len(camera["D"]) == COEFFICIENTS[camera["distortion_model"]]
+        assert camera["frame"] in {"world", *links}
+        assert 0.0 <= camera["near"] < (math.inf if camera["far"] is None else camera["far"])
+        assert camera["rate"] > 0.0
+        assert camera["latency"] >= 0.0
+        assert type(camera["width"]) is int
+        assert type(camera["height"]) is int
+
+
+def test_an_optical_frame_looks_along_z_with_y_down(scenes):
+    """The camera of the hand-worked cell looks along the world's x axis and is upright."""
+    show, _ = scenes["watch"]
+    camera = show["cameras"]["eye"]
+    X = np.array(camera["pose"])
+    assert X[:3, 2] == pytest.approx([1.0, 0.0, 0.0], abs=1e-12)
+    assert X[:3, 0] == pytest.approx([0.0, -1.0, 0.0], abs=1e-12)
+    assert X[:3, 1] == pytest.approx([0.0, 0.0, -1.0], abs=1e-12)
+    assert X[:3, 3] == pytest.approx([0.0, 0.0, 1.0], abs=1e-12)
+    assert camera["K"] == [[400.0, 0.0, 320.0], [0.0, 400.0, 240.0], [0.0, 0.0, 1.0]]
+    assert (camera["near"], camera["far"], camera["rate"], camera["latency"]) == (0.5, 4.0, 10.0, 0.05)
+
+
+def test_a_camera_on_the_wrist_names_its_link_and_its_lens(scenes):
+    show, _ = scenes["harsh"]
+    wrist = show["cameras"]["wrist"]
+    assert wrist["frame"] == "wrist_2_link"
+    assert np.array(wrist["pose"])[:3, 3] == pytest.approx([0.0, 0.05, 0.05], abs=1e-12)
+    assert wrist["K"] == [[150.0, 0.0, 150.0], [0.0, 155.0, 110.0], [0.0, 0.0, 1.0]]
+    assert show["cameras"]["cam3"]["distortion_model"] == "equidistant"
+    assert show["cameras"]["cam3"]["D"] == [-0.02, 0.01, -0.004, 0.001]
+
+
+def test_units_are_si_and_radians(scenes):
+    show, _ = scenes["watch"]
+    assert show["detectors"]["front"] == {
+        "kind": "aruco", "distance": [1.0, 3.0], "max_incidence": pytest.approx(math.pi / 3), "min_pixels": 10.0,
+        "min_visible": 1.0,
+    }  # fmt: skip
+    assert show["objects"]["near"]["size"] == [0.04, 0.04, 0.04]
+    assert show["robot"]["home"]["slide"] == 0.05
+    assert show["robot"]["joints"]["slide"] == {
+        "lower": 0.0, "upper": 0.2, "velocity": 0.5, "acceleration": 2.0, "jerk": 10.0,
+    }  # fmt: skip
+
+
+def test_objects_are_given_as_the_file_says(scenes):
+    show, _ = scenes["watch"]
+    assert show["objects"]["seen"] == {
+        "type": "cube", "color": "green", "size": [0.1, 0.1, 0.1], "fixed": False,
+        "pose": [[1.0, 0.0, 0.0, 2.0], [0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 1.0], [0.0, 0.0, 0.0, 1.0]],
+    }  # fmt: skip
+    turned = np.array(show["objects"]["turned"]["pose"])
+    assert turned[:2, 0] == pytest.approx([math.cos(math.radians(80)), math.sin(math.radians(80))], abs=1e-12)
+    assert show["objects"]["lost"]["pose"] is None
+    assert show["objects"]["wall"]["fixed"] is True
+    assert show["objects"]["wall"]["color"] is None
+
+
+def test_state_skills_and_tasks_are_listed(scenes):
+    show, _ = scenes["watch"]
+    assert {"in_place(seen)", "faces(seen)"} <= set(show["state"])
+    assert "in_place(stray)" not in show["state"]
+    assert (show["skills"], show["tasks"]) == (["watch"], ["watch green"])
+
+
+def test_base_is_where_the_file_puts_the_robot(scenes):
+    show, _ = scenes["watch"]
+    assert np.array(show["robot"]["base"])[:3, 3].tolist() == [0.0, -5.0, 0.0]
+    assert show["robot"]["tool_frame"] == "tip"
+
+
+def test_shapes_of_objects_are_listed_part_by_part(sqrp, watch):
+    cell = watch.parent / "cell"
+    outcome = sqrp("show", cell, "--json")
+    assert outcome.code == 0, outcome.err
+    show = outcome.document
+    tray = {part["name"]: part for part in show["opaque"] if part["parent"] == "tray"}
+    assert len(tray) == 3
+    box, cylinder, mesh = tray.values()
+    assert (box["shape"], box["size"]) == ("box", [0.2, 0.2, 0.01])
+    assert (cylinder["shape"], cylinder["size"]) == ("cylinder", [0.01, 0.05])
+    assert Path(mesh["mesh"]).is_file()
+    assert np.unique(mesh["scale"]).tolist() == [0.01]
+    assert [np.array(part["pose"])[:3, 3].tolist() for part in tray.values()] == [
+        [0.0, 0.0, -0.02], [0.09, 0.09, 0.0], [0.0, 0.0, 0.0],
+    ]  # fmt: skip
+    (cup,) = [part for part in show["opaque"] if part["parent"] == "wrist"]
+    assert (cup["shape"], cup["size"]) == ("cylinder", [0.01, 0.04])
+    assert np.array(cup["pose"])[:3, 3] == pytest.approx([0.0, 0.0, 0.005], abs=1e-12)
+    side = np.array(show["cameras"]["side"]["pose"])
+    # `convention: body`: x forward. At yaw -90 deg the camera looks along -y, with z of the world up in the image.
+    assert side[:3, 2] == pytest.approx([0.0, -1.0, 0.0], abs=1e-9)
+    assert side[:3, 1] == pytest.approx([0.0, 0.0, -1.0], abs=1e-9)
+    assert show["cameras"]["side"]["D"] == [0.1203, -0.2417, 0.0004, -0.0011, 0.0]

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.files import write_atomically
+
+
+def test_a_file_is_replaced_as_a_whole_and_nothing_else_is_left(tmp_path: Path) -> None:
+    path = tmp_path / "program.yaml"
+    path.write_text("old")
+    write_atomically(path, "new")
+    assert path.read_text() == "new"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_missing_folders_are_made(tmp_path: Path) -> None:
+    write_atomically(tmp_path / "a" / "b.txt", "text")
+    assert (tmp_path / "a" / "b.txt").read_text() == "text"
+
+
+def test_only_an_executable_file_gets_the_run_bit(tmp_path: Path) -> None:
+    write_atomically(tmp_path / "plain", "")
+    write_atomically(tmp_path / "script", "", executable=True)
+    assert not os.access(tmp_path / "plain", os.X_OK)
+    assert os.access(tmp_path / "script", os.X_OK)
+
+
+def test_a_failure_leaves_the_old_file_and_says_which_could_not_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "program.yaml"
+    path.write_text("old")
+
+    def fail(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(InputError, match="No space left on device") as caught:
+        write_atomically(path, "new")
+    assert caught.value.problems[0].place is not None
+    assert caught.value.problems[0].place.file == path
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        write_atomically(tmp_path, "text")

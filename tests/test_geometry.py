@@ -1,0 +1,89 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sqrp_cli.geometry import (
+    BOX_SIGNS,
+    axis_rotation,
+    box_corners,
+    inverse,
+    look_at,
+    pose,
+    quaternion_to_matrix,
+    read_only,
+    rpy_to_matrix,
+    transform,
+)
+
+coordinates = st.tuples(*[st.floats(-10, 10)] * 3).map(np.array)
+quaternions = (
+    st.tuples(*[st.floats(-1, 1)] * 4).map(np.array).filter(lambda quaternion: np.linalg.norm(quaternion) > 1e-3)
+)
+
+
+@given(quaternions)
+def test_a_quaternion_gives_a_rotation_and_its_negative_the_same(quaternion: np.ndarray) -> None:
+    R = quaternion_to_matrix(quaternion)
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) == pytest.approx(1.0)
+    np.testing.assert_allclose(quaternion_to_matrix(-quaternion), R, atol=1e-12)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_quaternion_about_an_axis_is_the_rotation_about_it(axis: int) -> None:
+    half = 0.35
+    quaternion = np.zeros(4)
+    quaternion[axis], quaternion[3] = np.sin(half), np.cos(half)
+    np.testing.assert_allclose(quaternion_to_matrix(quaternion), axis_rotation(axis, 2 * half), atol=1e-15)
+
+
+def test_yaw_turns_x_to_y_and_roll_turns_y_to_z_and_pitch_turns_z_to_x() -> None:
+    quarter = np.pi / 2
+    np.testing.assert_allclose(rpy_to_matrix([0, 0, quarter]) @ [1, 0, 0], [0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(rpy_to_matrix([quarter, 0, 0]) @ [0, 1, 0], [0, 0, 1], atol=1e-15)
+    np.testing.assert_allclose(rpy_to_matrix([0, quarter, 0]) @ [0, 0, 1], [1, 0, 0], atol=1e-15)
+
+
+def test_roll_is_applied_before_yaw() -> None:
+    np.testing.assert_allclose(rpy_to_matrix([np.pi / 2, 0, np.pi / 2]) @ [0, 1, 0], [0, 0, 1], atol=1e-15)
+
+
+@given(quaternions, coordinates, coordinates)
+def test_the_inverse_of_a_pose_takes_points_back(quaternion: np.ndarray, origin: np.ndarray, point: np.ndarray) -> None:
+    X_AB = pose(quaternion_to_matrix(quaternion), origin)
+    np.testing.assert_allclose(transform(inverse(X_AB), transform(X_AB, point[None]))[0], point, atol=1e-9)
+
+
+@given(coordinates, coordinates)
+def test_a_camera_that_looks_at_a_point_has_it_on_its_axis_and_stands_upright(
+    eye: np.ndarray, target: np.ndarray
+) -> None:
+    if np.linalg.norm(target - eye) < 1e-3:
+        return
+    X_WC = look_at(eye, target)
+    seen = transform(inverse(X_WC), target[None])[0]
+    np.testing.assert_allclose(seen, [0, 0, np.linalg.norm(target - eye)], atol=1e-6)
+    assert np.linalg.det(X_WC[:3, :3]) == pytest.approx(1.0)
+    assert X_WC[2, 1] <= 1e-9, "the image's y axis must not point upwards"
+
+
+def test_a_camera_that_looks_straight_down_has_the_worlds_x_axis_upwards() -> None:
+    X_WC = look_at([0, 0, 1], [0, 0, 0])
+    np.testing.assert_allclose(X_WC[:3, 1], [-1, 0, 0], atol=1e-12)
+
+
+def test_corners_run_with_x_slowest_and_z_fastest() -> None:
+    assert BOX_SIGNS[:3].tolist() == [[-1, -1, -1], [-1, -1, 1], [-1, 1, -1]]
+    np.testing.assert_allclose(box_corners([2.0, 4.0, 6.0])[[0, 7]], [[-1, -2, -3], [1, 2, 3]])
+
+
+def test_a_read_only_copy_cannot_be_written_and_does_not_follow_its_source() -> None:
+    source = [1.0, 2.0]
+    copy = read_only(source)
+    source[0] = 5.0
+    assert copy.tolist() == [1.0, 2.0]
+    with pytest.raises(ValueError, match="read-only"):
+        copy[0] = 3.0
