@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sqrp_cli.errors import Problem, expected_names
-from sqrp_cli.knowledge.skill import MotionParameter, MotionValue, Reference, Setting
 from sqrp_cli.knowledge.setting_kind import Kind
+from sqrp_cli.knowledge.skill import MotionParameter, MotionValue, Reference, Setting
 from sqrp_cli.knowledge.skill_file import ListedValues, ValueRange
 from sqrp_cli.knowledge.source import Document, KeyPath, describe
 from sqrp_cli.knowledge.units import Quantity

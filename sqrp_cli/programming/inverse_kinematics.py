@@ -36,7 +36,7 @@ SINGULAR = 1e-6
 """Smallest singular value of the Jacobian below which a solution is tried for being a point of a curve of solutions."""
 
 STARTS = 512
-"""Starting points of the search for branches of an arm with up to six joints; it goes on from what they lead to."""
+"""Starting points of the search for branches of an arm with up to six joints; what they lead to gives more."""
 
 STARTS_PER_SAMPLE = 64
 """Starting points for each redundancy sample of an arm with more joints."""
@@ -57,7 +57,7 @@ SEED_STEPS = 20
 """Steps in which an approximate solution must lead to a solution."""
 
 SEED_STARTS, SEED_SPREAD = 8, 0.5
-"""Number of starting points around an approximate solution that is far from exact, and how far off they are at most [rad]."""
+"""Starting points around an approximate solution that is far from exact, and how far off they are at most [rad]."""
 
 REDUNDANCY_SAMPLES = 8
 """Positions of the joints that are held still, one after the other, in an arm with more than six joints."""
@@ -70,8 +70,8 @@ FIRST_HELD = 2
 class IkResult:
     """Joint positions that bring the tool frame to a pose.
 
-    solutions: one per branch, within the joints' limits, in lexicographic order, shape (k, n) [rad or m]; other whole turns of a
-    joint may also be within its limits. reason: why there is none; None if there are some.
+    solutions: one per branch, within the joints' limits, in lexicographic order, shape (k, n) [rad or m]; with whole turns
+    added, some may be within the limits a second time. reason: why there is none; None if there are some.
     """
 
     solutions: Array
@@ -81,10 +81,11 @@ class IkResult:
 def all_solutions(model: RobotModel, X_WT: Array, seed: int = 0) -> IkResult:
     """All branches that bring the tool frame to X_WT, shape (4, 4), within the joints' limits.
 
-    Up to six joints: every isolated solution. Where the arm is singular and a whole curve of positions gives the same pose,
-    the points of it that are nearest to home. No more than `MOST_BRANCHES`.
-    More than six joints: the branches that remain when the joints from the third on, as many as there are too many, are held at
-    `REDUNDANCY_SAMPLES` positions: home, and positions spread over their limits that depend on `seed` alone.
+    Up to six joints: every isolated solution. Where the arm is singular and a whole curve of positions gives the same
+    pose, the points of it that are nearest to home. No more than `MOST_BRANCHES`.
+    More than six joints: the branches that remain when the joints from the third on, as many as there are too many, are
+    held at `REDUNDANCY_SAMPLES` positions: home, and positions spread over their limits that depend on `seed` alone.
+    Fewer than six: solutions exist only for the few poses, with their full orientation, that such an arm can take.
     The result does not depend on whether EAIK is installed; it only saves time, for arms with six joints.
     """
     held, samples = _redundancy(model, seed)
@@ -116,8 +117,8 @@ def _redundancy(model: RobotModel, seed: int) -> tuple[NDArray[np.bool_], Array]
 def _branches(model: RobotModel, X_WT: Array, held: NDArray[np.bool_], samples: Array) -> Array:
     """All branches, whatever the limits, as principal values, shape (k, n).
 
-    EAIK's answer is taken only where it finds something and nothing near it is close to singular: there alone it is sure
-    to be what the search finds.
+    EAIK's answer is taken only where it finds something and nothing near it is close to singular: there alone it is
+    sure to be what the search finds.
     """
     seeds = approximate_solutions(model, X_WT)
     if len(seeds):

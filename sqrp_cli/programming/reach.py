@@ -14,7 +14,7 @@ STARTS = 64
 """Starting points of the search for the closest pose that can be reached."""
 
 TURN_WEIGHTS = (1.0, 10.0, 100.0, 1000.0)
-"""Weights of an error of 1 rad against one of 1 m, in turn: the last holds the orientation to about 1e-6 rad."""
+"""Weights of an error of 1 rad against one of 1 m, in turn: the last holds the orientation to 1e-6 rad."""
 
 STEPS = 60
 """Steps of the search under each weight."""
@@ -30,8 +30,8 @@ HELD_ORIENTATION = 1e-3
 class OutOfReach:
     """The tool frame, turned as required, comes no closer to its place than `distance` [m].
 
-    too_close: whether the arm could reach places behind it: it lies in a hole of the arm's reach, as there is one around the
-    base of most arms, which cannot fold that tight. Otherwise it lies outside.
+    too_close: whether the arm could reach places behind it: it lies in a hole of the arm's reach, as there is one around
+    the base of most arms, which cannot fold that tight. Otherwise it lies outside.
     """
 
     distance: float
@@ -53,7 +53,7 @@ class WrongWayRound:
 
 @dataclass(frozen=True)
 class PastLimit:
-    """The pose can be reached but for the limit of `joint`, past which it would be by `excess` [rad, or m if it slides]."""
+    """The pose can be reached but for the limit of `joint`, which it exceeds by `excess` [rad, or m if it slides]."""
 
     joint: str
     excess: float
@@ -70,8 +70,8 @@ Unreachable = OutOfReach | WrongWayRound | PastLimit
 def why_unreachable(model: RobotModel, X_WT: Array, branches: Array) -> Unreachable:
     """Why no position within the limits brings the tool frame to X_WT, shape (4, 4).
 
-    branches: the solutions that there are whatever the limits, shape (k, n), perhaps none. With some, the limit that is in the
-    way is named for the branch that exceeds the limits least (the sum over its joints), at its worst joint.
+    branches: the solutions that there are whatever the limits, shape (k, n), perhaps none. With some, the limit that is
+    in the way is named for the branch that exceeds the limits least (the sum over its joints), at its worst joint.
     """
     if len(branches):
         excess = limit_excess(model, closest_turns(model, branches))

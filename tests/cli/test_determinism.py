@@ -1,0 +1,100 @@
+"""The same question gets the same answer: byte for byte, whatever the process, its hash seed or its number of helpers."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from typing import Any
+
+import pytest
+
+TASK = "pickup green"
+WITHOUT_IK = "import sys\nsys.modules['eaik'] = None  # importing it raises ImportError"
+
+
+def many_objects(folder) -> None:
+    """Add so many more objects to a copy of the hand-worked cell that several processes share the work."""
+    file = folder / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+    names = [f"more{index}" for index in range(16)]
+    things = "".join(
+        f"  {name}: {{type: cube, size: [2 cm, 2 cm, 2 cm],"
+        f" pose: {{position: [1.5, {0.05 * index - 0.4:.2f}, 1.3]}}}}\n"
+        for index, name in enumerate(names)
+    )
+    facts = "".join(f"in_place({name}), faces({name}), " for name in names)
+    text = text.replace("  stray:", things + "  stray:").replace("state: [", f"state: [{facts}")
+    file.write_text(text, encoding="utf-8")
+
+
+def assert_close(first: Any, second: Any, tolerance: float, where: str = "") -> None:
+    """Equal documents, numbers up to a tolerance."""
+    assert type(first) is type(second), where
+    if isinstance(first, dict):
+        assert list(first) == list(second), where
+        for name in first:
+            assert_close(first[name], second[name], tolerance, f"{where}.{name}")
+    elif isinstance(first, list):
+        assert len(first) == len(second), where
+        for index, (one, other) in enumerate(zip(first, second, strict=True)):
+            assert_close(one, other, tolerance, f"{where}[{index}]")
+    elif isinstance(first, float):
+        assert math.isclose(first, second, rel_tol=0.0, abs_tol=tolerance), f"{where}: {first} {second}"
+    else:
+        assert first == second, where
+
+
+def test_a_second_run_in_the_same_process_prints_the_same_bytes(sqrp, tabletop, ranked):
+    assert sqrp("rank", tabletop, TASK, "--json") == ranked
+
+
+def test_the_workspace_may_be_given_as_folder_or_file(sqrp, tabletop, ranked):
+    assert sqrp("rank", tabletop / "workspace.yaml", TASK, "--json").out == ranked.out
+
+
+@pytest.mark.parametrize("hash_seed", ["1", "2"])
+def test_another_process_with_another_hash_seed_prints_the_same_bytes(sqrp_process, tabletop, ranked, hash_seed):
+    outcome = sqrp_process("rank", tabletop, TASK, "--json", PYTHONHASHSEED=hash_seed)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert outcome.out == ranked.out
+
+
+def test_explain_prints_the_same_bytes_in_another_process(sqrp_process, tabletop, explained):
+    outcome = sqrp_process("explain", tabletop, TASK, "--all", "--json", PYTHONHASHSEED="3")
+    assert (outcome.code, outcome.err) == (0, "")
+    digests = [hashlib.sha256(out.encode()).hexdigest() for out in (outcome.out, explained.out)]
+    assert digests[0] == digests[1]  # the texts are megabytes long
+
+
+def test_show_prints_the_same_bytes_in_another_process(sqrp_process, tabletop, shown):
+    assert sqrp_process("show", tabletop, "--json", PYTHONHASHSEED="4").out == shown.out
+
+
+def test_the_number_of_processes_changes_nothing(sqrp_process, own_watch):
+    many_objects(own_watch)
+    outcomes = [sqrp_process("rank", own_watch, "watch cube", "--json", "--jobs", jobs) for jobs in (1, 2, 3)]
+    assert [(outcome.code, outcome.err) for outcome in outcomes] == [(0, "")] * 3
+    assert len(outcomes[0].document["candidates"]) == 29
+    assert outcomes[0].out == outcomes[1].out == outcomes[2].out
+
+
+def test_the_seed_is_0_by_default(sqrp, tabletop, ranked):
+    assert sqrp("rank", tabletop, TASK, "--json", "--seed", 0).out == ranked.out
+
+
+def test_without_the_ik_extra_the_result_is_the_same(sqrp_process, tabletop, ranked):
+    outcome = sqrp_process("rank", tabletop, TASK, "--json", prelude=WITHOUT_IK)
+    assert outcome.code == 0, outcome.err
+    assert_close(outcome.document, ranked.document, 1e-6)
+
+
+def test_an_object_that_is_only_named_otherwise_changes_no_figure(sqrp, own_watch, watched):
+    for file in (own_watch / "workspace.yaml",):
+        text = file.read_text(encoding="utf-8")
+        file.write_text(text.replace("turned", "abc").replace("wall:", "shield:"), encoding="utf-8")
+    renamed = sqrp("explain", own_watch, "watch cube", "--all", "--json").document["candidates"]
+    figures = ("time", "q_avg", "q_eoi", "t_total", "t_eoi", "states", "faults")
+    by_name = {c["parameters"]["object"]: [c[figure] for figure in figures] for c in renamed}
+    for candidate in watched.document["candidates"]:
+        name = candidate["parameters"]["object"]
+        assert by_name[{"turned": "abc"}.get(name, name)] == [candidate[figure] for figure in figures]
