@@ -40,7 +40,7 @@ def command(
     if as_json:
         say_raw(as_text(check_document(name, task, found, problems)))
     else:
-        _print(name, task, problems, found)
+        _print(workspace, name, task, problems, found)
     if any(problem.severity == "error" for problem in problems):
         return ExitCode.BAD_INPUT
     if task is not None and not any(feasibility.feasible for feasibility in found):
@@ -72,7 +72,9 @@ def _check(
     return workspace.name, problems, tuple(found)
 
 
-def _print(name: str, task: str | None, problems: Sequence[Problem], found: Sequence[Feasibility]) -> None:
+def _print(
+    workspace: Path, name: str, task: str | None, problems: Sequence[Problem], found: Sequence[Feasibility]
+) -> None:
     from sqrp_cli.cli.console import Column, plain, print_problems, print_table, say
 
     print_problems(problems)
@@ -80,7 +82,7 @@ def _print(name: str, task: str | None, problems: Sequence[Problem], found: Sequ
         return
     if task is None:
         findings = f"{len(problems)} warnings" if problems else "nothing to complain about"
-        say(f"{name} is valid: {findings}. Try: sqrp rank {name} TASK")
+        say(f"{name} is valid: {findings}. Try: sqrp rank {workspace} TASK")
         return
     feasible = sum(feasibility.feasible for feasibility in found)
     say(f"{task} in {name}: {feasible} of {len(found)} candidates can be done\n")

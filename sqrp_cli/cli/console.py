@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
@@ -47,18 +48,25 @@ def diagnostics() -> Console:
 
 
 def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Styled]]) -> None:
-    """A table without frames, two spaces between columns."""
+    """A table without frames, two spaces between columns; where it does not fit, all columns are folded."""
+    console, lines = output(), list(rows)
+    widths = [
+        max((cell_len(line) for cell in cells for line in str(cell).splitlines()), default=0)
+        for cells in zip([column.title for column in columns], *lines, strict=True)
+    ]
+    fits = sum(width + 2 for column, width in zip(columns, widths, strict=True) if not column.shrink) <= console.width
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
     for column in columns:
         table.add_column(
             Text(column.title, style="bold"),
             justify="right" if column.right else "left",
-            no_wrap=not column.shrink,
+            no_wrap=not column.shrink and fits,
             overflow="fold",
         )
-    for row in rows:
-        table.add_row(*row)
-    output().print(table)
+    for cells in lines:
+        # Leading blanks, as of an empty bar, would take the place that a folded number needs.
+        table.add_row(*(cell if fits else cell[len(str(cell)) - len(str(cell).lstrip()) :] for cell in cells))
+    console.print(table)
 
 
 def say(text: Styled = "", style: str | None = None) -> None:
@@ -73,7 +81,7 @@ def say_raw(text: str) -> None:
 
 def note(text: str) -> None:
     """A line that is not part of the results."""
-    diagnostics().print(text, style="dim", markup=False)
+    diagnostics().print(text, style="dim", markup=False, soft_wrap=True)
 
 
 def print_problems(problems: Iterable[Problem]) -> None:

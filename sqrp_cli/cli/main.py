@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 
 import typer
@@ -34,16 +35,19 @@ def _print_version(wanted: bool) -> None:
 
 @app.callback()
 def options(
-    version: bool = typer.Option(  # noqa: ARG001 - its callback prints
+    version: bool = typer.Option(
         False, "--version", help="Print the version.", is_eager=True, callback=_print_version
     ),
-    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an internal error."),  # noqa: ARG001 - read by main
+    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an internal error."),
 ) -> None:
     """Options that go before the command."""
 
 
 def main() -> None:
     """Run a command and leave with its exit code."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without block characters shows `?` for them
     sys.exit(run(sys.argv[1:]))
 
 
@@ -70,14 +74,16 @@ def run(arguments: list[str]) -> int:
     except Exception as error:
         if "--debug" in arguments:
             raise
-        typer.echo(
-            f"internal error: {type(error).__name__}: {error}; run `sqrp --debug ...` for the traceback", err=True
-        )
+        what = " ".join(f"{type(error).__name__}: {error}".split())
+        typer.echo(f"internal error: {what}; run `sqrp --debug ...` for the traceback", err=True)
         return ExitCode.INTERNAL_ERROR
 
 
 def _print_usage_error(error: Exception) -> None:
     message = error.format_message() if hasattr(error, "format_message") else str(error)
+    if message.startswith("Usage:"):  # no command at all
+        typer.echo(message, err=True)
+        return
     typer.echo(f"error: {message}", err=True)
     context = getattr(error, "ctx", None)
     if context is not None:

@@ -17,19 +17,19 @@ from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, Fixe
 from sqrp_cli.programming.task import Candidate, shown
 
 _CRITERION_WORDS: dict[Criterion, str] = {
-    "q_eoi": "how well they see the events of interest (Q_eoi)",
-    "q_avg": "how well they see everything that matters (Q_avg)",
-    "time": "time",
-    "delay": "how soon a fault is noticed",
-    "expected_time": "when the task is done although a fault happened",
+    "q_eoi": "best Q_eoi first",
+    "q_avg": "best Q_avg first",
+    "time": "fastest first",
+    "delay": "soonest noticed fault first",
+    "expected_time": "soonest done after a fault first",
 }
 
 
 def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) -> None:
     """The table with a row per feasible candidate, the infeasible ones with reasons, and what to make of it."""
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
-    counts = f"{len(feasible)} of {len(ranking)} candidates feasible"
-    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {counts}, by {_CRITERION_WORDS[by]}\n"]))
+    counts = f"{len(feasible)} of {len(ranking)} candidates can be done"
+    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {counts}, {_CRITERION_WORDS[by]}\n"]))
     if feasible:
         _print_feasible(feasible)
     if feasible:

@@ -58,7 +58,7 @@ def _print_scene(cell: Cell) -> None:
         )
         for camera in workspace.cameras.values()
     ]  # fmt: skip
-    titles = ("at [m]", "pixels", "fov [deg]", "lens", "range [m]", "Hz", "ms late")
+    titles = ("at [m]", "pixels", "fov", "lens", "range [m]", "Hz", "ms")
     print_table([Column("camera"), Column("frame"), *(Column(title) for title in titles)], cameras)
     say()
     objects = [

@@ -80,11 +80,11 @@ def print_comparison(explained: Sequence[tuple[Ranked, Study | None]]) -> None:
     for ranked, study in explained:
         name = ranked.assessment.candidate.name
         if study is None:
-            say(joined([name.ljust(LABEL)[:LABEL], (f"infeasible: {ranked.assessment.reasons[0]}", "red")]))
+            say(joined([_label(name), (f"infeasible: {ranked.assessment.reasons[0]}", "red")]))
             continue
         chart = _Chart(study, longest)
         figures = f" {_percent(ranked.assessment.q_eoi)} {_percent(ranked.assessment.q_avg)}"
-        say(joined([(name.ljust(LABEL)[:LABEL], "bold"), *chart.state_signs(), figures]))
+        say(joined([(_label(name), "bold"), *chart.state_signs(), figures]))
         say(plain(" " * LABEL + chart.primitives_row()))
     say(
         plain(
@@ -94,6 +94,11 @@ def print_comparison(explained: Sequence[tuple[Ranked, Study | None]]) -> None:
     for ranked, study in explained:
         if study is not None:
             say(f"\n{ranked.assessment.candidate.name}: {ranked.assessment.verdict}")
+
+
+def _label(name: str) -> str:
+    """A name in front of a row; one that is too long gets a line of its own."""
+    return name.ljust(LABEL) if len(name) < LABEL else f"{name}\n{' ' * LABEL}"
 
 
 def _percent(quality: float | None) -> str:
@@ -142,7 +147,7 @@ class _Chart:
     """Rows over the time of one study, on a scale of `longest` seconds."""
 
     def __init__(self, study: Study, longest: float) -> None:
-        self._study, self._scale = study, WIDTH / longest
+        self._study, self._scale = study, WIDTH / max(longest, 1e-9)
         samples = study.timeline.samples
         moments = (np.arange(round(study.motion.time * self._scale)) + 0.5) / self._scale
         before = np.clip(np.searchsorted(samples.t, moments, side="right") - 1, 0, len(samples) - 2)
@@ -167,7 +172,7 @@ class _Chart:
                 signs = [SIGNS[causes[row]] if required[row] else NOT_ASKED for row in self._row]
                 seen = np.array([cause is Cause.NONE for cause in causes])
                 share = self._share(seen & required, required)
-                rows.append(joined([f"  {camera.name}".ljust(LABEL)[:LABEL], *signs, share]))
+                rows.append(joined([_label(f"  {camera.name}"), *signs, share]))
         return rows
 
     def state_signs(self) -> list[tuple[str, str]]:
@@ -188,7 +193,7 @@ class _Chart:
 
     def _coverage(self, label: str, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> Styled:
         signs = self._signs(covered, asked, np.full(len(asked), "-"))
-        return joined([(label.ljust(LABEL)[:LABEL], "bold"), *signs, self._share(covered, asked)])
+        return joined([(_label(label), "bold"), *signs, self._share(covered, asked)])
 
     def _signs(
         self, covered: NDArray[np.bool_], asked: NDArray[np.bool_], missed: NDArray[np.str_]

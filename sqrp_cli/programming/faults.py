@@ -79,7 +79,7 @@ def fault_metrics(timeline: Timeline, fault: str, interval: Stretch, recovery: R
         delay_mean=sum(w * 0.5 * (first + last) for w, (first, last) in zip(weights, delays, strict=True)),
         delay_worst=max(first for first, _ in delays),
         blind_longest=max((r.end - r.start for r in blind), default=0.0),
-        unseen=sum(w for w, r in zip(weights, ranges, strict=True) if not r.ever),
+        unseen=float(sum(w for w, r in zip(weights, ranges, strict=True) if not r.ever)),
         expected_time=sum(w * _mean_end(r, recovery, total) for w, r in zip(weights, ranges, strict=True)),
     )
 

@@ -38,6 +38,9 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
     unmet = unmet_preconditions(cell, candidate, world)
     if unmet:
         return Infeasible(unmet)
+    lost = [name for name in candidate.objects.values() if name not in world.X_WO]
+    if lost:
+        return Infeasible(tuple(f"it is not known where `{name}` is" for name in lost))
     workspace, skill = cell.workspace, candidate.skill
     return plan_motion(skill, candidate.objects, candidate.motion, workspace.objects, world, cell.model, cell.collision)
 

@@ -114,8 +114,12 @@ class TargetGrounder:
         X_TO: Array = inverse(X_WT) @ self.world.X_WO[name]
         return X_TO
 
+    @property
+    def _tool_parts(self) -> tuple[str, ...]:
+        return tuple(part.name for part in self.model.parts if part.parent in self.model.tool_links)
+
     def _enclosed(self, spec: BoxSpec, thing: str, binding: Mapping[str, str]) -> frozenset[str]:
         if spec.encloses is None:
             return frozenset({thing} if thing in self.objects else ())
         named = [binding.get(name, name) for name in spec.encloses if name != TOOL]
-        return frozenset([*named, *(self.model.tool_links if TOOL in spec.encloses else ())])
+        return frozenset([*named, *(self._tool_parts if TOOL in spec.encloses else ())])

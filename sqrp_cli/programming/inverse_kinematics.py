@@ -44,6 +44,9 @@ STARTS_PER_SAMPLE = 64
 STEPS = 40
 """Steps in which a starting point must lead to a solution."""
 
+SPREAD_STARTS = 16
+"""Positions of three joints that are tried around a branch that is close to singular."""
+
 LONGEST_SLIDE = 0.2
 """Longest step along a curve of solutions [rad or m]."""
 
@@ -70,8 +73,8 @@ FIRST_HELD = 2
 class IkResult:
     """Joint positions that bring the tool frame to a pose.
 
-    solutions: one per branch, within the joints' limits, in lexicographic order, shape (k, n) [rad or m]; with whole turns
-    added, some may be within the limits a second time. reason: why there is none; None if there are some.
+    solutions: one per branch, within the joints' limits, in lexicographic order, shape (k, n) [rad or m]; with
+    whole turns added, some may be within the limits a second time. reason: why there is none; None if there are some.
     """
 
     solutions: Array
@@ -133,7 +136,9 @@ def _branches(model: RobotModel, X_WT: Array, held: NDArray[np.bool_], samples: 
         more = _distinct(model, _solutions_from(model, X_WT, starts, ~held, STEPS))
         known = len(found)
         found = _distinct(model, np.concatenate([found, _settled(model, X_WT, more, ~held)]))[:MOST_BRANCHES]
-        starts = starts[:0] if held.any() else _variations(found[known:], model.turns)
+        if held.any():
+            break
+        starts = _variations(model, found[known:])
     return found
 
 
@@ -165,22 +170,31 @@ def _solutions_from(
     steps: int,
     within: tuple[Array, Array] | None = None,
 ) -> Array:
-    """The solutions to which the search leads from starting points, shape (m, n), some perhaps several times, (k, n)."""
+    """The solutions to which the search leads from starting points (m, n), some perhaps several times, (k, n)."""
     reached, errors = descend(model, X_WT, starts, moving, steps, within=within)
     solutions, solved = _newton(model, X_WT, reached[np.abs(errors).max(axis=1) < NEARLY_SOLVED], moving)
     return solutions[solved]
 
 
-def _variations(q: Array, turning: NDArray[np.bool_]) -> Array:
-    """Starting points likely to lead from branches to others: one or two turning joints reversed or turned by half."""
-    joints = np.flatnonzero(turning).tolist()
-    variations = []
+def _variations(model: RobotModel, q: Array) -> Array:
+    """Starting points likely to lead from branches q (m, n) to others.
+
+    One or two turning joints are reversed or turned by half. Near a singularity, where branches attract little around
+    them, three consecutive turning joints also go through `SPREAD_STARTS` positions: many branches share the others.
+    """
+    joints = np.flatnonzero(model.turns).tolist()
+    variations = [q[:0]]
     for chosen in [*combinations(joints, 1), *combinations(joints, 2)]:
         reversed_q, turned_q = q.copy(), q.copy()
         reversed_q[:, chosen] *= -1.0
         turned_q[:, chosen] += np.pi
         variations += [reversed_q, turned_q]
-    return np.concatenate(variations) if variations else q[:0]
+    near = q[_smallest_singular_values(model, q, np.ones(len(model.arm), dtype=bool)) < NEAR_SINGULAR]
+    for first in range(len(joints) - 2):
+        spread = np.repeat(near, SPREAD_STARTS, axis=0)
+        spread[:, joints[first : first + 3]] += np.tile(2 * np.pi * halton(SPREAD_STARTS, 3), (len(near), 1))
+        variations.append(spread)
+    return np.concatenate(variations)
 
 
 def _newton(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
@@ -191,7 +205,7 @@ def _newton(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_])
         if np.abs(errors).max(initial=0.0) < POLISHED:
             break
         J = J * moving
-        normal = np.swapaxes(J, 1, 2) @ J + 1e-13 * np.eye(q.shape[1])
+        normal = np.swapaxes(J, 1, 2) @ J + 1e-12 * np.eye(q.shape[1])
         q = q + np.linalg.solve(normal, np.swapaxes(J, 1, 2) @ errors[:, :, None])[..., 0]
     else:
         errors = pose_errors(model.tool_poses_and_jacobians(q)[0], X_WT)
@@ -201,8 +215,8 @@ def _newton(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_])
 def _settled(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> Array:
     """The solutions q (m, n) with those on curves of solutions moved along them to where they are nearest to home.
 
-    Each step goes along the curve's tangent, the null space of the Jacobian, and Newton's method leads back to the curve;
-    steps are halved when they turn round. An isolated singular solution has no curve, so that it does not get away.
+    Each step goes along the curve's tangent, the null space of the Jacobian, and Newton's method leads back to the
+    curve; steps are halved when they turn round. An isolated singular solution has no curve and does not get away.
     """
     settled: Array = q.copy()
     rows = np.flatnonzero(_smallest_singular_values(model, q, moving) < SINGULAR)
@@ -214,10 +228,10 @@ def _settled(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]
         points = settled[rows]
         tangents = np.zeros_like(points)
         tangents[:, moving] = np.linalg.svd(model.tool_poses_and_jacobians(points)[1][:, :, moving])[2][:, -1]
-        steps = (tangents * _principal(model.home - points, model.turns)).sum(axis=1, keepdims=True) * tangents
-        length = np.linalg.norm(steps, axis=1)
-        longest = np.where((steps * previous).sum(axis=1) < 0.0, 0.5 * np.minimum(longest, length), longest)
-        steps *= np.minimum(1.0, longest / np.maximum(length, 1e-12))[:, None]
+        slides = (tangents * _principal(model.home - points, model.turns)).sum(axis=1, keepdims=True) * tangents
+        length = np.linalg.norm(slides, axis=1)
+        longest = np.where((slides * previous).sum(axis=1) < 0.0, 0.5 * np.minimum(longest, length), longest)
+        steps = slides * np.minimum(1.0, longest / np.maximum(length, 1e-12))[:, None]
         reached, solved = _newton(model, X_WT, points + steps, moving)
         went = ((reached - points) * steps).sum(axis=1) > 0.5 * (steps**2).sum(axis=1)
         going = solved & went & (np.linalg.norm(steps, axis=1) > 1e-9)
@@ -228,8 +242,7 @@ def _settled(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]
 
 def _smallest_singular_values(model: RobotModel, q: Array, moving: NDArray[np.bool_]) -> Array:
     J = model.tool_poses_and_jacobians(q)[1][:, :, moving]
-    values: Array = np.linalg.svd(J, compute_uv=False)[:, -1]
-    return values
+    return np.asarray(np.linalg.svd(J, compute_uv=False)[:, -1], dtype=float)
 
 
 def _principal(q: Array, turns: NDArray[np.bool_]) -> Array:
@@ -254,7 +267,8 @@ def _within_limits(model: RobotModel, q: Array) -> Array:
     """Those of the branches that whole turns can bring within the limits, brought there; unchanged where they are."""
     turned = closest_turns(model, q)
     turned = turned[limit_excess(model, turned).max(axis=1, initial=0.0) <= SOLVED]
-    return np.clip(turned, model.lower, model.upper)
+    inside: Array = np.clip(turned, model.lower, model.upper)
+    return inside
 
 
 def _sorted(q: Array) -> Array:

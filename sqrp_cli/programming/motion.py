@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 
@@ -182,7 +182,7 @@ class _Planner:
             solutions = all_solutions(self._model, move.X_end)
             configurations = list(solutions.solutions)
             if not configurations:
-                self._failures.append((section.first - 1, f"{move.name}: `{move.to}` {solutions.reason}"))
+                self._failures.append((section.first - 1, f"{move.name} to `{move.to}`: {solutions.reason}"))
         branches = []
         lost = False
         for q in self._clear_ends(section, configurations):
@@ -202,8 +202,8 @@ class _Planner:
         for primitive in section.tied:
             if primitive.kind is StraightMove:
                 solutions = all_solutions(self._model, primitive.X_end)
-                if not solutions.solutions:
-                    reason = f"{primitive.name}: `{primitive.to}` {solutions.reason}"
+                if not len(solutions.solutions):
+                    reason = f"{primitive.name} to `{primitive.to}`: {solutions.reason}"
                     self._failures.insert(0, (len(self._skill.primitives), reason))
 
     def _clear_ends(self, section: _Section, configurations: Sequence[Array]) -> list[Array]:
@@ -300,7 +300,7 @@ def _sections(primitives: Sequence[GroundPrimitive]) -> list[_Section]:
     """The primitives cut before each joint move; the first section has none, and may be empty."""
     cuts = [i for i, primitive in enumerate(primitives) if primitive.kind is JointMove]
     sections = [_Section(None, 0, tuple(primitives[: cuts[0] if cuts else None]))]
-    for cut, following in zip(cuts, [*cuts[1:], len(primitives)], strict=True):
+    for cut, following in pairwise([*cuts, len(primitives)]):
         sections.append(_Section(primitives[cut], cut + 1, tuple(primitives[cut + 1 : following])))
     return sections
 

@@ -67,7 +67,8 @@ def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[Gro
                 pieces += [piece(primitive, t, t) for t in moments if _same(t, left)]
                 pieces.append(piece(primitive, left, right))
     last_primitive, end = len(spans) - 1, spans[-1][1]
-    return (*pieces, *(piece(last_primitive, t, t) for t in moments if _same(t, end)))
+    pieces += [piece(last_primitive, t, t) for t in moments if _same(t, end)]
+    return tuple(pieces) or (piece(last_primitive, end, end),)
 
 
 def monitored_time(formulas: Sequence[GroundFormula]) -> float:

@@ -49,6 +49,7 @@ def descend(
     once its error is below 1e-10.
     """
     weights = np.repeat([1.0, turn_weight], 3)
+    least_damping = _LEAST_DAMPING * max(1.0, turn_weight) ** 2  # above the rounding of the normal equations
     targets = np.broadcast_to(X_target, (len(starts), 4, 4))
     q = starts if within is None else np.clip(starts, *within)
     q_all, e_all = q.copy(), np.empty((len(q), 6))
@@ -82,7 +83,7 @@ def descend(
         q, e = np.where(better[:, None], q_next, q), np.where(better[:, None], e_next, e)
         J = np.where(better[:, None, None], J_next * weights[:, None], J)
         cost = np.where(better, cost_next, cost)
-        damping = np.clip(damping * np.where(better, 0.2, 4.0), _LEAST_DAMPING, _MOST_DAMPING)
+        damping = np.clip(damping * np.where(better, 0.2, 4.0), least_damping, _MOST_DAMPING)
         q_all[rows], e_all[rows] = q, e
     return q_all, e_all
 

@@ -14,7 +14,7 @@ STARTS = 64
 """Starting points of the search for the closest pose that can be reached."""
 
 TURN_WEIGHTS = (1.0, 10.0, 100.0, 1000.0)
-"""Weights of an error of 1 rad against one of 1 m, in turn: the last holds the orientation to 1e-6 rad."""
+"""Weights of an error of 1 rad against one of 1 m, in turn; the last holds it to 1e-6 rad."""
 
 STEPS = 60
 """Steps of the search under each weight."""
@@ -30,8 +30,8 @@ HELD_ORIENTATION = 1e-3
 class OutOfReach:
     """The tool frame, turned as required, comes no closer to its place than `distance` [m].
 
-    too_close: whether the arm could reach places behind it: it lies in a hole of the arm's reach, as there is one around
-    the base of most arms, which cannot fold that tight. Otherwise it lies outside.
+    too_close: whether the arm could reach places behind it: it lies in a hole of the arm's reach, such as the one
+    around the base of most arms, which cannot fold that tight. Otherwise it lies outside.
     """
 
     distance: float
@@ -124,7 +124,9 @@ def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> boo
     legs = np.diff(np.concatenate([model.joint_origins(q), model.tool_pose(q)[None, :3, 3]]), axis=0)
     farthest = 2 * float(np.linalg.norm(legs, axis=1).sum())
     beyond = np.tile(X_WT, (PLACES_BEYOND, 1, 1))
-    beyond[:, :3, 3] += np.linspace(0.0, farthest, PLACES_BEYOND)[:, None] * missing / np.linalg.norm(missing)
+    beyond[:, :3, 3] += (
+        np.linspace(0.0, farthest, PLACES_BEYOND)[:, None] * missing / max(float(np.linalg.norm(missing)), 1e-12)
+    )
     starts = np.concatenate([q[None], spread_starts(model, STARTS_BEYOND - 1)])
     everything = np.ones(len(q), dtype=bool)
     _, errors = descend(

@@ -54,14 +54,15 @@ def under_calibration_errors(
     timeline = study.timeline
     found = []
     for draw in range(DRAWS):
-        observer = _perturbed(cell.observer, calibration, draw)
+        observer = perturbed(cell.observer, calibration, draw)
         times = (timeline.T, timeline.T_eoi)
         seen = observe(study.stage, observer, study.targets, timeline.faults, sampling, times, full=False)
         found.append(Qualities.of(seen))
     return tuple(found)
 
 
-def _perturbed(observer: Observer, calibration: Calibration, draw: int) -> Observer:
+def perturbed(observer: Observer, calibration: Calibration, draw: int) -> Observer:
+    """The cameras with the errors of one draw; the same solids."""
     random = np.random.default_rng([calibration.seed, draw])
     errors = random.normal(size=(len(observer.cameras), 6))
     cameras = (

@@ -82,7 +82,7 @@ def sqrp() -> Callable[..., Outcome]:
 
 @pytest.fixture(scope="session")
 def sqrp_process() -> Callable[..., Outcome]:
-    """Runs a command in a process of its own; `prelude` is Python that runs before it, the rest goes to its environment."""
+    """Runs a command in a process of its own; `prelude` is Python that runs before it, other keywords are variables."""
     return _start
 
 
@@ -139,7 +139,7 @@ def _read_tabletop() -> dict[str, Any]:
 def harsh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tabletop made hard to see.
 
-    Lenses of every kind, a camera on the wrist, narrow limits, two boxes and two cameras for a literal, nested formulas.
+    Lenses of every kind, a camera on the wrist, narrow limits, two boxes or two cameras for a literal, nested formulas.
     """
     cell = _read_tabletop()
     folder = tmp_path_factory.mktemp("harsh")

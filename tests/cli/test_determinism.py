@@ -1,4 +1,4 @@
-"""The same question gets the same answer: byte for byte, whatever the process, its hash seed or its number of helpers."""
+"""The same question gets the same answer, byte for byte, whatever the process, its hash seed or its helpers."""
 
 from __future__ import annotations
 

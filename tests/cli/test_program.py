@@ -205,7 +205,7 @@ def test_a_write_that_fails_leaves_the_old_program_as_it_was(sqrp, watch, tmp_pa
     assert outcome.code == 2
     assert "No space left" in outcome.err
     assert path.read_bytes() == before
-    assert os.listdir(tmp_path) == ["program.yaml"]
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_a_missing_folder_of_the_program_is_made(sqrp, watch, tmp_path):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, inverse, look_at, pose
+from sqrp_cli.geometry import Array, look_at, pose
 from sqrp_cli.knowledge.scene import Cylinder, Part
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula_time import GroundOperator
@@ -23,7 +23,14 @@ from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.timeline import Timeline, observe
 from sqrp_cli.programming.timing import MotionLimits, joint_move
 from sqrp_cli.trajectory import Trajectory
-from tests.programming.sensing.views import box_part, camera_pose_around, make_box, make_camera, make_detector, random_pose
+from tests.programming.sensing.views import (
+    box_part,
+    camera_pose_around,
+    make_box,
+    make_camera,
+    make_detector,
+    random_pose,
+)
 
 HOLD, PLACED = Atom("hold", ("cube",)), Atom("placed", ("cube",))
 CUBE = (0.05, 0.05, 0.05)
@@ -113,9 +120,3 @@ def watched_motion(seed: int, model: RobotModel, min_visible: float = 1.0) -> Wa
     spans = [(primitive.start, primitive.end) for primitive in motion.primitives]
     stage = Stage(model, motion, cut_into_pieces(spans, formulas), {"cube": spot})
     return WatchedMotion(stage, Observer(tuple(cameras), load_solids(parts)), targets, formulas, {"slip": (0, 1)})
-
-
-def moved_pose(X_WN: Array, X_WF: Array) -> Array:
-    """Pose in a world that lies at X_NW in a new one."""
-    moved: Array = inverse(X_WN) @ X_WF
-    return moved

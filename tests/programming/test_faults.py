@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -33,7 +35,7 @@ def noticed(story: Story, x: Array) -> tuple[Array, NDArray[np.bool_], NDArray[n
     for t, covered, response in sorted(samples, reverse=True):
         if covered:
             when[x <= t], ever[x <= t] = t + response, True
-    for (t0, first, response0), (t1, second, response1) in zip(samples[:-1], samples[1:], strict=True):
+    for (t0, first, response0), (t1, second, response1) in pairwise(samples):
         if first and second and t0 < t1:
             between = (t0 <= x) & (x <= t1)
             when[between], visible[between], ever[between] = x[between] + max(response0, response1), True, True

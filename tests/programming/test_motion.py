@@ -348,7 +348,7 @@ def test_speed_slows_joint_moves_down_and_leaves_straight_ones(cell: Cell) -> No
 def test_an_object_out_of_reach_is_infeasible_with_the_reason_of_inverse_kinematics(cell: Cell) -> None:
     result = cell.plan(world=moved(cell, cube=pose(position=(1.5, 0, 0.02))))
     assert isinstance(result, Infeasible)
-    assert re.match(r"a1: `above` .*\d m\b", result.reasons[0])
+    assert re.match(r"a1 to `above`: .*\d m\b", result.reasons[0])
 
 
 def test_an_object_of_unknown_pose_is_infeasible_and_says_so(cell: Cell) -> None:

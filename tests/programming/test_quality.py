@@ -92,4 +92,4 @@ def test_the_time_between_two_stretches_counts_neither_way() -> None:
     hold = Literal(ATOMS[0])
     story = make_story([1.0, 1.0, 1.0], (always(0, 1, hold), always(2, 3, hold)), [4], seed=0, seen=1.0)
     assert average_quality(story.timeline) == pytest.approx(1.0)
-    assert story.timeline.T == pytest.approx(2.0)
+    assert pytest.approx(2.0) == story.timeline.T

@@ -46,38 +46,42 @@ SCENES = 10
 
 @dataclass(frozen=True)
 class Difference:
-    """How far an adaptive Q is from the reference, beyond what the reference itself cannot tell. In points of Q.
+    """How far an adaptive Q is from the reference, in points.
 
-    missed: of this, what events shorter than the largest gap explain.
+    unsure: what the reference itself cannot tell, half of the steps in which it changes. missed: what events that are
+    shorter than the largest gap may explain.
     """
 
     name: str
     error: float
+    unsure: float
     missed: float
     transitions: int
 
 
-def changes(covered: NDArray[np.bool_]) -> int:
-    return int((covered[1:] != covered[:-1]).sum())
+def changed(covered: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    return covered[1:] != covered[:-1]
 
 
-def compare(name: str, adaptive: Timeline, dense: Timeline) -> Difference:
-    """The larger of the differences of Q_avg and Q_eoi."""
-    t, worst, missed = dense.samples.t, 0.0, 0.0
-    edges = np.flatnonzero(np.diff(dense.covered.astype(int)) != 0)
-    lengths = np.diff(t[edges + 1])
+def compare(name: str, adaptive: Timeline, dense: Timeline) -> tuple[Difference, ...]:
+    """The differences of Q_avg and, where there is one, Q_eoi."""
+    edges = np.flatnonzero(changed(dense.covered))
+    lengths = np.diff(dense.samples.t[edges + 1])
     short = float(lengths[lengths < adaptive.largest_gap].sum())
-    pairs = [(average_quality, dense.T, slice(None)), (interest_quality, dense.T_eoi, dense.interesting)]
-    for quality, length, rows in pairs:
-        found, reference = quality(adaptive), quality(dense)
-        if found is None or reference is None:
-            assert found == reference
+    found = []
+    for quality, length, rows in (
+        (average_quality, dense.T, np.ones(len(dense.samples), dtype=bool)),
+        (interest_quality, dense.T_eoi, dense.interesting),
+    ):
+        approximate, reference = quality(adaptive), quality(dense)
+        if approximate is None or reference is None:
+            assert approximate == reference
             continue
-        resolution = changes(dense.covered[rows]) * float(np.nanmax(dense.steps)) / length
-        error = abs(found - reference) - resolution
-        if error > worst:
-            worst, missed = error, short / length
-    return Difference(name, 100 * worst, 100 * missed, changes(dense.covered))
+        turning = changed(dense.covered) & rows[1:] & rows[:-1]
+        unsure = 0.5 * float(np.nansum(dense.steps[turning])) / length
+        error = abs(approximate - (reference + unsure))
+        found.append(Difference(name, 100 * error, 100 * unsure, 100 * short / length, int(turning.sum())))
+    return tuple(found)
 
 
 def again(cell: Cell, studied: Study, sampling: Sampling) -> Timeline:
@@ -87,16 +91,13 @@ def again(cell: Cell, studied: Study, sampling: Sampling) -> Timeline:
     return observe(studied.stage, cell.observer, studied.targets, faults, sampling, times, full=False)
 
 
-def report(title: str, found: list[Difference]) -> None:
+def judge(title: str, found: list[Difference]) -> None:
+    """Print the largest error, and assert that every one is within the tolerance that the default states."""
     largest = max(found, key=lambda difference: difference.error)
-    print(f"\n{title}: largest error of Q {largest.error:.4f} points ({largest.name}), reference of {DENSE} samples")
-    for difference in found:
-        print(f"  {difference.name}: {difference.error:.4f} points, {difference.transitions} transitions")
-
-
-def assert_within_tolerance(found: list[Difference]) -> None:
-    tolerance = 100 * DEFAULT_TOLERANCE
-    assert [d for d in found if d.error > tolerance + d.missed] == []
+    print(f"\n{title}: largest error of Q {largest.error:.4f} points ({largest.name})", end="")
+    print(f" against {DENSE} samples per primitive, which leave {max(d.unsure for d in found):.4f} points open;")
+    print(f"{sum(d.transitions for d in found)} transitions in {len(found)} values of Q")
+    assert [d for d in found if d.error > 100 * DEFAULT_TOLERANCE + d.unsure + d.missed] == []
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +109,9 @@ def cell(tabletop: Workspace) -> Cell:
 def studies(cell: Cell, tabletop: Workspace) -> Mapping[str, Study]:
     """The feasible candidates of the task that the tabletop is for."""
     world = tabletop.initial_world
-    found = {c.name: study(cell, c, world, Adaptive(), full=False) for c in read_task("pickup green", tabletop).candidates}
+    found = {
+        c.name: study(cell, c, world, Adaptive(), full=False) for c in read_task("pickup green", tabletop).candidates
+    }
     return {name: result for name, result in found.items() if isinstance(result, Study)}
 
 
@@ -116,19 +119,19 @@ def test_the_default_is_within_its_tolerance_on_every_candidate_of_the_tabletop(
     cell: Cell, studies: Mapping[str, Study]
 ) -> None:
     assert studies
-    found = [compare(name, s.timeline, again(cell, s, FixedCount(DENSE))) for name, s in studies.items()]
-    report("tabletop", found)
-    assert_within_tolerance(found)
+    found = []
+    for name, studied in studies.items():
+        found += compare(name, studied.timeline, again(cell, studied, FixedCount(DENSE)))
+    judge("tabletop", found)
 
 
 def test_the_default_is_within_its_tolerance_on_random_scenes(ur5: RobotModel) -> None:
     found = []
     for seed in range(SCENES):
         motion = watched_motion(seed, ur5)
-        found.append(compare(f"scene {seed}", motion.timeline(Adaptive()), motion.timeline(FixedCount(DENSE))))
-    report("random scenes", found)
+        found += compare(f"scene {seed}", motion.timeline(Adaptive()), motion.timeline(FixedCount(DENSE)))
     assert sum(difference.transitions for difference in found) > 2 * SCENES
-    assert_within_tolerance(found)
+    judge("random scenes", found)
 
 
 def test_a_tighter_tolerance_is_kept_too(ur5: RobotModel) -> None:
@@ -149,7 +152,7 @@ def test_the_shortfall_of_fixed_sampling_is_at_most_transitions_times_spacing(
         fine, coarse = motion.timeline(Adaptive(1e-5)), motion.timeline(sampling)
         spacing = float(np.nanmax(coarse.steps))
         length = (average_quality(fine) - average_quality(coarse)) * fine.T
-        assert abs(length) <= (changes(fine.covered) + 1e-3) * spacing
+        assert abs(length) <= (changed(fine.covered).sum() + 1e-3) * spacing
 
 
 def test_fixed_samples_are_where_they_were_asked_for(ur5: RobotModel) -> None:
@@ -224,7 +227,7 @@ def test_what_no_formula_covers_is_neither_covered_nor_counted(ur5: RobotModel) 
     watched = with_formulas(motion, always(0.0, 1.0, hold), always(time - 1.0, time, hold.negated()))
     timeline = watched.timeline(FixedCount(50))
     inside = (timeline.samples.t > 1.0 + 1e-9) & (timeline.samples.t < time - 1.0 - 1e-9)
-    assert timeline.T == pytest.approx(2.0)
+    assert pytest.approx(2.0) == timeline.T
     assert not timeline.monitored[inside].any()
     assert not timeline.covered[inside].any()
     assert 0 <= average_quality(timeline) <= 1

@@ -91,16 +91,16 @@ def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array
     hulls, hull_of = np.unique(lines.hull[pairs[0]], return_inverse=True)
     half_spaces = _hull_half_spaces(lines.corners[hulls] - lines.eyes[hulls, None])
     bits = 1 << np.arange(half_spaces.shape[1], dtype=np.int64)
-    for row, (line, index) in enumerate(zip(*(side.tolist() for side in pairs), strict=True)):
+    for number, (line, index) in enumerate(zip(*(side.tolist() for side in pairs), strict=True)):
         X_WP = _at(poses.pose(index), lines.state[line : line + 1])[0]
         vertices = transform(X_WP, poses.solids[index].vertices) - lines.eyes[lines.hull[line]]
-        space = half_spaces[hull_of[row]]
+        space = half_spaces[hull_of[number]]
         outside = (vertices @ space[:, :3].T > space[:, 3]) @ bits
         a, b, c = outside[poses.solids[index].triangles].T
         kept = vertices[poses.solids[index].triangles[(a & b & c) == 0]]
         polygons.append(kept)
-        spaces.append(np.full(len(kept), hull_of[row]))
-        of_pair.append(np.full(len(kept), row))
+        spaces.append(np.full(len(kept), hull_of[number]))
+        of_pair.append(np.full(len(kept), number))
     if polygons:
         row = np.concatenate(of_pair)
         distance = _clipped_distances(np.concatenate(polygons), half_spaces[np.concatenate(spaces)])
@@ -172,7 +172,8 @@ def _distances_to_origin(polygons: Array, counts: NDArray[np.int64], normals: Ar
     surrounded = ((turns >= 0) | ~present).all(axis=1) | ((turns <= 0) | ~present).all(axis=1)
     surrounded &= (counts > 2) & (lengths > 1e-30)
     to_plane = np.where(surrounded, np.linalg.norm(feet, axis=1), np.inf)
-    return np.minimum(to_plane, to_sides.min(axis=1))
+    distances: Array = np.minimum(to_plane, to_sides.min(axis=1))
+    return distances
 
 
 def _at(X_WP: Array, state: NDArray[np.int64]) -> Array:

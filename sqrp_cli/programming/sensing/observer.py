@@ -23,6 +23,9 @@ from sqrp_cli.programming.sensing.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid
 from sqrp_cli.programming.targets import Target, TargetBox
 
+_TOGETHER = 100
+"""Views that are tested at once even if fewer might do: below this the calls cost more than what they compute."""
+
 Rows = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
@@ -78,8 +81,7 @@ class Observer:
     def verdicts(self, target: Target, states: SceneStates, *, shares: bool = True) -> tuple[BoxVerdicts, ...]:
         """The full matrix of a target: every box, state and camera, with causes.
 
-        shares: whether to measure visible shares also where the verdict does not need them; without, they are NaN
-        there.
+        shares: whether to measure the visible shares; without, `visible` stays NaN, and only verdicts are right.
         """
         return tuple(self._box_verdicts(box, states, shares=shares) for box in target.boxes)
 
@@ -92,7 +94,7 @@ class Observer:
         count = np.zeros(len(rows), dtype=np.int64)
         if not len(rows):
             return TargetCoverage(count >= target.cameras, response)
-        within = np.logical_and.reduce([self._limits(box, states, rows).cause == Cause.NONE for box in target.boxes])
+        within = np.logical_and.reduce([self.limits(box, states, rows).cause == Cause.NONE for box in target.boxes])
         possible = within.sum(axis=0) >= target.cameras
         for tier in self._tiers():
             order, row = np.nonzero(within[tier] & possible & (count < target.cameras))
@@ -131,16 +133,17 @@ class Observer:
                 clear[blocked] = False
                 enough[blocked] &= box.detector.min_visible < 1
             partly[asked] = ~clear[asked] & enough[asked]
-            count[row[asked[clear[asked]]]] += 1
+            np.add.at(count, row[asked[clear[asked]]], 1)
         for asked in _one_per_row(order[partly[order]], row, count, target.cameras):
             enough = np.ones(len(asked), dtype=bool)
             for box, line, pairs in zip(target.boxes, lines, near, strict=True):
                 left = asked[enough]
                 met = self._tester.met(line, poses, _of_lines(pairs, left), first_only=False)
-                enough[enough] = self._shares(box, states, views, met)[left] >= box.detector.min_visible
-            count[row[asked[enough]]] += 1
+                shares = self._shares(box, states, views, met, enough=box.detector.min_visible)
+                enough[enough] = shares[left] >= box.detector.min_visible
+            np.add.at(count, row[asked[enough]], 1)
 
-    def _limits(self, box: TargetBox, states: SceneStates, rows: Rows) -> LimitVerdicts:
+    def limits(self, box: TargetBox, states: SceneStates, rows: Rows) -> LimitVerdicts:
         """Limits of every camera in the states `rows`, each array of shape (c, rows)."""
         shape = (len(self.cameras), len(rows))
         cause, side, figure = np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int8), np.empty(shape)
@@ -183,8 +186,13 @@ class Observer:
         parts = [solid.part for solid in self.solids]
         return [i for i, part in enumerate(parts) if part.parent not in box.encloses and part.name not in box.encloses]
 
-    def _shares(self, box: TargetBox, states: SceneStates, views: Views, met: Pairs) -> Array:
-        """Visible shares of a box, shape (v,); 1 where no solid is met in the view hull."""
+    def _shares(
+        self, box: TargetBox, states: SceneStates, views: Views, met: Pairs, *, enough: float | None = None
+    ) -> Array:
+        """Visible shares of a box, shape (v,); 1 where no solid is met in the view hull.
+
+        enough: if given, a share is only computed as closely as is needed to tell whether it is at least that.
+        """
         shares = np.ones(len(views.camera))
         blocked, position = np.unique(met[0], return_inverse=True)
         if len(blocked):
@@ -192,11 +200,11 @@ class Observer:
             X_WC, X_WB = self._camera_poses(states, at), rows_of(states.box_poses(box), at.state)
             corners, _ = shrink(box.size, box.normal)
             poses = states.solid_poses(self.solids)
-            shares[blocked] = visible_shares(X_WC, X_WB, corners, at.state, poses, (position, met[1]))
+            shares[blocked] = visible_shares(X_WC, X_WB, corners, at.state, poses, (position, met[1]), enough)
         return shares
 
     def _box_verdicts(self, box: TargetBox, states: SceneStates, *, shares: bool) -> BoxVerdicts:
-        limits = self._limits(box, states, np.arange(states.count))
+        limits = self.limits(box, states, np.arange(states.count))
         cause, by, figure = limits.cause.T.copy(), limits.side.T.astype(np.int64), limits.figure.T.copy()
         visible = np.full(cause.shape, np.nan)
         views = Views(*np.nonzero(limits.cause == Cause.NONE))
@@ -206,8 +214,9 @@ class Observer:
         hidden = np.zeros(len(views.camera), dtype=bool)
         hidden[met[0]] = True
         if shares or box.detector.min_visible < 1:
-            share = self._shares(box, states, views, met)
-            visible[views.state, views.camera] = share
+            share = self._shares(box, states, views, met, enough=None if shares else box.detector.min_visible)
+            if shares:
+                visible[views.state, views.camera] = share
             hidden &= (share < box.detector.min_visible) | (box.detector.min_visible >= 1)
         of_hidden = hidden[met[0]]
         center = rows_of(states.box_poses(box)[:, :3, 3], views.state)
@@ -218,8 +227,14 @@ class Observer:
 
 
 def _one_per_row(order: Rows, row: Rows, count: NDArray[np.int64], needed: int) -> Iterator[Rows]:
-    """Rounds over views that are ordered by row: in each, the next view of every row that has not got enough yet."""
-    if not len(order):
+    """Rounds over views that are ordered by row: in each, the next view of every row that has not got enough yet.
+
+    A few views make one round.
+    """
+    order = order[count[row[order]] < needed]
+    if len(order) <= _TOGETHER:
+        if len(order):
+            yield order
         return
     _, first, counts = np.unique(row[order], return_index=True, return_counts=True)
     for turn in range(int(counts.max())):
@@ -231,5 +246,7 @@ def _one_per_row(order: Rows, row: Rows, count: NDArray[np.int64], needed: int) 
 
 def _of_lines(pairs: Pairs, lines: Rows) -> Pairs:
     """The pairs of some of the sight lines."""
-    wanted = np.isin(pairs[0], lines)
-    return pairs[0][wanted], pairs[1][wanted]
+    wanted = np.zeros(pairs[0].max(initial=-1) + 1, dtype=bool)
+    wanted[lines[lines < len(wanted)]] = True
+    kept = wanted[pairs[0]]
+    return pairs[0][kept], pairs[1][kept]

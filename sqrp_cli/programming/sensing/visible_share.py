@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, cross, inverse, transform
-from sqrp_cli.programming.sensing.occlusion import SolidPoses
+from sqrp_cli.programming.sensing.occlusion import Pairs, SolidPoses
 from sqrp_cli.programming.solids import Solid
 
 GRID = 40
@@ -66,21 +66,23 @@ def visible_shares(
     corners_B: Array,
     state: NDArray[np.int64],
     poses: SolidPoses,
-    pairs: tuple[NDArray[np.int64], NDArray[np.int64]],
+    pairs: Pairs,
+    enough: float | None = None,
 ) -> Array:
     """Visible share of each sight line's box, shape (v,).
 
     X_WC: pose of the optical frame, shape (v, 4, 4). X_WB: pose of the box, shape (v, 4, 4). corners_B: corners (8, 3)
     of the shrunk box in its own frame. state: index of the state of each sight line, shape (v,). pairs: (sight line,
     solid) that reach into the view hulls; nothing else can block. All corners must lie in front of the camera.
+    enough: if given, a share is only looked at closely enough to tell whether it is at least that, and is otherwise an
+    upper bound.
     """
     shares = np.empty(len(state))
     for start in range(0, len(state), _CHUNK):
         chunk = slice(start, start + _CHUNK)
         inside = (pairs[0] >= start) & (pairs[0] < start + _CHUNK)
-        shares[chunk] = _chunk_shares(
-            X_WC[chunk], X_WB[chunk], corners_B, state[chunk], poses, (pairs[0][inside] - start, pairs[1][inside])
-        )
+        here = (pairs[0][inside] - start, pairs[1][inside])
+        shares[chunk] = _chunk_shares(X_WC[chunk], X_WB[chunk], corners_B, state[chunk], poses, here, enough)
     return shares
 
 
@@ -90,7 +92,8 @@ def _chunk_shares(
     corners_B: Array,
     state: NDArray[np.int64],
     poses: SolidPoses,
-    pairs: tuple[NDArray[np.int64], NDArray[np.int64]],
+    pairs: Pairs,
+    enough: float | None,
 ) -> Array:
     X_CW = inverse(X_WC)
     X_CB = X_CW @ X_WB
@@ -98,15 +101,31 @@ def _chunk_shares(
     image = corners_C[..., :2] / corners_C[..., 2:]
     grid = _Grid.over(image.min(axis=1), image.max(axis=1))
     leaves = _exit_depths(X_CB, corners_B, grid)
-    silhouette = leaves > 0
-    blocked = ~silhouette
+    tiles = leaves.reshape(-1, TILES, _TILE, TILES, _TILE)
+    count = (tiles > 0).sum(axis=(2, 4))
+    depths = (np.where(tiles > 0, tiles, np.inf).min(axis=(2, 4)), tiles.max(axis=(2, 4)))
+    full, touched = np.zeros(count.shape, dtype=bool), np.zeros(count.shape, dtype=bool)
+    found = []
     for index in np.unique(pairs[1]).tolist():
         lines = pairs[0][pairs[1] == index]
         X_WP = poses.pose(index)
         X_CP = X_CW[lines] @ X_WP[state[lines] if len(X_WP) > 1 else np.zeros_like(lines)]
-        _block(blocked, lines, X_CP, poses.solids[index], grid, leaves)
-    seen: Array = (~blocked).sum(axis=1) / np.maximum(silhouette.sum(axis=1), 1)
-    return seen
+        on_tiles = _on_tiles(lines, X_CP, poses.solids[index], grid, depths)
+        full[on_tiles.full] = True
+        touched[on_tiles.tile] = True
+        found.append(on_tiles)
+
+    total = np.maximum(count.sum(axis=(1, 2)), 1)
+    most = np.where(full, 0, count).sum(axis=(1, 2)) / total
+    least = np.where(full | touched, 0, count).sum(axis=(1, 2)) / total
+    settled = np.zeros(len(total), dtype=bool) if enough is None else (least >= enough) | (most < enough)
+    unknown = ~(full | settled[:, None, None])
+    blocked = leaves <= 0
+    blocked.reshape(tiles.shape)[...] |= full[:, :, None, :, None]
+    for on_tiles in found:
+        on_tiles.block_cells(unknown, grid, leaves, blocked)
+    shares: Array = (~blocked).sum(axis=1) / total
+    return shares
 
 
 def _exit_depths(X_CB: Array, corners_B: Array, grid: _Grid) -> Array:
@@ -128,23 +147,43 @@ def _exit_depths(X_CB: Array, corners_B: Array, grid: _Grid) -> Array:
     return np.where(enters <= leaves, leaves, 0.0)
 
 
-def _block(
-    blocked: NDArray[np.bool_],
-    lines: NDArray[np.int64],
-    X_CP: Array,
-    solid: Solid,
-    grid: _Grid,
-    leaves: Array,
-) -> None:
-    """Mark the directions of `lines` that a solid's triangles block, by homogeneous edge functions.
+@dataclass(frozen=True, eq=False)
+class _OnTiles:
+    """Triangles of a solid that may block some, but not all, directions of tiles.
 
-    (Olano and Greer 1997). Directions that are marked already are left out.
-
-    Only triangles and tiles whose bounding rectangles in the image overlap are paired; triangles that reach behind the
-    camera have no bounded image and are paired with every tile. Arrays are kept per component: reductions over an axis
-    of two or three are slow.
+    triangle: index of each pair's triangle. tile: its sight line and place of its tile along u and v. full: tiles of
+    which some triangle blocks every direction, likewise.
     """
-    x, y, z = np.moveaxis(transform(X_CP, solid.vertices), -1, 0)
+
+    triangles: _Triangles
+    triangle: NDArray[np.int64]
+    tile: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+    full: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+
+    def block_cells(self, unknown: NDArray[np.bool_], grid: _Grid, leaves: Array, blocked: NDArray[np.bool_]) -> None:
+        """Mark in `blocked` (l, GRID**2) the directions that the triangles block in the tiles that are unknown."""
+        left = np.flatnonzero(unknown[self.tile])
+        line, tile_u, tile_v = (index[left] for index in self.tile)
+        origin = line * GRID**2 + (tile_u * GRID + tile_v) * _TILE
+        for start in range(0, len(left), _BATCH):
+            batch = slice(start, start + _BATCH)
+            cells = origin[batch, None] + _CELLS_OF_TILE
+            u, v, leave = (values.reshape(-1)[cells] for values in (grid.u, grid.v, leaves))
+            blocked.reshape(-1)[cells[self.triangles.before(self.triangle[left[batch]], u, v, leave)]] = True
+
+
+def _on_tiles(
+    lines: NDArray[np.int64], X_CP: Array, solid: Solid, grid: _Grid, depths: tuple[Array, Array]
+) -> _OnTiles:
+    """What of a solid is before which tiles of the sight lines `lines`.
+
+    depths: least and greatest depth at which the directions of each tile leave the box, shape (l, TILES, TILES).
+
+    Only triangles and tiles whose bounding rectangles in the image overlap are compared; triangles that reach behind
+    the camera have no bounded image and are compared with every tile. Arrays are kept per component: reductions over an
+    axis of two or three are slow.
+    """
+    x, y, z = np.ascontiguousarray(np.moveaxis(transform(X_CP, solid.vertices), -1, 0))
     ahead = z > 1e-9
     safe = np.where(ahead, z, 1.0)
     corner = solid.triangles.T
@@ -154,7 +193,7 @@ def _block(
         least, most = _extremes(np.where(ahead, cell, -1.0), corner)
         bounds.append((least, np.where(ahead[:, corner].all(axis=1), most, GRID)))
     nearest, farthest = _extremes(z, corner)
-    reaches = (nearest < leaves[lines].max(axis=1)[:, None]) & (farthest > 0)
+    reaches = (nearest < depths[1][lines].max(axis=(1, 2))[:, None]) & (farthest > 0)
     for least, most in bounds:
         reaches &= (most >= 0) & (least < GRID)
     row, face = np.nonzero(reaches)
@@ -166,23 +205,13 @@ def _block(
     triangle = np.repeat(np.arange(len(row)), counts)
     within = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts, counts)
     step_u, step_v = np.divmod(within, across[triangle])
-    tile_u, tile_v = first_u[triangle] + step_u, first_v[triangle] + step_v
-    line = lines[row][triangle]
-
-    depths = np.where(blocked, np.inf, leaves).reshape(-1, TILES, _TILE, TILES, _TILE)
-    soonest = depths.min(axis=(2, 4))
-    latest = np.where(np.isinf(depths), 0.0, depths).max(axis=(2, 4))
-    some, all_ = triangles.over_tiles(triangle, grid, line, tile_u, tile_v, (soonest, latest))
-    full = np.zeros_like(soonest, dtype=bool)
-    full[line[all_], tile_u[all_], tile_v[all_]] = True
-    blocked.reshape(-1, TILES, _TILE, TILES, _TILE)[...] |= full[:, :, None, :, None]
-    left = np.flatnonzero(some & ~full[line, tile_u, tile_v])
-    origin = line * GRID**2 + (tile_u * GRID + tile_v) * _TILE
-    for start in range(0, len(left), _BATCH):
-        batch = left[start : start + _BATCH]
-        cells = origin[batch, None] + _CELLS_OF_TILE
-        hit = triangles.before(triangle[batch], grid.u.reshape(-1)[cells], grid.v.reshape(-1)[cells], leaves, cells)
-        blocked.reshape(-1)[cells[hit]] = True
+    tile = (lines[row][triangle], first_u[triangle] + step_u, first_v[triangle] + step_v)
+    some, whole = triangles.over_tiles(triangle, grid, tile, depths)
+    kept, full = np.flatnonzero(some & ~whole), np.flatnonzero(whole)
+    line, tile_u, tile_v = tile
+    return _OnTiles(
+        triangles, triangle[kept], (line[kept], tile_u[kept], tile_v[kept]), (line[full], tile_u[full], tile_v[full])
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,44 +238,40 @@ class _Triangles:
         self,
         triangle: NDArray[np.int64],
         grid: _Grid,
-        line: NDArray[np.int64],
-        tile_u: NDArray[np.int64],
-        tile_v: NDArray[np.int64],
-        exits: tuple[Array, Array],
+        tile: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
+        depths: tuple[Array, Array],
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """For each pair of a triangle and a tile, whether the triangle may block some directions and does block all.
-
-        exits: least and greatest depth at which the open directions of each tile leave the box, shape
-        (l, TILES, TILES).
-        """
+        """For each pair of a triangle and a tile, whether the triangle may block some directions and does block all."""
+        line, tile_u, tile_v = tile
         half_u, half_v = (0.5 * _TILE * grid.step[line, axis] for axis in (0, 1))
         u = grid.low[line, 0] + (2 * tile_u + 1) * half_u
         v = grid.low[line, 1] + (2 * tile_v + 1) * half_v
-        soonest, latest = (depths[line, tile_u, tile_v] for depths in exits)
-        some, all_ = latest > 0, np.ones(len(line), dtype=bool)
+        soonest, latest = (depth[tile] for depth in depths)
+        some, whole = latest > 0, np.ones(len(line), dtype=bool)
         least, most = np.zeros(len(line)), np.zeros(len(line))
         for a, b, c in self.edges[:, :, triangle]:
             middle, reach = a * u + b * v + c, _SLACK * (np.abs(a) * half_u + np.abs(b) * half_v)
             some &= middle >= -reach
-            all_ &= middle > reach
+            whole &= middle > reach
             least += middle - reach
             most += middle + reach
         volume = self.volume[triangle]
         some &= volume <= most * latest
-        all_ &= some & (volume < least * soonest)
-        return some, all_
+        whole &= some & (volume > 0) & (volume < least * soonest)
+        return some, whole
 
-    def before(
-        self, triangle: NDArray[np.int64], u: Array, v: Array, leaves: Array, cells: NDArray[np.int64]
-    ) -> NDArray[np.bool_]:
-        """Whether each triangle lies on its directions (u, v, 1), shape (n, k) each, before they leave the box."""
+    def before(self, triangle: NDArray[np.int64], u: Array, v: Array, leaves: Array) -> NDArray[np.bool_]:
+        """Whether each triangle lies on its directions (u, v, 1), shape (n, k) each, before they leave the box.
+
+        By homogeneous edge functions (Olano and Greer 1997). leaves: depths, shape (n, k).
+        """
         inside, total = np.ones(u.shape, dtype=bool), np.zeros(u.shape)
         for a, b, c in self.edges[:, :, triangle, None]:
             side = a * u + b * v + c
             inside &= side >= 0
             total += side
         depth = self.volume[triangle, None] / np.where(total > 0, total, np.inf)
-        return inside & (depth > 0) & (depth < leaves.reshape(-1)[cells])
+        return inside & (depth > 0) & (depth < leaves)
 
 
 def _extremes(values: Array, corner: NDArray[np.int64]) -> tuple[Array, Array]:

@@ -26,8 +26,8 @@ try:
 except (ImportError, AttributeError, OSError) as error:  # without libEGL, importing it fails in one of these ways
     raise ImportError(NO_SCREEN) from error
 
-NEAR, FAR = 0.005, 20.0
-"""Clipping planes [m]."""
+FAR = 20.0
+"""Far clipping plane [m]."""
 
 _HIDDEN_GROUP = 5
 
@@ -134,23 +134,26 @@ class MujocoScene:
             if geom.segid >= 0 and geom.objtype == mujoco.mjtObj.mjOBJ_GEOM:
                 self._part_of_color[geom.segid + 1] = self._part_of_geom[geom.objid]
 
-    def picture(self, X_WC: Array, low: Array, side: float) -> Picture:
-        """What an optical frame sees through the window from `low` (u, v) to `low + side` in its plane z = 1."""
+    def picture(self, X_WC: Array, low: Array, side: float, near: float) -> Picture:
+        """What an optical frame sees through the window from `low` (u, v) to `low + side` in its plane z = 1.
+
+        near: clipping plane [m]; nothing nearer is drawn. The depth is good to 6e-8 z^2 / near.
+        """
         n = self._resolution
         for camera in self._scene.camera:
             camera.pos, camera.forward, camera.up = X_WC[:3, 3], X_WC[:3, 2], -X_WC[:3, 1]
             camera.orthographic = 0
-            camera.frustum_near, camera.frustum_far = NEAR, FAR
-            camera.frustum_center = NEAR * (low[0] + side / 2)
-            camera.frustum_width = NEAR * side / 2
-            camera.frustum_top, camera.frustum_bottom = -NEAR * low[1], -NEAR * (low[1] + side)
+            camera.frustum_near, camera.frustum_far = near, FAR
+            camera.frustum_center = near * (low[0] + side / 2)
+            camera.frustum_width = near * side / 2
+            camera.frustum_top, camera.frustum_bottom = -near * low[1], -near * (low[1] + side)
         area = mujoco.MjrRect(0, 0, n, n)
         color, raw = np.empty((n, n, 3), dtype=np.uint8), np.empty((n, n), dtype=np.float32)
         mujoco.mjr_render(area, self._scene, self._context)
         mujoco.mjr_readPixels(color, raw, area, self._context)
         code = color[::-1].astype(np.int64) @ np.array([1, 256, 65536])
         # Window depth is 1 at the near plane and 0 at the far plane, linear in 1 / z.
-        depth = 1.0 / (1.0 / FAR + raw[::-1].astype(float) * (1.0 / NEAR - 1.0 / FAR))
+        depth = 1.0 / (1.0 / FAR + raw[::-1].astype(float) * (1.0 / near - 1.0 / FAR))
         centers = (np.arange(n) + 0.5) * side / n
         u, v = np.meshgrid(low[0] + centers, low[1] + centers)
         return Picture(u, v, depth, self._part_of_color[np.minimum(code, len(self._part_of_color) - 1)])
@@ -184,9 +187,7 @@ def _urdf(robot: Robot) -> str:
         for visual in link.findall("visual"):
             link.remove(visual)
     options = ElementTree.SubElement(tree, "mujoco")
-    ElementTree.SubElement(
-        options, "compiler", {"strippath": "false", "fusestatic": "false", "discardvisual": "false"}
-    )
+    ElementTree.SubElement(options, "compiler", {"strippath": "false", "fusestatic": "false", "discardvisual": "false"})
     return ElementTree.tostring(tree, encoding="unicode")
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.scene import Box, Cylinder, Part
+from sqrp_cli.knowledge.scene import Cylinder, Part
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.kinematics import RobotModel
@@ -62,8 +62,8 @@ class TestScene:
 class View:
     """One box of one scene as the renderer shows it to one camera in one state.
 
-    leaves: optical z at which each pixel's ray leaves the shrunk box, 0 outside its silhouette. blocked: where
-    something opaque lies before that. pixel: width of a pixel at the box [m].
+    center: of the box, in the optical frame [m]. leaves: optical z at which each pixel's ray leaves the shrunk box, 0
+    outside its silhouette. blocked: where something opaque lies before that. pixel: width of a pixel at the box [m].
     """
 
     name: str
@@ -71,7 +71,7 @@ class View:
     camera: int
     box: int
     X_WC: Array
-    center_C: Array
+    center: Array
     picture: Picture
     leaves: Array
     pixel: float
@@ -116,7 +116,7 @@ class View:
 
 
 def grown(mask: NDArray[np.bool_], pixels: int) -> NDArray[np.bool_]:
-    """A mask widened by so many pixels in all eight directions; beyond the picture it counts as set."""
+    """A mask widened by so many pixels in all eight directions; beyond the picture it is not set."""
     for _ in range(pixels):
         padded = np.pad(mask, 1, constant_values=False)
         mask = padded[:-2] | padded[1:-1] | padded[2:]
@@ -156,7 +156,7 @@ def random_scene(seed: int, model: RobotModel) -> TestScene:
     low, high = np.maximum(model.lower, -np.pi), np.minimum(model.upper, np.pi)
     low[1], high[1] = -2.8, -0.3
     tool = tuple(model.tool_links)
-    angles = rng.uniform(0, 2 * np.pi, 3) + (0.0, 2.0, 4.0)
+    angles = rng.uniform(0, 2 * np.pi, 3) + np.array([0.0, 2.0, 4.0])
     reach = rng.uniform(0.3, 0.7, 3)
     things = {
         f"cube{i}": pose(axis_rotation(2, 7 * angles[i]), (reach[i] * np.cos(a), reach[i] * np.sin(a), 0.025))
@@ -196,9 +196,7 @@ def random_scene(seed: int, model: RobotModel) -> TestScene:
     cameras.append(make_camera(in_hand, name="in_hand", frame="tool0"))
     wide = [replace(c, matrix=c.matrix * [[0.7, 1, 1], [1, 0.7, 1], [1, 1, 1]]) for c in cameras]
     X_TO = pose(position=(0.0, 0.0, HELD_SIZE[2] / 2))
-    return TestScene(
-        rng.uniform(low, high, (STATES, len(low))), X_TO, things, tuple(fixtures), tuple(wide), boxes
-    )
+    return TestScene(rng.uniform(low, high, (STATES, len(low))), X_TO, things, tuple(fixtures), tuple(wide), boxes)
 
 
 class Comparison:
@@ -254,7 +252,8 @@ class Comparison:
         corners_C = corners @ X_CB[:3, :3].T + X_CB[:3, 3]
         image = corners_C[:, :2] / corners_C[:, 2:]
         side = 1.04 * float((image.max(axis=0) - image.min(axis=0)).max())
-        picture = stage.picture(X_WC, (image.max(axis=0) + image.min(axis=0) - side) / 2, side)
+        near = float(corners_C[:, 2].min()) / 300
+        picture = stage.picture(X_WC, (image.max(axis=0) + image.min(axis=0) - side) / 2, side, near)
         leaves = exit_depth(picture, X_CB, low, high)
         pixel = side / RESOLUTION * float(corners_C[:, 2].mean())
         name = f"scene {self.seed}, state {state}, {self.scene.cameras[camera].name}, {box.name}"
@@ -310,13 +309,13 @@ def near_miss(view: View, share: float, hidden: bool) -> str | None:
 def true_culprit(view: View) -> int | None:
     """Index of the part to name, None where the picture does not tell for sure."""
     picture = view.picture
-    u, v = view.center_C[:2] / view.center_C[2]
+    u, v = view.center[:2] / view.center[2]
     step = picture.u[0, 1] - picture.u[0, 0]
     column, row = round((u - picture.u[0, 0]) / step), round((v - picture.v[0, 0]) / step)
     around = (slice(max(row - 1, 0), row + 2), slice(max(column - 1, 0), column + 2))
-    before = picture.depth[around] < view.center_C[2]
+    before = picture.depth[around] < view.center[2]
     parts = np.unique(picture.part[around])
-    clear = np.abs(picture.depth[around] - view.center_C[2]) > DEPTH_BAND
+    clear = np.abs(picture.depth[around] - view.center[2]) > DEPTH_BAND
     if not clear.all() or (before.any() and not (before.all() and len(parts) == 1)):
         return None
     if before.all():
@@ -357,10 +356,12 @@ def test_every_disagreement_lies_within_a_pixel_or_two_millimetres_of_the_bounda
 
 def test_visible_shares_are_right_to_two_points(tally: Tally) -> None:
     errors = np.array([error for error, _, _ in tally.share_errors])
-    print(f"\nvisible: mean error {100 * errors.mean():.3f} points, 99.9 % below {100 * np.quantile(errors, 0.999):.2f}")
+    print(
+        f"\nvisible: mean error {100 * errors.mean():.3f} points, 99.9 % below {100 * np.quantile(errors, 0.999):.2f}"
+    )
     for error, boundary, name in sorted(tally.share_errors, reverse=True)[:5]:
         print(f"  {name}: {100 * error:.2f} points, pixel boundaries {100 * boundary:.2f}")
-    assert [name for error, boundary, name in tally.share_errors if error > 0.02 + boundary / 2] == []
+    assert [name for error, _, name in tally.share_errors if error > 0.02] == []
 
 
 def test_the_part_that_hides_is_the_one_that_the_renderer_shows(tally: Tally) -> None:

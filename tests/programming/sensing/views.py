@@ -73,8 +73,6 @@ def random_pose(rng: np.random.Generator, low: Sequence[float], high: Sequence[f
 def camera_pose_around(rng: np.random.Generator, target: Array, distance: float) -> Array:
     """An optical frame at a distance [m] from a point, above its height, rolled at random, looking at the point."""
     azimuth, elevation = rng.uniform(0, 2 * np.pi), rng.uniform(0.15, 1.3)
-    direction = np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
+    direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     X_WC = look_at(target + distance * direction, target)
     return X_WC @ pose(axis_rotation(2, rng.uniform(-np.pi, np.pi)))

@@ -1,0 +1,48 @@
+"""`python -m tests.benchmarks`: what takes how long, against what else one could use."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from importlib.metadata import version
+
+PARTS = ("rank", "coverage", "growth", "candidates")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.benchmarks", description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all by default")
+    parser.add_argument("--runs", type=int, default=5, help="runs of which the median is printed (default: 5)")
+    parser.add_argument("--candidates", type=int, default=48, help="of the 1,600 to assess (default: 48)")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.parts) - set(PARTS):
+        parser.error(f"unknown part {', '.join(sorted(unknown))}")
+    parts = arguments.parts or PARTS
+
+    libraries = ("numpy", "coal", "pin", "ruckig", "mujoco", "embreex")
+    print(f"Python {platform.python_version()}, " + ", ".join(f"{name} {version(name)}" for name in libraries))
+    print(f"{platform.machine()}, {os.cpu_count()} cores, one used; wall times, median of {arguments.runs}")
+    if "rank" in parts:
+        from tests.benchmarks.startup import processes, stages
+
+        processes(arguments.runs)
+        stages(arguments.runs)
+    if "coverage" in parts:
+        from tests.benchmarks.coverage import compare
+
+        compare(arguments.runs)
+    if "growth" in parts:
+        from tests.benchmarks.coverage import grow
+
+        grow(arguments.runs)
+    if "candidates" in parts:
+        from tests.benchmarks.candidates import many
+
+        many(arguments.candidates)
+
+
+if __name__ == "__main__":
+    # One core for everybody: NumPy's linear algebra would otherwise start a thread per core.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    main()

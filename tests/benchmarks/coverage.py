@@ -1,0 +1,104 @@
+"""View hulls against rays: time and truth on the same scene in the same run."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.sensing.cause import Cause
+from tests.benchmarks import oracle
+from tests.benchmarks.peers import EmbreePeer, MujocoPeer, Peer
+from tests.benchmarks.scene import BenchmarkScene, lattice, make_scene
+from tests.benchmarks.table import milliseconds, print_table
+
+SIDES = (3, 4, 5, 6, 8, 10, 12)
+"""Lattices that are tried, in this order, until the rays are as often right as the view hulls."""
+
+
+def compare(runs: int) -> None:
+    """One table: view hulls, and each peer at 8 rays and at as many as it needs."""
+    scene = make_scene()
+    within = _within(scene)
+    truth = oracle.hidden(scene, within)
+    ours = _ours_hidden(scene)
+    agreement = _agreement(ours, truth, within)
+    full, alone = milliseconds(lambda: _ours_full(scene), runs), milliseconds(lambda: _ours_covered(scene), runs)
+    rows = [["sqrp, view hulls with causes", "", f"{full:.1f}", "1.0", f"{alone:.1f}", "1.0", f"{agreement:.2%}"]]
+    for peer in (MujocoPeer(scene), EmbreePeer(scene)):
+        reached = False
+        for side in (2, *SIDES):
+            points = lattice(side)
+            share = _agreement(peer.hidden(within, points), truth, within)
+            reached = share >= agreement
+            if side == 2 or reached or side == SIDES[-1]:
+                times = _peer_times(scene, peer, points, runs)
+                note = "" if reached or side == 2 else " (not reached)"
+                rows.append(
+                    [f"{peer.name}{note}", f"{len(points)}", f"{times[0]:.1f}", f"{times[0] / full:.1f}",
+                     f"{times[1]:.1f}", f"{times[1] / alone:.1f}", f"{share:.2%}"]
+                )  # fmt: skip
+            if reached:
+                break
+    print_table(
+        f"Coverage: {scene.states.count} states, {len(scene.observer.cameras)} cameras, {len(scene.boxes)} boxes, "
+        f"{scene.triangles:,} triangles; {within.sum():,} lines of sight",
+        ["", "rays", "full ms", "x ours", "cover ms", "x ours", "agree"],
+        rows,
+    )
+    print("  agree: with exact clipping of every triangle against every view hull; x ours: above 1 is slower than sqrp")
+
+
+def grow(runs: int) -> None:
+    """How the time grows with each measure of the scene, doubled from the benchmark's."""
+    variants: list[tuple[str, dict[str, int]]] = [
+        ("benchmark scene", {}),
+        ("320 states", {"states": 320}),
+        ("640 states", {"states": 640}),
+        ("12 cameras", {"cameras": 12}),
+        ("24 cameras", {"cameras": 24}),
+        ("6 boxes", {"boxes": 6}),
+        ("12 boxes", {"boxes": 12}),
+        ("triangles x 4", {"splits": 1}),
+        ("triangles x 16", {"splits": 2}),
+    ]
+    rows, first = [], None
+    for name, change in variants:
+        scene = make_scene(**change)
+        times = [
+            milliseconds(lambda s=scene: _ours_full(s), runs),
+            milliseconds(lambda s=scene: _ours_covered(s), runs),
+        ]
+        first = first or times
+        rows.append([name, f"{scene.triangles:,}", f"{times[0]:.1f}", f"{times[0] / first[0]:.2f}",
+                     f"{times[1]:.1f}", f"{times[1] / first[1]:.2f}"])  # fmt: skip
+    print_table("Growth", ["", "triangles", "full ms", "x", "cover ms", "x"], rows)
+
+
+def _within(scene: BenchmarkScene) -> Array:
+    """Which views pass every limit but occlusion, shape (boxes, cameras, states)."""
+    rows = np.arange(scene.states.count)
+    return np.stack([scene.observer.limits(box, scene.states, rows).cause == Cause.NONE for box in scene.boxes])
+
+
+def _ours_full(scene: BenchmarkScene) -> list[object]:
+    return [scene.observer.verdicts(target, scene.states, shares=False) for target in scene.targets]
+
+
+def _ours_hidden(scene: BenchmarkScene) -> Array:
+    verdicts = [scene.observer.verdicts(target, scene.states, shares=False)[0] for target in scene.targets]
+    return np.stack([box.cause.T == Cause.HIDDEN for box in verdicts])
+
+
+def _ours_covered(scene: BenchmarkScene) -> list[object]:
+    rows = np.arange(scene.states.count)
+    return [scene.observer.coverage(target, scene.states, rows) for target in scene.targets]
+
+
+def _peer_times(scene: BenchmarkScene, peer: Peer, points: Array, runs: int) -> tuple[float, float]:
+    """Full matrix and coverage alone [ms]; both include the limits, which are computed for the peer as for us."""
+    full = milliseconds(lambda: peer.hidden(_within(scene), points), runs)
+    return full, milliseconds(lambda: peer.covered(_within(scene), points), runs)
+
+
+def _agreement(found: Array, truth: Array, within: Array) -> float:
+    return float((found == truth)[within].mean())

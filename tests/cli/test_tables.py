@@ -1,0 +1,235 @@
+"""What the terminal shows: complete at any width, without colour, and the same whether or not it is a terminal."""
+
+from __future__ import annotations
+
+import functools
+import os
+import pty
+import re
+import subprocess
+import sys
+import unicodedata
+from pathlib import Path
+
+import pytest
+
+OUTPUTS = [
+    ("rank", "{tabletop}", "pickup green"),
+    ("explain", "{tabletop}", "pickup green"),
+    ("show", "{tabletop}"),
+    ("rank", "{watch}", "watch cube"),
+    ("explain", "{watch}", "watch cube", "--all"),
+    ("explain", "{watch}", "watch turned"),
+    ("check", "{watch}", "watch cube"),
+    ("check", "{watch}"),
+    ("show", "{watch}"),
+]
+
+RANKING = """\
+watch green in watch: 2 of 2 candidates can be done, best Q_eoi first
+
+                                             time     moved     at   all
+#    object       Q_eoi [%]       Q_avg [%]   [s]  seen [s]  worst  done
+1 *  seen    ████████ 100.0  ████████ 100.0  4.00      0.15   0.15   6.7
+2    turned  ████████ 100.0  ████▊     60.0  4.00      0.15   0.15   6.7
+"""
+
+CHECKED = """\
+watch cube in watch: 12 of 13 candidates can be done
+
+candidate  feasible  time s  why not
+seen       yes         4.00
+turned     yes         4.00
+near       yes         4.00
+far        yes         4.00
+left       yes         4.00
+right      yes         4.00
+high       yes         4.00
+low        yes         4.00
+close      yes         4.00
+distant    yes         4.00
+tiny       yes         4.00
+behind     yes         4.00
+stray      no                `watch` needs `in_place(stray)`, which does not
+                             hold; `watch` needs `faces(stray)`, which does not
+                             hold
+"""
+
+
+def plain(text: str) -> str:
+    """Lines without the blanks at their ends."""
+    return "".join(line.rstrip() + "\n" for line in text.splitlines())
+
+
+def width(line: str) -> int:
+    return sum(2 if unicodedata.east_asian_width(character) in "WF" else 1 for character in line)
+
+
+def figures(text: str) -> set[str]:
+    """The numbers with decimals in a text."""
+    return set(re.findall(r"\d+\.\d+", text))
+
+
+@pytest.fixture(params=OUTPUTS, ids=" ".join)
+def arguments(request, tabletop, watch) -> list[str]:
+    return [argument.format(tabletop=tabletop, watch=watch) for argument in request.param]
+
+
+@pytest.fixture(scope="module")
+def printed(sqrp):
+    """What a command prints at a width, once."""
+    return functools.cache(lambda columns, *arguments: sqrp(*arguments, columns=columns))
+
+
+@pytest.mark.parametrize("columns", [80, 60])
+def test_no_line_is_longer_than_the_terminal_and_none_is_cut_off(printed, arguments, columns):
+    outcome = printed(columns, *arguments)
+    assert (outcome.code, outcome.err) == (0, "")
+    for line in outcome.out.splitlines():
+        assert width(line.rstrip()) <= columns
+    assert "…" not in outcome.out
+    assert "\x1b" not in outcome.out
+
+
+def test_a_narrow_terminal_loses_nothing(printed, arguments):
+    wide, narrow = (printed(columns, *arguments).out for columns in (200, 60))
+    assert figures(wide) <= figures(narrow)
+    words = set(re.findall(r"[A-Za-z_]{3,}", wide))
+    assert words - set(re.findall(r"[A-Za-z_]{3,}", narrow)) == set()
+
+
+def test_the_ranking_is_shown_as_a_table(sqrp, watch):
+    out = plain(sqrp("rank", watch, "watch green").out)
+    assert out.startswith(RANKING)
+
+
+def test_under_the_ranking_stand_the_best_and_the_last_with_their_reasons(sqrp, watch):
+    text = " ".join(sqrp("rank", watch, "watch cube").out.split())
+    assert "seen is best: the cameras see 100.0 % of the events of interest" in text
+    assert "Last is tiny: eye sees in_place(tiny)" in text
+    assert "too small from 2.0 s to 3.0 s" in text
+
+
+def test_infeasible_candidates_are_shown_with_their_reasons(sqrp, watch, tabletop, ranked):
+    text = " ".join(sqrp("rank", watch, "watch cube").out.split())
+    assert "infeasible stray: `watch` needs `in_place(stray)`, which does not hold" in text
+    g6 = ranked.document["candidates"][-1]
+    text = " ".join(sqrp("rank", tabletop, "pickup green").out.split())
+    assert f"infeasible g6: {g6['reasons'][0]}" in text
+
+
+def test_the_table_shows_the_figures_of_the_document(sqrp, tabletop, ranked):
+    out = sqrp("rank", tabletop, "pickup green").out
+    rows = {line.split()[0 if line.split()[0] != "*" else 1]: line for line in out.splitlines() if line.strip()}
+    for candidate in ranked.document["candidates"]:
+        if not candidate["feasible"]:
+            continue
+        row = rows[str(candidate["rank"])]
+        assert candidate["parameters"]["object"] in row.split()
+        assert ("*" in row) is candidate["pareto"]
+        (fault,) = candidate["faults"].values()
+        for figure in (100 * candidate["q_eoi"], 100 * candidate["q_avg"], fault["expected_time"]):
+            assert f"{figure:.1f}" in row.split()
+        for figure in (candidate["time"], fault["delay_mean"], fault["delay_worst"]):
+            assert f"{figure:.2f}" in row.split()
+
+
+def test_check_shows_who_can_and_why_the_others_cannot(sqrp, watch):
+    assert plain(sqrp("check", watch, "watch cube").out) == CHECKED
+
+
+def test_the_command_that_check_proposes_works(sqrp, watch, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    out = " ".join(sqrp("check", os.path.relpath(watch, tmp_path)).out.split())
+    proposed = re.search(r"sqrp rank (\S+) TASK", out)
+    assert proposed, out
+    assert sqrp("rank", proposed[1], "watch seen").code == 0
+
+
+def test_the_chart_shows_when_each_literal_and_camera_is_covered(sqrp, watch):
+    lines = plain(sqrp("explain", watch, "watch turned").out).splitlines()
+    rows = {line[:18].rstrip(): line for line in lines}
+    # One sign stands for 4 s / 50: in_place matters in [0, 1.5] s and [2, 3] s, faces in [0.5, 1.5] s.
+    signs = {name: re.search(r"[█·a-]{50}", row)[0] for name, row in rows.items() if re.search(r"[█·a-]{50}", row)}
+    expected = {
+        "all literals": "█" * 6 + "-" * 13 + "·" * 6 + "█" * 12 + "·" * 13,
+        "in_place(turned)": "█" * 19 + "·" * 6 + "█" * 12 + "·" * 13,
+        "faces(turned)": "·" * 6 + "-" * 13 + "·" * 31,
+    }
+    assert {name: signs[name] for name in expected} == expected
+    assert rows["all literals"].endswith(" 60.0 %")
+    assert "·" * 6 + "a" * 13 + "·" * 31 in [match[0] for line in lines if (match := re.search(r"[█·a-]{50}", line))]
+
+
+def test_explain_says_what_hides_what_and_when(sqrp, watch):
+    text = " ".join(sqrp("explain", watch, "watch behind").out.split())
+    assert "hidden by wall" in text
+    assert "eye loses in_place(behind) behind wall from 2.0 s to 3.0 s" in text
+
+
+def test_explaining_an_infeasible_candidate_shows_all_its_reasons(sqrp, watch):
+    text = " ".join(sqrp("explain", watch, "watch cube", "--choose", "stray").out.split())
+    assert "in_place(stray)" in text
+    assert "faces(stray)" in text
+
+
+def test_long_names_are_shown_in_full(sqrp, own_watch):
+    file = own_watch / "workspace.yaml"
+    name = "turned_by_eighty_degrees_about_z"
+    file.write_text(file.read_text(encoding="utf-8").replace("turned", name), encoding="utf-8")
+    for command, *rest in (("rank",), ("explain", "--choose", name), ("explain", "--all"), ("check",)):
+        assert name in sqrp(command, own_watch, "watch green", *rest).out
+    assert f"in_place({name})" in sqrp("explain", own_watch, "watch green", "--choose", name).out
+
+
+def test_a_motion_that_takes_no_time_can_be_explained(sqrp, own_watch):
+    skill = own_watch / "watch" / "skill.yaml"
+    text = skill.read_text(encoding="utf-8")
+    targets = text[text.index("targets:") :]
+    skill.write_text("primitives:\n  - {name: w0, joint_move: home}\n" + targets, encoding="utf-8")
+    for command in ("rank", "explain"):
+        outcome = sqrp(command, own_watch, "watch seen")
+        assert outcome.code == 0, outcome.err
+        assert sqrp(command, own_watch, "watch seen", "--json").code == 0
+
+
+def in_a_terminal(arguments: list[str], columns: int) -> str:
+    """What a command prints to a terminal of its own."""
+    inside, outside = pty.openpty()
+    environment = {**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1", "TERM": "xterm"}
+    program = "from sqrp_cli.cli.main import main\nmain()"
+    process = subprocess.Popen(  # noqa: S603 - our own interpreter and program
+        [sys.executable, "-c", program, *arguments], stdout=outside, stderr=subprocess.DEVNULL, env=environment
+    )
+    os.close(outside)
+    pieces = []
+    while True:
+        try:
+            piece = os.read(inside, 65536)
+        except OSError:  # the other end is closed
+            break
+        if not piece:
+            break
+        pieces.append(piece)
+    os.close(inside)
+    assert process.wait(timeout=60) == 0
+    return b"".join(pieces).decode().replace("\r\n", "\n")
+
+
+def test_a_terminal_shows_the_same_text_as_a_file(sqrp, watch):
+    arguments = ["rank", str(watch), "watch cube"]
+    shown = re.sub(r"\x1b\[[0-9;]*m", "", in_a_terminal(arguments, 80))
+    assert plain(shown) == plain(sqrp(*arguments).out)
+
+
+def test_without_colour_no_control_characters_reach_the_terminal(watch):
+    shown = in_a_terminal(["check", str(watch)], 80)
+    assert not re.search(r"\x1b\[3[0-7]m", shown)
+    assert "watch is valid" in shown
+
+
+def test_progress_never_reaches_a_file(sqrp_process, tabletop):
+    outcome = sqrp_process("rank", tabletop, "pickup green")
+    assert outcome.err == ""
+    assert outcome.out.count("Assessing") == 0
+    assert Path(tabletop).name in outcome.out

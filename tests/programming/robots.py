@@ -1,0 +1,107 @@
+"""Robots for tests: real ones from example-robot-data, and small ones written here."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.packages import package_roots
+from sqrp_cli.knowledge.robot import JointLimits, Robot, Tool
+from sqrp_cli.knowledge.urdf import read_urdf
+from sqrp_cli.programming.kinematics import RobotModel
+
+SUCTION_CUP = Path(__file__).parents[2] / "workspaces" / "robots" / "suction_cup.urdf"
+
+_DATA = next(root for root in package_roots() if (root / "example-robot-data").is_dir())
+ROBOTS = _DATA / "example-robot-data" / "robots"
+
+REAL_ARMS = {
+    "ur3": ("ur_description/urdf/ur3_robot.urdf", "tool0"),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0"),
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", "tool0"),
+    "panda": ("panda_description/urdf/panda.urdf", "panda_hand_tcp"),
+    "xarm7": ("xarm_description/urdf/xarm7.urdf", "link_eef"),
+    "z1": ("z1_description/urdf/z1.urdf", "link06"),
+}
+"""URDF and tool frame."""
+
+
+def robot(
+    urdf: Path,
+    tool_frame: str,
+    tool: Tool | None = None,
+    X_WB: Array | None = None,
+    home: Mapping[str, float] | None = None,
+    limits: Mapping[str, tuple[float, float]] | None = None,
+) -> Robot:
+    """A robot with the position limits of its URDFs unless `limits` has others."""
+    joints = [joint for path in (urdf, *([tool.urdf] if tool else [])) for joint in read_urdf(path).movable_joints]
+    positions = {joint.name: (joint.lower, joint.upper) for joint in joints} | dict(limits or {})
+    return Robot(
+        urdf=urdf,
+        srdf=None,
+        package_roots=package_roots(),
+        X_WB=np.eye(4) if X_WB is None else X_WB,
+        tool=tool,
+        tool_frame=tool_frame,
+        home=home or {},
+        limits={
+            name: JointLimits(*ends, velocity=1.0, acceleration=2.0, jerk=10.0) for name, ends in positions.items()
+        },
+        geometry="collision",
+        disabled_pairs=frozenset(),
+    )
+
+
+@cache
+def real_arm(name: str) -> RobotModel:
+    """One of `REAL_ARMS`, without a tool, its base at the world's origin."""
+    urdf, tool_frame = REAL_ARMS[name]
+    return RobotModel.load(robot(ROBOTS / urdf, tool_frame))
+
+
+def joint(name: str, parent: str, child: str, kind: str, xyz: str, axis: str, extra: str = "") -> str:
+    """A joint of a small URDF, with limits of -3 and 3 [rad or m] unless `extra` has others."""
+    limit = (
+        ""
+        if kind in ("fixed", "continuous") or "<limit" in extra
+        else '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
+    )
+    return (
+        f'<joint name="{name}" type="{kind}"><origin xyz="{xyz}"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{axis}"/>{limit}{extra}</joint>'
+    )
+
+
+def written_urdf(path: Path, *joints: str) -> Path:
+    """A URDF of these joints with a link for every name in them."""
+    import re
+
+    links = dict.fromkeys(re.findall(r'link="(\w+)"', "".join(joints)))
+    path.write_text(
+        "<robot name='small'>" + "".join(f'<link name="{link}"/>' for link in links) + "".join(joints) + "</robot>"
+    )
+    return path
+
+
+def spherical_wrist_arm(folder: Path, upper: float, fore: float) -> Path:
+    """An arm with a shoulder and a wrist whose axes meet in one point each, joined by an elbow: reach in closed form.
+
+    The shoulder is at (0, 0, 0.5), the upper arm and the forearm have these lengths [m], the tool frame is `tip`, 0.1 m
+    from the wrist along its own z axis.
+    """
+    limit = '<limit lower="-3.1415926535" upper="3.1415926535" velocity="1" effort="1"/>'
+    return written_urdf(
+        folder / "spherical.urdf",
+        joint("j1", "base", "l1", "revolute", "0 0 0.5", "0 0 1", limit),
+        joint("j2", "l1", "l2", "revolute", "0 0 0", "0 1 0", limit),
+        joint("j3", "l2", "l3", "revolute", f"0 0 {upper}", "0 1 0", limit),
+        joint("j4", "l3", "l4", "revolute", f"0 0 {fore}", "0 0 1", limit),
+        joint("j5", "l4", "l5", "revolute", "0 0 0", "0 1 0", limit),
+        joint("j6", "l5", "l6", "revolute", "0 0 0", "0 0 1", limit),
+        joint("j7", "l6", "tip", "fixed", "0 0 0.1", "0 0 1"),
+    )

@@ -1,0 +1,238 @@
+"""Laws of the robot model, against Pinocchio's own reader, hand-rolled products and finite differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.geometry import Array, inverse, pose, rpy_to_matrix, transform
+from sqrp_cli.knowledge.robot import Tool
+from sqrp_cli.knowledge.urdf import UrdfModel, read_urdf
+from sqrp_cli.programming.kinematics import BoundingSphere, RobotModel
+from tests.programming.robots import REAL_ARMS, ROBOTS, SUCTION_CUP, joint, real_arm, robot, written_urdf
+
+SEED = st.integers(0, 2**32 - 1)
+X_WB = pose(rpy_to_matrix([0.3, -0.5, 1.2]), [1.0, -2.0, 0.5])
+X_LT = pose(rpy_to_matrix([0.1, 0.2, 0.3]), [0.01, 0.02, 0.03])
+
+
+def rotation(axis: Array, angle: float) -> Array:
+    """By the power series of the matrix exponential."""
+    x, y, z = axis
+    K = angle * np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    total = term = np.eye(3)
+    for k in range(1, 40):
+        term = term @ K / k
+        total = total + term
+    return total
+
+
+def hand_rolled_pose(urdf: UrdfModel, values: dict[str, float], link: str) -> Array:
+    """Pose of a link in the root, one joint after the other."""
+    carriers = {joint.child: joint for joint in urdf.joints.values()}
+    X = np.eye(4)
+    while link in carriers:
+        joint = carriers[link]
+        value = values.get(joint.name, 0.0)
+        motion = pose(position=value * joint.axis) if joint.type == "prismatic" else pose(rotation(joint.axis, value))
+        X, link = joint.X_PJ @ motion @ X, joint.parent
+    return X
+
+
+@pytest.mark.parametrize("name", REAL_ARMS)
+def test_link_poses_are_the_product_along_the_chain(name):
+    model, urdf = real_arm(name), read_urdf(ROBOTS / REAL_ARMS[name][0])
+    q = np.random.default_rng(0).uniform(-2.0, 2.0, (3, len(model.arm)))
+    X_WL = model.link_poses(q)
+    assert set(X_WL) == set(urdf.links) == set(model.links)
+    for row in range(3):
+        values = model.joint_values(q[row])
+        for link in urdf.links:
+            np.testing.assert_allclose(X_WL[link][row], hand_rolled_pose(urdf, values, link), atol=1e-12)
+
+
+@pytest.mark.parametrize("name", REAL_ARMS)
+def test_the_tool_is_where_pinocchio_reads_it_from_the_urdf(name):
+    model, (urdf, frame) = real_arm(name), REAL_ARMS[name]
+    oracle = pin.buildModelFromUrdf(str(ROBOTS / urdf))
+    data = oracle.createData()
+    for q in np.random.default_rng(1).uniform(-2.0, 2.0, (5, len(model.arm))):
+        values = model.joint_values(q)
+        pin.framesForwardKinematics(oracle, data, np.array([values[name] for name in list(oracle.names)[1:]]))
+        expected = data.oMf[oracle.getFrameId(frame, pin.FrameType.BODY)].homogeneous
+        np.testing.assert_allclose(model.tool_pose(q), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", REAL_ARMS)
+def test_one_at_a_time_and_many_at_once_agree(name):
+    model = real_arm(name)
+    q = np.random.default_rng(2).uniform(-2.0, 2.0, (5, len(model.arm)))
+    X_WT, J = model.tool_poses_and_jacobians(q)
+    np.testing.assert_allclose(X_WT, model.link_poses(q)[model.tool_frame], atol=1e-12)
+    for row in range(5):
+        np.testing.assert_allclose(X_WT[row], model.tool_pose(q[row]), atol=1e-12)
+        np.testing.assert_allclose(J[row], model.jacobian(q[row]), atol=1e-12)
+
+
+def finite_differences(model: RobotModel, q: Array, h: float = 1e-6) -> Array:
+    columns = []
+    for step in h * np.eye(len(q)):
+        before, after = model.tool_pose(q - step), model.tool_pose(q + step)
+        turn = (after[:3, :3] - before[:3, :3]) @ model.tool_pose(q)[:3, :3].T
+        columns.append([*(after - before)[:3, 3], turn[2, 1], turn[0, 2], turn[1, 0]])
+    return np.array(columns).T / (2 * h)
+
+
+@pytest.mark.parametrize("name", REAL_ARMS)
+def test_the_jacobian_is_the_derivative_of_the_tool_pose(name):
+    model = real_arm(name)
+    for q in np.random.default_rng(3).uniform(-2.0, 2.0, (3, len(model.arm))):
+        np.testing.assert_allclose(model.jacobian(q), finite_differences(model, q), atol=1e-8)
+
+
+def test_moving_the_base_moves_every_link_rigidly():
+    urdf, frame = REAL_ARMS["ur5"]
+    still, moved = real_arm("ur5"), RobotModel.load(robot(ROBOTS / urdf, frame, X_WB=X_WB))
+    q = np.random.default_rng(4).uniform(-2.0, 2.0, (4, 6))
+    for link, X_WL in moved.link_poses(q).items():
+        np.testing.assert_allclose(X_WL, X_WB @ still.link_poses(q)[link], atol=1e-12)
+    np.testing.assert_allclose(moved.tool_pose(q[0]), X_WB @ still.tool_pose(q[0]), atol=1e-12)
+    R = X_WB[:3, :3]
+    np.testing.assert_allclose(moved.jacobian(q[0])[:3], R @ still.jacobian(q[0])[:3], atol=1e-12)
+
+
+def test_a_tool_moves_with_the_link_that_carries_it():
+    urdf, frame = REAL_ARMS["ur5"]
+    plain, tooled = (
+        real_arm("ur5"),
+        RobotModel.load(robot(ROBOTS / urdf, "suction_tip", Tool(SUCTION_CUP, frame, X_LT))),
+    )
+    q = np.random.default_rng(5).uniform(-2.0, 2.0, 6)
+    along_z = pose(position=[0.0, 0.0, 0.02 + 0.06 + 0.02])
+    np.testing.assert_allclose(tooled.tool_pose(q), plain.tool_pose(q) @ X_LT @ along_z, atol=1e-12)
+    assert tooled.tool_links == {"suction_mount", "suction_tube", "suction_cup", "suction_tip"}
+    assert tooled.arm == plain.arm
+    assert {part.parent for part in tooled.parts} - {part.parent for part in plain.parts} == tooled.tool_links - {
+        "suction_tip"
+    }
+    np.testing.assert_allclose(tooled.jacobian(q), finite_differences(tooled, q), atol=1e-8)
+
+
+def test_neighbours_and_rigidly_connected_links_are_adjacent():
+    urdf, frame = REAL_ARMS["ur5"]
+    pairs = RobotModel.load(robot(ROBOTS / urdf, "suction_tip", Tool(SUCTION_CUP, frame, np.eye(4)))).adjacent_pairs
+    assert {
+        ("forearm_link", "upper_arm_link"),
+        ("suction_cup", "suction_tube"),
+        ("suction_cup", "wrist_3_link"),
+    } <= pairs
+    assert ("suction_cup", "wrist_2_link") in pairs
+    assert not {("forearm_link", "shoulder_link"), ("suction_cup", "wrist_1_link")} & pairs
+    assert all(first < second for first, second in pairs)
+
+
+def gantry(folder):
+    """A rail along y that lifts a turning arm; its two fingers follow each other, and one joint follows the rail."""
+    return written_urdf(
+        folder / "gantry.urdf",
+        joint("rail", "base", "cart", "prismatic", "0 0 1", "0 1 0"),
+        joint(
+            "geared", "cart", "wheel", "revolute", "0 0 0", "0 0 1", '<mimic joint="rail" multiplier="2" offset="0.5"/>'
+        ),
+        joint("turn", "wheel", "arm", "continuous", "0 0 0.3", "0 0 1"),
+        joint("mount", "arm", "hand", "fixed", "1 0 0", "0 0 1"),
+        joint(
+            "finger", "hand", "left", "prismatic", "0 0.1 0", "0 1 0", '<limit lower="0.02" upper="1" velocity="1"/>'
+        ),
+        joint("other", "hand", "right", "prismatic", "0 -0.1 0", "0 1 0", '<mimic joint="finger" multiplier="-1"/>'),
+    )
+
+
+def test_sliding_following_and_resting_joints_move_as_the_urdf_says(tmp_path):
+    model = RobotModel.load(robot(gantry(tmp_path), "hand"))
+    assert (model.arm, model.turns.tolist(), model.joints_move_alone) == (("rail", "turn"), [False, True], False)
+    assert np.isinf(model.upper[1])
+    q = np.array([0.4, 0.7])
+    values = {"rail": 0.4, "geared": 1.3, "turn": 0.7, "finger": 0.02, "other": -0.02}
+    assert model.joint_values(q) == pytest.approx(values)
+    angle = 1.3 + 0.7
+    expected = pose(rpy_to_matrix([0, 0, angle]), [np.cos(angle), 0.4 + np.sin(angle), 1.3])
+    np.testing.assert_allclose(model.tool_pose(q), expected, atol=1e-12)
+    np.testing.assert_allclose(model.jacobian(q), finite_differences(model, q), atol=1e-8)
+    poses = model.link_poses(q[None])
+    np.testing.assert_allclose(inverse(poses["hand"][0]) @ poses["right"][0], pose(position=[0, -0.12, 0]), atol=1e-12)
+    urdf = read_urdf(tmp_path / "gantry.urdf")
+    for link, X_WL in poses.items():
+        np.testing.assert_allclose(X_WL[0], hand_rolled_pose(urdf, values, link), atol=1e-12)
+
+
+def test_joints_off_the_arm_rest_at_home(tmp_path):
+    home = {"finger": 0.5, "turn": 0.1}
+    model = RobotModel.load(robot(gantry(tmp_path), "hand", home=home))
+    np.testing.assert_array_equal(model.home, [0.0, 0.1])
+    values = model.joint_values(model.home)
+    assert (values["finger"], values["other"]) == (0.5, -0.5)
+
+
+def test_what_does_not_fit_together_is_refused(tmp_path):
+    urdf, frame = REAL_ARMS["ur5"]
+    fitting = robot(ROBOTS / urdf, frame)
+    with pytest.raises(InputError, match="did you mean `tool0`"):
+        RobotModel.load(replace(fitting, tool_frame="tool1"))
+    with pytest.raises(InputError, match="did you mean `tool0`"):
+        RobotModel.load(robot(ROBOTS / urdf, frame, Tool(SUCTION_CUP, "tool", np.eye(4))))
+    with pytest.raises(InputError, match="no joint moves the tool frame `base_link`"):
+        RobotModel.load(replace(fitting, tool_frame="base_link"))
+    with pytest.raises(InputError, match="no limits are given for joint `elbow_joint`"):
+        RobotModel.load(
+            replace(fitting, limits={n: limit for n, limit in fitting.limits.items() if n != "elbow_joint"})
+        )
+    clash = written_urdf(tmp_path / "tool.urdf", joint("j", "base_link", "tip", "fixed", "0 0 0", "0 0 1"))
+    with pytest.raises(InputError, match="`base_link` is also a name in the robot's URDF"):
+        RobotModel.load(robot(ROBOTS / urdf, frame, Tool(clash, frame, np.eye(4))))
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=SEED, name=st.sampled_from(sorted(REAL_ARMS)), size=st.floats(0.0, 2.0))
+def test_no_point_moves_further_than_the_joint_radii_allow(seed, name, size):
+    model, rng = real_arm(name), np.random.default_rng(seed)
+    frames = [model.tool_frame, *rng.choice(model.links, 3)]
+    spheres = [BoundingSphere(frame, rng.uniform(-0.2, 0.2, 3), 0.1) for frame in frames]
+    radii = model.joint_radii(spheres)
+    start = rng.uniform(-3.0, 3.0, len(model.arm))
+    step = size * rng.uniform(-1.0, 1.0, len(model.arm))
+    poses = model.link_poses(np.stack([start, start + step]))
+    for sphere in spheres:
+        directions = rng.normal(size=(50, 3))
+        points = sphere.center + sphere.radius * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        before, after = transform(poses[sphere.link], points)
+        assert np.linalg.norm(after - before, axis=1).max() <= np.abs(step) @ radii + 1e-12
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=SEED)
+def test_joint_radii_hold_for_sliding_and_following_joints(seed, tmp_path_factory):
+    model = RobotModel.load(robot(gantry(tmp_path_factory.mktemp("robot")), "hand"))
+    rng = np.random.default_rng(seed)
+    sphere = BoundingSphere("hand", rng.uniform(-0.2, 0.2, 3), 0.1)
+    q = rng.uniform(-3.0, 3.0, (2, 2))
+    before, after = transform(model.link_poses(q)["hand"], sphere.center[None])[:, 0]
+    assert np.linalg.norm(after - before) <= np.abs(q[1] - q[0]) @ model.joint_radii([sphere]) + 1e-12
+    assert model.joint_radii([BoundingSphere("cart", np.zeros(3), 9.0)]).tolist() == [1.0, 0.0]
+
+
+def test_joint_radii_are_exact_for_a_point_on_a_straight_arm(tmp_path):
+    urdf = written_urdf(
+        tmp_path / "two.urdf",
+        joint("a", "base", "l1", "revolute", "0 0 0", "0 0 1"),
+        joint("b", "l1", "l2", "revolute", "2 0 5", "0 0 1"),
+        joint("c", "l2", "tip", "fixed", "1 0 0", "0 0 1"),
+    )
+    radii = RobotModel.load(robot(urdf, "tip")).joint_radii([BoundingSphere("tip", np.zeros(3), 0.0)])
+    np.testing.assert_allclose(radii, [3.0, 1.0], atol=1e-12)
