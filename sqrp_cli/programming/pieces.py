@@ -46,7 +46,7 @@ def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[Gro
 
     spans: start and end of each primitive [s], one after the other. Neighbouring pieces share their instant, which is
     thereby sampled as it is on its left and on its right. Formulas that apply at a single instant make a piece of no
-    length there.
+    length there. There is at least one piece.
     """
     operators = [formula.operator for formula in formulas]
     interest = events_of_interest(operators)

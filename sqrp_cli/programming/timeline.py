@@ -178,7 +178,7 @@ def _midpoints(timeline: Timeline, tolerance: float) -> Samples | None:
     changes = (groups[1:] != groups[:-1]).any(axis=1) & (steps > 0)
     least = min(time for time in (timeline.T, timeline.T_eoi, np.inf) if time > 0)
     wide = changes & (steps > max(tolerance * least / max(1, int(changes.sum())), SHORTEST_BRACKET))
-    if timeline.observation.matrix is not None:
+    if timeline.observation.matrix:
         cameras = np.concatenate(
             [np.all([box.cause == Cause.NONE for box in boxes], axis=0) for boxes in timeline.observation.matrix],
             axis=1,
@@ -198,10 +198,8 @@ def _look(
     full: bool,
 ) -> Observation:
     held = np.array(
-        [
-            [any(literal.atom == target.atom for literal in piece.literals) for target in targets]
-            for piece in stage.pieces
-        ]
+        [[target.atom in {literal.atom for literal in piece.literals} for target in targets] for piece in stage.pieces],
+        dtype=bool,
     )
     required = held[samples.piece]
     states = stage.states(samples)

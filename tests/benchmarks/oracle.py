@@ -40,7 +40,7 @@ def _any_inside(scene: BenchmarkScene, state: int, points: Array) -> bool:
 
 
 def _half_spaces(points: Array) -> Array:
-    """Rows (n, o) with n . p <= o inside the convex hull of points: every plane through three that has all on a side."""
+    """Rows (n, o) with n . p <= o inside the convex hull of points: planes of three with all on one side."""
     a, b, c = (points[_TRIPLES[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1)

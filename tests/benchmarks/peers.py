@@ -94,7 +94,7 @@ class MujocoPeer:
         self._scene = scene
         spec = mujoco.MjSpec()
         frames = list(dict.fromkeys(solid.part.parent for solid in scene.observer.solids))
-        bodies = {frame: spec.worldbody.add_body(name=frame, mocap=True) for frame in frames}
+        bodies = {frame: spec.worldbody.add_body(name=f"part {frame}", mocap=True) for frame in frames}
         for number, solid in enumerate(scene.observer.solids):
             spec.add_mesh(
                 name=str(number), uservert=solid.vertices.reshape(-1), userface=solid.triangles.reshape(-1),
@@ -104,7 +104,10 @@ class MujocoPeer:
         self._model = spec.compile()
         self._data = mujoco.MjData(self._model)
         self._poses = [
-            (self._model.body(frame).mocapid[0], np.broadcast_to(scene.states.X_WF[frame], (scene.states.count, 4, 4)))
+            (
+                self._model.body(f"part {frame}").mocapid[0],
+                np.broadcast_to(scene.states.X_WF[frame], (scene.states.count, 4, 4)),
+            )
             for frame in frames
         ]
         self._quaternion = np.zeros(4)

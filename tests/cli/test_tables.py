@@ -182,15 +182,37 @@ def test_long_names_are_shown_in_full(sqrp, own_watch):
     assert f"in_place({name})" in sqrp("explain", own_watch, "watch green", "--choose", name).out
 
 
-def test_a_motion_that_takes_no_time_can_be_explained(sqrp, own_watch):
-    skill = own_watch / "watch" / "skill.yaml"
+def without_formulas(workspace: Path, primitives: str | None = None) -> None:
+    """Take formulas and faults from the skill of a copy of the hand-worked cell; give it other primitives."""
+    skill = workspace / "watch" / "skill.yaml"
     text = skill.read_text(encoding="utf-8")
-    targets = text[text.index("targets:") :]
-    skill.write_text("primitives:\n  - {name: w0, joint_move: home}\n" + targets, encoding="utf-8")
-    for command in ("rank", "explain"):
-        outcome = sqrp(command, own_watch, "watch seen")
+    kept = text[: text.index("formulas:")] if primitives is None else primitives
+    skill.write_text(kept + text[text.index("targets:") :], encoding="utf-8")
+
+
+@pytest.mark.parametrize("options", [(), ("--samples", 5)], ids=["adaptive", "samples"])
+@pytest.mark.parametrize("command", ["rank", "explain"])
+def test_a_skill_without_formulas_has_no_quality(sqrp, own_watch, command, options):
+    without_formulas(own_watch)
+    plain_outcome = sqrp(command, own_watch, "watch seen", *options)
+    assert plain_outcome.code == 0, plain_outcome.err
+    outcome = sqrp(command, own_watch, "watch seen", *options, "--json")
+    assert outcome.code == 0, outcome.err
+    candidate = outcome.document if command == "explain" else outcome.document["candidates"][0]
+    assert (candidate["q_avg"], candidate["q_eoi"], candidate["faults"]) == (None, None, {})
+    assert (candidate["t_total"], candidate["t_eoi"], candidate["states"]) == (0.0, 0.0, 0)
+    assert candidate["time"] == pytest.approx(4.0, abs=1e-9)
+    if command == "explain":
+        assert candidate["samples"]
+        assert all(s["covered"] is None and s["literals"] == {} for s in candidate["samples"])
+
+
+@pytest.mark.parametrize("command", ["rank", "explain"])
+def test_a_motion_that_takes_no_time_is_no_error(sqrp, own_watch, command):
+    without_formulas(own_watch, "primitives:\n  - {name: w0, joint_move: home}\n")
+    for options in ((), ("--all",) if command == "explain" else ("--samples", 5), ("--json",)):
+        outcome = sqrp(command, own_watch, "watch seen", *options)
         assert outcome.code == 0, outcome.err
-        assert sqrp(command, own_watch, "watch seen", "--json").code == 0
 
 
 def in_a_terminal(arguments: list[str], columns: int) -> str:

@@ -1,0 +1,92 @@
+"""Many candidates: how fast they are assessed, and that memory does not grow with their number."""
+
+from __future__ import annotations
+
+import resource
+import shutil
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.sampling import Adaptive
+from sqrp_cli.programming.task import read_task
+from tests.benchmarks.scene import TABLETOP
+from tests.benchmarks.table import print_table
+
+OBJECTS, YAWS, CAMERAS = 200, 8, 24
+
+
+def many(wanted: int) -> None:
+    """Each feasible candidate of tabletop, then `wanted` of 1,600 candidates in a cell with 200 objects."""
+    _each_of_tabletop()
+    with tempfile.TemporaryDirectory() as folder:
+        workspace = load_workspace(_crowded(Path(folder)))
+        task = read_task("pickup green", workspace)
+        assignment = Assignment(Cell.load(workspace), workspace.initial_world, Adaptive())
+    chosen = [task.candidates[int(i)] for i in np.linspace(0, len(task.candidates) - 1, wanted)]
+    rows, feasible, start = [], 0, time.perf_counter()
+    for number, candidate in enumerate(chosen, 1):
+        feasible += assignment.assess(candidate).feasible
+        if number in {round(wanted * share / 4) for share in (1, 2, 3, 4)}:
+            passed = time.perf_counter() - start
+            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            rows.append([f"{number} assessed", f"{feasible}", f"{passed:.1f}", f"{number / passed:.1f}",
+                         f"{len(task.candidates) * passed / number:.0f}", f"{peak:.0f}"])  # fmt: skip
+    print_table(
+        f"{len(task.candidates):,} candidates ({OBJECTS} objects, {YAWS} approach yaws), {CAMERAS} cameras",
+        ["", "feasible", "s", "per s", "s for all", "peak MB"],
+        rows,
+    )
+
+
+def _each_of_tabletop() -> None:
+    workspace = load_workspace(TABLETOP)
+    assignment = Assignment(Cell.load(workspace), workspace.initial_world, Adaptive())
+    rows = []
+    for candidate in read_task("pickup green", workspace).candidates:
+        times = []
+        for _ in range(4):
+            start = time.perf_counter()
+            assessment = assignment.assess(candidate)
+            times.append(1e3 * (time.perf_counter() - start))
+        rows.append([candidate.name, f"{assessment.states or 0}", f"{np.median(times[1:]):.1f}"])
+    print_table("One whole candidate of tabletop, loaded (target 30 ms)", ["", "states", "ms"], rows)
+
+
+def _crowded(folder: Path) -> Path:
+    """A copy of tabletop with many small cubes, cameras and approach yaws."""
+    shutil.copytree(TABLETOP.parents[1] / "skills" / "pickup", folder / "skills" / "pickup")
+    shutil.copytree(TABLETOP.parent / "robots", folder / "workspaces" / "robots")
+    skill = folder / "skills" / "pickup" / "skill.yaml"
+    settings = yaml.safe_load(skill.read_text())
+    settings["motion"]["approach_yaw"] = {"values": [f"{360 * i / YAWS:g} deg" for i in range(YAWS)]}
+    skill.write_text(yaml.safe_dump(settings, sort_keys=False))
+
+    cell: dict[str, Any] = yaml.safe_load((TABLETOP / "workspace.yaml").read_text())
+    cell["objects"] = {"table": cell["objects"]["table"]}
+    for number in range(OBJECTS):
+        angle, radius = 2 * np.pi * (number % 40) / 40, 0.36 + 0.07 * (number // 40)
+        place = [float(radius * np.cos(angle)), float(radius * np.sin(angle)), 0.0125]
+        cell["objects"][f"g{number}"] = {
+            "type": "cube", "color": "green", "size": ["25 mm"] * 3, "pose": {"position": place}, "on": "table",
+        }  # fmt: skip
+    camera = next(iter(cell["cameras"].values()))
+    cell["cameras"] = {}
+    for number in range(CAMERAS):
+        angle = 2 * np.pi * number / CAMERAS
+        place = [float(1.2 * np.cos(angle)), float(1.2 * np.sin(angle)), 0.7 + 0.3 * (number % 3)]
+        target = [float(0.4 * np.cos(angle)), float(0.4 * np.sin(angle)), 0.05]
+        cell["cameras"][f"cam{number}"] = {**camera, "pose": {"position": place, "look_at": target}}
+    cell["state"] = ["hand_empty", *(f"obj_on_table(g{number})" for number in range(OBJECTS))]
+    cell.pop("tasks", None)
+    path = folder / "workspaces" / "crowded" / "workspace.yaml"
+    path.parent.mkdir(parents=True)
+    path.write_text(yaml.safe_dump(cell, sort_keys=False))
+    return path

@@ -1,0 +1,121 @@
+"""Where the time of `sqrp rank` goes, from process start to table."""
+
+from __future__ import annotations
+
+import io
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+from statistics import median
+from typing import TypeVar
+
+from tests.benchmarks.scene import TABLETOP
+from tests.benchmarks.table import milliseconds, print_table
+
+TASK = "pickup green"
+SQRP = Path(sys.executable).with_name("sqrp")
+IMPORTS = "import sqrp_cli.cli.main, sqrp_cli.cli.session, sqrp_cli.cli.rank_table, sqrp_cli.knowledge.load"
+
+Result = TypeVar("Result")
+
+
+def processes(runs: int) -> None:
+    """Wall times of whole processes."""
+    commands = {
+        "python -c pass": [sys.executable, "-c", "pass"],
+        "python, all imports of rank": [sys.executable, "-c", IMPORTS],
+        "sqrp --help": [str(SQRP), "--help"],
+        "sqrp check tabletop": [str(SQRP), "check", str(TABLETOP)],
+        f'sqrp rank tabletop "{TASK}"': [str(SQRP), "rank", str(TABLETOP), TASK],
+    }
+    rows = [[name, f"{milliseconds(lambda c=command: _run(c), runs):.0f}"] for name, command in commands.items()]
+    print_table("Whole processes", ["", "ms"], rows)
+
+
+def _run(command: list[str]) -> None:
+    subprocess.run(command, check=True, capture_output=True, env=os.environ)
+
+
+class _Clock:
+    """Times of stages in the order of their first use; a stage that runs inside another is counted in both."""
+
+    def __init__(self) -> None:
+        self.times: dict[str, float] = {}
+
+    def run(self, stage: str, work: Callable[[], Result]) -> Result:
+        start = time.perf_counter()
+        try:
+            return work()
+        finally:
+            self.times[stage] = self.times.get(stage, 0.0) + 1e3 * (time.perf_counter() - start)
+
+
+def stages(runs: int) -> None:
+    """Time of each stage in one process, mesh files and byte code warm."""
+    samples = []
+    for _ in range(runs):
+        output = subprocess.run(
+            [sys.executable, "-c", "from tests.benchmarks.startup import print_stages; print_stages()"],
+            check=True, capture_output=True, text=True, cwd=Path(__file__).parents[2],
+        ).stdout  # fmt: skip
+        samples.append(dict(line.split("\t") for line in output.splitlines()))
+    rows = [[stage, f"{median(float(sample[stage]) for sample in samples):.1f}"] for stage in samples[0]]
+    print_table(f'Where `sqrp rank tabletop "{TASK}"` spends it', ["", "ms"], rows)
+
+
+def print_stages() -> None:
+    """One line per stage, name and milliseconds with a tab between; run in a process of its own."""
+    clock = _Clock()
+    clock.run("imports (without the interpreter)", _import_everything)
+    from sqrp_cli.cli.console import say_raw  # noqa: F401
+    from sqrp_cli.cli.rank_table import print_ranking
+    from sqrp_cli.cli.session import Session
+    from sqrp_cli.knowledge import load
+    from sqrp_cli.programming import assessment, feasibility, timeline
+    from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.pipeline import Assignment
+    from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.programming.sampling import Adaptive
+    from sqrp_cli.programming.sensing import observer
+    from sqrp_cli.programming.solids import load_solids
+    from sqrp_cli.programming.task import read_task
+
+    original = load.digest
+    load.digest = lambda *a, **k: clock.run("- of this the digest", lambda: original(*a, **k))
+    workspace = clock.run("read and check the workspace", lambda: load.load_workspace(TABLETOP))
+    task = read_task(TASK, workspace)
+    parts = [part for thing in workspace.objects.values() if thing.X_WO is not None for part in thing.parts]
+    from sqrp_cli.programming.kinematics import RobotModel
+
+    model = clock.run("robot model", lambda: RobotModel.load(workspace.robot))
+    clock.run("meshes", lambda: load_solids([*model.parts, *parts]))
+    cell = clock.run("rest of the cell", lambda: Cell.load(workspace))
+
+    def watch(module: object, name: str, stage: str) -> None:
+        work = getattr(module, name)
+        setattr(module, name, lambda *a, **k: clock.run(stage, lambda: work(*a, **k)))
+
+    watch(assessment, "feasible_motion", "all candidates: check, IK and motion")
+    watch(feasibility, "plan_motion", "- of this IK, motion and collision")
+    watch(timeline, "first_samples", "all candidates: where to sample")
+    watch(timeline, "_look", "all candidates: states and coverage")
+    watch(timeline.Stage, "states", "- of this kinematics of the samples")
+    watch(observer.Observer, "limits", "- of this limits")
+    watch(observer, "near_pairs", "- of this culling")
+    watch(observer.HullTester, "met", "- of this view hulls in coal")
+    watch(observer, "visible_shares", "- of this visible shares")
+    assignment = Assignment(cell, workspace.initial_world, Adaptive())
+    assessments = clock.run("all candidates, whole", lambda: [assignment.assess(c) for c in task.candidates])
+    session = Session(workspace, task, assignment)
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        clock.run("ranking and table", lambda: print_ranking(session, rank(assessments, "q_eoi"), "q_eoi"))
+    for stage, value in clock.times.items():
+        print(f"{stage}\t{value}")
+
+
+def _import_everything() -> None:
+    exec(IMPORTS)  # noqa: S102 # the same text that `processes` gives to an interpreter
