@@ -35,7 +35,7 @@ def test_a_failure_leaves_the_old_file_and_says_which_could_not_be_written(
     path = tmp_path / "program.yaml"
     path.write_text("old")
 
-    def fail(descriptor: int) -> None:
+    def fail(_descriptor: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", fail)

@@ -21,7 +21,7 @@ def printed(command: str) -> str:
     program, *arguments = shlex.split(command)
     environment = {**os.environ, "COLUMNS": "80", "NO_COLOR": "1"}
     executable = Path(sys.executable).parent / program
-    run = subprocess.run([executable, *arguments], cwd=ROOT, env=environment, capture_output=True, text=True)  # noqa: S603
+    run = subprocess.run([executable, *arguments], cwd=ROOT, env=environment, capture_output=True, text=True)
     assert run.returncode == 0, run.stderr
     return "\n".join(line.rstrip() for line in run.stdout.splitlines()) + "\n"
 

@@ -94,7 +94,7 @@ class Timeline:
     @property
     def monitored(self) -> Mask:
         """Whether a state holds any literal, shape (m,)."""
-        monitored: Mask = self.observation.required.any(axis=1)
+        monitored: Mask = np.any(self.observation.required, axis=1)
         return monitored
 
     @property

@@ -82,8 +82,8 @@ class CameraCause:
 class BlindStretch:
     """A stretch of time in which a state is not covered.
 
-    start, end: first and last uncovered sample [s]. atom: one whose target is not covered. causes: of every camera that does
-    not see it, the one that comes nearest to seeing it first.
+    start, end: first and last uncovered sample [s]. atom: one whose target is not covered. causes: of every camera that
+    does not see it, the one that comes nearest to seeing it first.
     """
 
     start: float

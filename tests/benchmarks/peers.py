@@ -81,7 +81,7 @@ class EmbreePeer:
             origin = (eyes[left, None].astype(np.float32) @ R)[:, 0] + X[..., :3, 3]
             origins = np.repeat(origin, points.shape[1], axis=0)
             hit = embree.run(origins, rays.reshape(-1, 3), np.ones(len(origins), dtype=np.float32), query="OCCLUDED")
-            blocked[left] = (hit >= 0).reshape(len(left), -1).any(axis=1)
+            blocked[left] = (hit >= 0).reshape(len(left), points.shape[1]).any(axis=1)
         return blocked
 
 

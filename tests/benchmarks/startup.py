@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import os
 import subprocess
 import sys
 import time
@@ -37,7 +36,7 @@ def processes(runs: int) -> None:
 
 
 def _run(command: list[str]) -> None:
-    subprocess.run(command, check=True, capture_output=True, env=os.environ)
+    subprocess.run(command, check=True, capture_output=True)  # commands of this file
 
 
 class _Clock:
@@ -71,12 +70,13 @@ def print_stages() -> None:
     """One line per stage, name and milliseconds with a tab between; run in a process of its own."""
     clock = _Clock()
     clock.run("imports (without the interpreter)", _import_everything)
-    from sqrp_cli.cli.console import say_raw  # noqa: F401
     from sqrp_cli.cli.rank_table import print_ranking
     from sqrp_cli.cli.session import Session
-    from sqrp_cli.knowledge import load
+    from sqrp_cli.knowledge.digest import ContentDigest
+    from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.programming import assessment, feasibility, timeline
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.kinematics import RobotModel
     from sqrp_cli.programming.pipeline import Assignment
     from sqrp_cli.programming.ranking import rank
     from sqrp_cli.programming.sampling import Adaptive
@@ -84,20 +84,17 @@ def print_stages() -> None:
     from sqrp_cli.programming.solids import load_solids
     from sqrp_cli.programming.task import read_task
 
-    original = load.digest
-    load.digest = lambda *a, **k: clock.run("- of this the digest", lambda: original(*a, **k))
-    workspace = clock.run("read and check the workspace", lambda: load.load_workspace(TABLETOP))
-    task = read_task(TASK, workspace)
-    parts = [part for thing in workspace.objects.values() if thing.X_WO is not None for part in thing.parts]
-    from sqrp_cli.programming.kinematics import RobotModel
-
-    model = clock.run("robot model", lambda: RobotModel.load(workspace.robot))
-    clock.run("meshes", lambda: load_solids([*model.parts, *parts]))
-    cell = clock.run("rest of the cell", lambda: Cell.load(workspace))
-
     def watch(module: object, name: str, stage: str) -> None:
         work = getattr(module, name)
         setattr(module, name, lambda *a, **k: clock.run(stage, lambda: work(*a, **k)))
+
+    watch(ContentDigest, "add_file", "- of this the digest of every file")
+    workspace = clock.run("read and check the workspace", lambda: load_workspace(TABLETOP))
+    task = read_task(TASK, workspace)
+    parts = [part for thing in workspace.objects.values() if thing.X_WO is not None for part in thing.parts]
+    model = clock.run("robot model", lambda: RobotModel.load(workspace.robot))
+    clock.run("meshes", lambda: load_solids([*model.parts, *parts]))
+    cell = clock.run("rest of the cell", lambda: Cell.load(workspace))
 
     watch(assessment, "feasible_motion", "all candidates: check, IK and motion")
     watch(feasibility, "plan_motion", "- of this IK, motion and collision")

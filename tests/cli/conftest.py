@@ -62,7 +62,7 @@ def _call(*arguments: object, columns: int = 80) -> Outcome:
 
 def _start(*arguments: object, prelude: str = "", columns: int = 80, **variables: str) -> Outcome:
     program = f"{prelude}\nfrom sqrp_cli.cli.main import main\nmain()"
-    finished = subprocess.run(  # noqa: S603 - our own interpreter and program
+    finished = subprocess.run(
         [sys.executable, "-c", program, *map(str, arguments)],
         env=_environment(columns, variables),
         stdin=subprocess.DEVNULL,

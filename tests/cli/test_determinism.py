@@ -7,6 +7,7 @@ import math
 from typing import Any
 
 import pytest
+import yaml
 
 TASK = "pickup green"
 WITHOUT_IK = "import sys\nsys.modules['eaik'] = None  # importing it raises ImportError"
@@ -88,10 +89,46 @@ def test_without_the_ik_extra_the_result_is_the_same(sqrp_process, tabletop, ran
     assert_close(outcome.document, ranked.document, 1e-6)
 
 
+@pytest.fixture
+def rank_changed(sqrp, tabletop_cell, tmp_path):
+    """Ranks the tabletop's task after a change of its file; gives the candidates by object."""
+
+    def rank_it(change) -> dict[str, Any]:
+        change(tabletop_cell)
+        text = yaml.safe_dump(tabletop_cell, sort_keys=False)
+        (tmp_path / "workspace.yaml").write_text(text, encoding="utf-8")
+        document = sqrp("rank", tmp_path, TASK, "--json", "--samples", 20).document
+        return {candidate["parameters"]["object"]: candidate for candidate in document["candidates"]}
+
+    return rank_it
+
+
+def test_the_order_of_cameras_and_objects_changes_no_figure(rank_changed):
+    def reverse(cell: dict[str, Any]) -> None:
+        for section in ("cameras", "objects"):
+            cell[section] = dict(reversed(cell[section].items()))
+
+    before, after = rank_changed(lambda _: None), rank_changed(reverse)
+    assert {name: before[name]["rank"] for name in before} == {name: after[name]["rank"] for name in after}
+    for name, candidate in before.items():
+        for figure in ("time", "q_avg", "q_eoi", "faults", "states", "reasons", "pareto"):
+            assert_close(after[name][figure], candidate[figure], 1e-12, f"{name}.{figure}")
+
+
+def test_a_camera_less_never_shows_more(rank_changed):
+    before = rank_changed(lambda _: None)
+    after = rank_changed(lambda cell: cell["cameras"].pop(sorted(cell["cameras"])[0]))
+    for name, candidate in before.items():
+        if candidate["feasible"]:
+            assert after[name]["time"] == candidate["time"]
+            assert after[name]["q_avg"] <= candidate["q_avg"] + 1e-12
+            assert after[name]["q_eoi"] <= candidate["q_eoi"] + 1e-12
+
+
 def test_an_object_that_is_only_named_otherwise_changes_no_figure(sqrp, own_watch, watched):
-    for file in (own_watch / "workspace.yaml",):
-        text = file.read_text(encoding="utf-8")
-        file.write_text(text.replace("turned", "abc").replace("wall:", "shield:"), encoding="utf-8")
+    file = own_watch / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("turned", "abc").replace("wall:", "shield:"), encoding="utf-8")
     renamed = sqrp("explain", own_watch, "watch cube", "--all", "--json").document["candidates"]
     figures = ("time", "q_avg", "q_eoi", "t_total", "t_eoi", "states", "faults")
     by_name = {c["parameters"]["object"]: [c[figure] for figure in figures] for c in renamed}

@@ -303,7 +303,7 @@ def test_ctrl_c_ends_a_process_with_130_and_no_traceback(watch):
         "def slow(*_):\n    print('ready', flush=True)\n    time.sleep(60)\n"
         "pipeline.Assignment.assess = slow\nfrom sqrp_cli.cli.main import main\nmain()"
     )
-    process = subprocess.Popen(  # noqa: S603 - our own interpreter and program
+    process = subprocess.Popen(
         [sys.executable, "-c", program, "rank", str(watch), "watch cube"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -340,7 +340,7 @@ def test_a_terminal_that_knows_no_block_characters_shows_the_rest(sqrp_process, 
 
 def test_a_reader_that_leaves_early_is_no_error(watch):
     program = "from sqrp_cli.cli.main import main\nmain()"
-    process = subprocess.Popen(  # noqa: S603 - our own interpreter and program
+    process = subprocess.Popen(
         [sys.executable, "-c", program, "explain", str(watch), "watch cube", "--all", "--json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
@@ -355,7 +355,7 @@ def test_a_reader_that_leaves_early_is_no_error(watch):
 
 def test_the_installed_script_runs_from_any_folder(tmp_path, watch):
     script = Path(sys.executable).with_name("sqrp")
-    finished = subprocess.run(  # noqa: S603 - our own script
+    finished = subprocess.run(
         [str(script), "rank", os.path.relpath(watch, tmp_path), "watch seen", "--json"],
         cwd=tmp_path, capture_output=True, encoding="utf-8", check=False,
     )  # fmt: skip

@@ -220,7 +220,7 @@ def in_a_terminal(arguments: list[str], columns: int) -> str:
     inside, outside = pty.openpty()
     environment = {**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1", "TERM": "xterm"}
     program = "from sqrp_cli.cli.main import main\nmain()"
-    process = subprocess.Popen(  # noqa: S603 - our own interpreter and program
+    process = subprocess.Popen(
         [sys.executable, "-c", program, *arguments], stdout=outside, stderr=subprocess.DEVNULL, env=environment
     )
     os.close(outside)

@@ -61,7 +61,7 @@ def integrated(story: Story, back: Recovery) -> FaultMetrics:
     )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(story=stories(), seed=st.integers(0, 1000))
 def test_metrics_are_those_of_the_definition_integrated_over_the_instant_of_the_fault(story: Story, seed: int) -> None:
     back = recovery(seed, story.total)

@@ -11,7 +11,6 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from sqrp_cli.programming.inverse_kinematics import all_solutions
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.knowledge.robot import Robot
@@ -31,6 +30,7 @@ from sqrp_cli.knowledge.skill import (
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.collision import CLEARANCE, CollisionScene, pair
 from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.inverse_kinematics import all_solutions
 from sqrp_cli.programming.kinematics import RobotModel
 from sqrp_cli.programming.motion import Motion, plan_motion
 from sqrp_cli.programming.straight_line import ToolLine, straight_line

@@ -46,7 +46,9 @@ def distorted_radius(camera: Camera, radius: Array) -> Array:
         return angle + k1 * angle**3 + k2 * angle**5 + k3 * angle**7 + k4 * angle**9
     k1, k2, _, _, k3, k4, k5, k6 = [*camera.distortion, 0.0, 0.0, 0.0][:8]
     growth = 1 + k1 * radius**2 + k2 * radius**4 + k3 * radius**6
-    return radius * growth / (1 + k4 * radius**2 + k5 * radius**4 + k6 * radius**6)
+    with np.errstate(divide="ignore"):
+        bent: Array = radius * growth / (1 + k4 * radius**2 + k5 * radius**4 + k6 * radius**6)
+    return bent
 
 
 def searched_radius(camera: Camera, radii: Array) -> float:
