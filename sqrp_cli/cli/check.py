@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from sqrp_cli.programming.feasibility import Feasibility
+    from sqrp_cli.programming.dependency_check import Feasibility
 
 NAME = "check"
 
@@ -56,7 +56,7 @@ def _check(
     from sqrp_cli.cli.session import Session
     from sqrp_cli.knowledge.lint import lint
     from sqrp_cli.knowledge.load import load_workspace
-    from sqrp_cli.programming.feasibility import check_candidate
+    from sqrp_cli.programming.dependency_check import check_candidate
     from sqrp_cli.programming.sampling import Adaptive
 
     workspace = load_workspace(path)
@@ -91,7 +91,7 @@ def _print(
             feasibility.candidate.name,
             plain("yes", "green") if feasibility.feasible else plain("no", "red"),
             f"{feasibility.time:.2f}" if feasibility.time is not None else "",
-            "; ".join(feasibility.reasons),
+            "; ".join(filter(None, [*feasibility.reasons, feasibility.suggestion.explanation])),
         )
         for feasibility in found
     ]

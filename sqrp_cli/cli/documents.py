@@ -16,14 +16,15 @@ from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, 
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.dependency_check import Feasibility
 from sqrp_cli.programming.explanation import by_name
-from sqrp_cli.programming.feasibility import Feasibility
 from sqrp_cli.programming.grounding import on_robot
 from sqrp_cli.programming.ranking import Criterion, Ranked, winners
 from sqrp_cli.programming.robustness import DRAWS, Calibration, without_each_camera
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
+from sqrp_cli.programming.suggestion import Suggestion
 from sqrp_cli.programming.targets import Target, TargetBox
 
 Document = dict[str, Any]
@@ -262,6 +263,21 @@ def _at(X: Array, row: int) -> Array:
     return entry
 
 
+def _plan(suggestion: Suggestion) -> list[Document] | None:
+    if suggestion.steps is None:
+        return None
+    return [
+        {
+            "action": step.action,
+            "feasible": step.feasible,
+            "q_avg": None if step.qualities is None else step.qualities.q_avg,
+            "q_eoi": None if step.qualities is None else step.qualities.q_eoi,
+            "reasons": list(step.reasons),
+        }
+        for step in suggestion.steps
+    ]
+
+
 def check_document(
     workspace: str, task: str | None, found: Sequence[Feasibility], problems: Sequence[Problem]
 ) -> Document:
@@ -275,8 +291,8 @@ def check_document(
                 "parameters": feasibility.candidate.parameters,
                 "feasible": feasibility.feasible,
                 "reasons": list(feasibility.reasons),
-                "plan": None,
-                "planning": None,
+                "plan": _plan(feasibility.suggestion),
+                "planning": feasibility.suggestion.outcome,
             }
             for feasibility in found
         ],

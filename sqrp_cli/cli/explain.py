@@ -19,7 +19,7 @@ from sqrp_cli.cli.options import (
     open_workspace,
     read_sampling,
 )
-from sqrp_cli.errors import ExitCode
+from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
     from sqrp_cli.cli.session import Session
@@ -33,9 +33,9 @@ def command(
     workspace: WorkspacePath,
     task: TaskText,
     choose: Annotated[
-        str,
+        str | None,
         typer.Option("--choose", metavar="best|NAME", help="Which candidate to explain; the first-ranked by default."),
-    ] = "best",
+    ] = None,
     all_candidates: Annotated[bool, typer.Option("--all", help="Compare all candidates side by side.")] = False,
     samples: SampleCount = None,
     dt: SampleStep = None,
@@ -53,16 +53,19 @@ def command(
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
 
+    if all_candidates and choose is not None:
+        raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
+    choice = choose or "best"
     sampling = read_sampling(samples, dt, tolerance)
     session = Session.begin(open_workspace(workspace), task, after, sampling)
-    check_choice(session.task, choose)
+    check_choice(session.task, choice)
     with progress(f"Assessing {task}", len(session.task.candidates)) as advance:
         assessments = []
         for assessment in assess_all(session.assignment, session.task.candidates, job_count(jobs)):
             assessments.append(assessment)
             advance()
     ranking = rank(assessments, "q_eoi")
-    chosen = list(ranking) if all_candidates else [choose_candidate(ranking, choose)]
+    chosen = list(ranking) if all_candidates else [choose_candidate(ranking, choice)]
     with progress("Looking up causes", len(chosen)) as advance:
         explained = []
         for ranked in chosen:

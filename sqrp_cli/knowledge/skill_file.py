@@ -245,8 +245,3 @@ class SkillFile(Entry):
     formulas: list[FormulaOrText] = Field(default=[], description="What must hold while all goes well.")
     faults: dict[Name, FormulaEntry] = Field(default={}, description="What may go wrong.")
     targets: dict[Name, TargetEntry] = Field(default={}, description="What decides each predicate, and where to look.")
-
-
-def skill_schema() -> dict[str, Any]:
-    """JSON Schema of skill.yaml, for editors."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **SkillFile.model_json_schema()}

@@ -1,8 +1,6 @@
-"""Whether a candidate can be done at all: the dependency check."""
+"""Whether a candidate can be done at all: its precondition, and the motion of the robot."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.conditions import failing_literals
@@ -10,27 +8,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion import Motion, plan_motion
 from sqrp_cli.programming.task import Candidate
-
-
-@dataclass(frozen=True, eq=False)
-class Feasibility:
-    """Whether a candidate can be done.
-
-    reasons: why not, most useful first. time: of its motion [s], None if infeasible.
-    """
-
-    candidate: Candidate
-    feasible: bool
-    reasons: tuple[str, ...]
-    time: float | None
-
-
-def check_candidate(cell: Cell, candidate: Candidate, world: World) -> Feasibility:
-    """Check one candidate in a world: its precondition, and whether the robot can move as the skill asks."""
-    motion = feasible_motion(cell, candidate, world)
-    if isinstance(motion, Infeasible):
-        return Feasibility(candidate, feasible=False, reasons=motion.reasons, time=None)
-    return Feasibility(candidate, feasible=True, reasons=(), time=motion.time)
 
 
 def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:

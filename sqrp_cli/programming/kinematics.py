@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -13,21 +13,12 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.geometry import Array, read_only, transform
+from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.packages import resolve
 from sqrp_cli.knowledge.robot import JointLimits, Robot
 from sqrp_cli.knowledge.scene import Part
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
 from sqrp_cli.programming.joint_tree import JointTree
-
-
-@dataclass(frozen=True, eq=False)
-class BoundingSphere:
-    """A sphere around something solid that moves with a link: center (3,) in the link's frame [m], radius [m]."""
-
-    link: str
-    center: Array
-    radius: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,36 +146,6 @@ class RobotModel:
         positions = self._couplings.positions(q).tolist()
         return {joint.name: value for joint, value in zip(self._tree.joints, positions, strict=True)}
 
-    def joint_radii(self, spheres: Iterable[BoundingSphere]) -> Array:
-        """How far a unit of each arm joint's motion can move any point of the spheres, in any configuration; (n,).
-
-        For a joint that turns, an upper bound of the distance from its axis [m]; for one that slides, 1. A point moves
-        by at most the sum over the joints of |change of position| * radius. A held object is one more sphere, on the
-        tool frame.
-
-        The bound: drop the perpendicular from the sphere's center onto the axis of the joint that carries it, whose
-        foot that joint leaves where it is, from there onto the next axis inwards, and so on, and add up their lengths.
-        """
-        radii = np.zeros(len(self.arm))
-        for sphere in spheres:
-            reach, radius = sphere.radius, np.zeros(len(self.arm))
-            point = transform(self._tree.mounts[sphere.link].X_JL, sphere.center[None])[0]
-            for joint in reversed(self._tree.chain(sphere.link)):
-                axis, ratios = self._tree.axes[joint], np.abs(self._couplings.ratios[joint])
-                if self._tree.turns[joint]:
-                    foot = (point @ axis) * axis
-                    reach += float(np.linalg.norm(point - foot))
-                    radius += ratios * reach
-                    point = foot
-                else:
-                    first, last = self._couplings.span(joint, self.lower, self.upper)
-                    reach += (last - first) / 2
-                    radius += ratios
-                    point = point + axis * (first + last) / 2
-                point = transform(self._tree.still[joint], point[None])[0]
-            radii = np.maximum(radii, radius)
-        return radii
-
 
 @dataclass(frozen=True, eq=False)
 class Couplings:
@@ -219,12 +180,6 @@ class Couplings:
         positions: Array = q @ self.ratios.T + self.offsets
         return positions
 
-    def span(self, joint: int, lower: Array, upper: Array) -> tuple[float, float]:
-        """The least and the greatest position that a joint takes while the arm is within its limits."""
-        driven = np.flatnonzero(self.ratios[joint])
-        ends = [self.ratios[joint, driven] @ limit[driven] + self.offsets[joint] for limit in (lower, upper)]
-        return float(min(ends)), float(max(ends))
-
 
 class PinocchioChain:
     """The chain of joints from the world to the tool frame in Pinocchio, for one configuration at a time."""
@@ -250,10 +205,10 @@ class PinocchioChain:
         """Of the tool frame's origin, linear over angular, world axes, shape (6, n)."""
         pin.computeJointJacobians(self._model, self._data, self._couplings.positions(q))
         frame = self._data.oMi[self._last] * self._X_JT
-        jacobian: Array = (
-            pin.SE3(np.eye(3), frame.translation).toActionMatrixInverse() @ self._data.J @ self._couplings.ratios
-        )
-        return jacobian
+        # For a single joint, the binding drops the second dimension.
+        at_origin = self._data.J.reshape(6, -1)
+        at_frame: Array = pin.SE3(np.eye(3), frame.translation).toActionMatrixInverse() @ at_origin
+        return at_frame @ self._couplings.ratios
 
 
 def _check_names(robot: Robot, urdf: UrdfModel, tool: UrdfModel | None) -> None:

@@ -64,7 +64,7 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
                 # What came back carries its own copy of the skill; the caller's is shared by all.
                 yield replace(assessment, candidate=candidate)
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            pool.shutdown(cancel_futures=True)
 
 
 _inherited: list[tuple[Assignment, Sequence[Candidate]]] = []

@@ -125,12 +125,6 @@ def verdict(cell: Cell, study: Study) -> str:
     return f"{stretch}. It would help to {stretch.advice}."
 
 
-def blind_stretches(cell: Cell, study: Study) -> tuple[BlindStretch, ...]:
-    """Every stretch that is not covered, in order of time."""
-    timeline = study.timeline
-    return tuple(explain_stretch(cell, study, rows) for rows in _stretches(timeline.monitored & ~timeline.covered))
-
-
 def _stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
     """Runs of neighbouring samples for which `blind` holds; pieces that share an instant are neighbours."""
     rows = np.flatnonzero(blind)

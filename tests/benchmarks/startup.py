@@ -46,11 +46,11 @@ class _Clock:
         self.times: dict[str, float] = {}
 
     def run(self, stage: str, work: Callable[[], Result]) -> Result:
+        self.times.setdefault(stage, 0.0)
         start = time.perf_counter()
-        try:
-            return work()
-        finally:
-            self.times[stage] = self.times.get(stage, 0.0) + 1e3 * (time.perf_counter() - start)
+        result = work()
+        self.times[stage] += 1e3 * (time.perf_counter() - start)
+        return result
 
 
 def stages(runs: int) -> None:

@@ -267,6 +267,15 @@ def test_schema_is_json_schema_of_a_workspace(sqrp):
     assert {"robot", "cameras", "objects"} <= set(outcome.document["properties"])
 
 
+@pytest.fixture
+def heeded_ctrl_c():
+    """Ctrl-C raises KeyboardInterrupt, as in a shell's foreground; background jobs may be started to ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
     finished = pipeline.Assignment.assess
 
@@ -285,6 +294,7 @@ def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
     assert "turned" in plain.out
 
 
+@pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
     def interrupted(*_):
         signal.raise_signal(signal.SIGINT)
@@ -299,7 +309,8 @@ def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
 def test_ctrl_c_ends_a_process_with_130_and_no_traceback(watch):
     # Every candidate waits, so that the signal certainly comes in between.
     program = (
-        "import time\nfrom sqrp_cli.programming import pipeline\n"
+        "import signal, time\nfrom sqrp_cli.programming import pipeline\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def slow(*_):\n    print('ready', flush=True)\n    time.sleep(60)\n"
         "pipeline.Assignment.assess = slow\nfrom sqrp_cli.cli.main import main\nmain()"
     )

@@ -469,4 +469,4 @@ def test_rank_and_explain_agree_on_a_candidate_to_the_tolerance_of_adaptive_samp
         for field in ("parameters", "feasible", "rank", "reasons", "time", "t_total", "t_eoi", "pareto"):
             assert candidate[field] == detailed[field]
         for field in ("q_avg", "q_eoi"):
-            assert candidate[field] == pytest.approx(detailed[field], abs=2e-3)
+            assert candidate[field] == pytest.approx(detailed[field], abs=1e-3)

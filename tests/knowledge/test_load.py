@@ -16,7 +16,6 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.lint import lint
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.skill import JointMove, Reference, StraightMove
-from sqrp_cli.knowledge.skill_file import skill_schema
 from sqrp_cli.knowledge.workspace_file import workspace_schema
 from sqrp_cli.logic.literal import Atom
 
@@ -136,7 +135,7 @@ def test_a_folder_of_workspaces_says_which_it_has(tmp_path: Path, cell: Path) ->
         load_workspace(tmp_path / "nothing")
 
 
-@pytest.mark.parametrize("schema", [workspace_schema(), skill_schema()], ids=["workspace", "skill"])
+@pytest.mark.parametrize("schema", [workspace_schema()], ids=["workspace"])
 def test_the_json_schema_describes_every_key(schema: dict[str, Any]) -> None:
     assert json.loads(json.dumps(schema)) == schema
     entries = [schema, *schema["$defs"].values()]

@@ -11,8 +11,11 @@ from sqrp_cli.geometry import Array, cross, inverse, transform
 from sqrp_cli.programming.sensing.occlusion import Pairs, SightLines, SolidPoses
 from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
 
-_PRODUCTS = 4_000_000
-"""Pairs of ray and triangle edge that are compared at once, to bound the memory."""
+_PRODUCTS = 50_000
+"""Pairs of ray and triangle that are compared at once: about what fits the cache."""
+
+_FIRST = 4
+"""Triangles of each line that are clipped first, to know how near the others must be to matter."""
 
 _EDGES = np.array(list(combinations(range(8), 2))).T
 """Pairs of a box's corners, shape (2, 28)."""
@@ -85,7 +88,10 @@ def _first_hits(eye: Array, ray: Array, solid: Solid) -> Array:
 
 
 def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
-    """Least distance from the eye to the part of each pair's solid inside the view hull, shape (pairs,)."""
+    """Least distance from the eye to the part of each pair's solid inside the view hull, shape (pairs,).
+
+    It is infinite where another solid of the same line is nearer anyway.
+    """
     nearest = np.full(len(pairs[0]), np.inf)
     polygons, spaces, of_pair = [], [], []
     hulls, hull_of = np.unique(lines.hull[pairs[0]], return_inverse=True)
@@ -102,10 +108,25 @@ def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array
         spaces.append(np.full(len(kept), hull_of[number]))
         of_pair.append(np.full(len(kept), number))
     if polygons:
-        row = np.concatenate(of_pair)
-        distance = _clipped_distances(np.concatenate(polygons), half_spaces[np.concatenate(spaces)])
-        np.minimum.at(nearest, row, distance)
+        row, triangles, space = np.concatenate(of_pair), np.concatenate(polygons), np.concatenate(spaces)
+        np.minimum.at(nearest, row, _least_distances(triangles, half_spaces, space, pairs[0][row]))
     return nearest
+
+
+def _least_distances(triangles: Array, half_spaces: Array, space: NDArray[np.int64], line: NDArray[np.int64]) -> Array:
+    """Distance of each clipped triangle (n, 3, 3) where it can be the least of its line, else infinite; shape (n,)."""
+    normals = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    whole = _distances_to_origin(triangles, np.full(len(triangles), 3), normals)
+    order = np.lexsort((whole, line))
+    _, start, count = np.unique(line[order], return_index=True, return_counts=True)
+    place = np.empty(len(line), dtype=np.int64)
+    place[order] = np.arange(len(line)) - np.repeat(start, count)
+    distances, least = np.full(len(line), np.inf), np.full(line.max(initial=-1) + 1, np.inf)
+    for chosen in (place < _FIRST, place >= _FIRST):
+        asked = np.flatnonzero(chosen & (whole < least[line]))
+        distances[asked] = _clipped_distances(triangles[asked], normals[asked], half_spaces[space[asked]])
+        np.minimum.at(least, line[asked], distances[asked])
+    return distances
 
 
 def _hull_half_spaces(corners: Array) -> Array:
@@ -128,13 +149,12 @@ def _hull_half_spaces(corners: Array) -> Array:
     return np.take_along_axis(spaces, order[..., None], axis=1)
 
 
-def _clipped_distances(triangles: Array, spaces: Array) -> Array:
+def _clipped_distances(triangles: Array, normals: Array, spaces: Array) -> Array:
     """Distance from the origin to the part of each triangle (n, 3, 3) inside its half spaces (n, k, 4); shape (n,).
 
     It is infinite where nothing is left. The triangles are clipped side by side (Sutherland and Hodgman 1974).
     """
     polygons, counts = triangles, np.full(len(triangles), 3)
-    normals = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     for space in np.swapaxes(spaces, 0, 1):
         width = polygons.shape[1]
         present = np.arange(width) < counts[:, None]
@@ -145,10 +165,10 @@ def _clipped_distances(triangles: Array, spaces: Array) -> Array:
         inside, crosses = present & (heights <= 0), present & ((heights > 0) != (after > 0))
         share = heights / np.where(crosses, heights - after, 1.0)
         points = np.stack([polygons, polygons + share[..., None] * (ends - polygons)], axis=2)
-        kept = np.stack([inside, crosses], axis=2).reshape(len(polygons), -1)
+        kept = np.stack([inside, crosses], axis=2).reshape(len(polygons), 2 * width)
         counts = kept.sum(axis=1)
         order = np.argsort(~kept, axis=1, kind="stable")[:, : max(1, int(counts.max(initial=0)))]
-        polygons = np.take_along_axis(points.reshape(len(polygons), -1, 3), order[..., None], axis=1)
+        polygons = np.take_along_axis(points.reshape(len(polygons), 2 * width, 3), order[..., None], axis=1)
     return _distances_to_origin(polygons, counts, normals)
 
 

@@ -9,6 +9,8 @@ leaves the box. The error is about the standard deviation of the cells that an e
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +31,17 @@ _CELLS_OF_TILE = (np.arange(_TILE)[:, None] * GRID + np.arange(_TILE)).reshape(-
 _SLACK = 1 + 1e-6
 """Factor on the size of tiles, far above the rounding of what is compared with their edges."""
 
+_FAR = 1e9
+"""Depth that stands for no depth at all [m]."""
+
 _BATCH = 2048
 """Pairs of triangle and tile whose cells are compared together: about what fits the cache."""
 
 _CHUNK = 64
 """Sight lines that are sampled together, to bound the memory."""
+
+Tile = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+"""Sight line and place along u and v of tiles, by index."""
 
 _JITTER = np.random.default_rng(2021).random((2, GRID, GRID))
 
@@ -58,6 +66,13 @@ class _Grid:
         u = low[:, :1] + step[:, :1] * (cells[:, None] + _JITTER[0]).reshape(-1)
         v = low[:, 1:] + step[:, 1:] * (cells[None, :] + _JITTER[1]).reshape(-1)
         return cls(low, step, u, v)
+
+    def tile(self, tile: Tile) -> tuple[Array, Array, Array, Array]:
+        """Middle (u, v) and half the size along u and v of tiles, shape (n,) each."""
+        line, tile_u, tile_v = tile
+        half_u, half_v = (0.5 * _TILE * self.step[line, axis] for axis in (0, 1))
+        u, v = self.low[line, 0] + (2 * tile_u + 1) * half_u, self.low[line, 1] + (2 * tile_v + 1) * half_v
+        return u, v, half_u, half_v
 
 
 def visible_shares(
@@ -103,7 +118,7 @@ def _chunk_shares(
     leaves = _exit_depths(X_CB, corners_B, grid)
     tiles = leaves.reshape(-1, TILES, _TILE, TILES, _TILE)
     count = (tiles > 0).sum(axis=(2, 4))
-    depths = (np.where(tiles > 0, tiles, np.inf).min(axis=(2, 4)), tiles.max(axis=(2, 4)))
+    depths = (np.where(tiles > 0, tiles, _FAR).min(axis=(2, 4)), tiles.max(axis=(2, 4)))
     full, touched = np.zeros(count.shape, dtype=bool), np.zeros(count.shape, dtype=bool)
     found = []
     for index in np.unique(pairs[1]).tolist():
@@ -149,16 +164,16 @@ def _exit_depths(X_CB: Array, corners_B: Array, grid: _Grid) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _OnTiles:
-    """Triangles of a solid that may block some, but not all, directions of tiles.
+    """What of a solid is before tiles.
 
-    triangle: index of each pair's triangle. tile: its sight line and place of its tile along u and v. full: tiles of
-    which some triangle blocks every direction, likewise.
+    triangle, tile: pairs of a triangle and a tile of which it may block some directions. full: tiles of which the solid
+    blocks every direction.
     """
 
     triangles: _Triangles
     triangle: NDArray[np.int64]
-    tile: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
-    full: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]
+    tile: Tile
+    full: Tile
 
     def block_cells(self, unknown: NDArray[np.bool_], grid: _Grid, leaves: Array, blocked: NDArray[np.bool_]) -> None:
         """Mark in `blocked` (l, GRID**2) the directions that the triangles block in the tiles that are unknown."""
@@ -179,39 +194,158 @@ def _on_tiles(
 
     depths: least and greatest depth at which the directions of each tile leave the box, shape (l, TILES, TILES).
 
-    Only triangles and tiles whose bounding rectangles in the image overlap are compared; triangles that reach behind
-    the camera have no bounded image and are compared with every tile. Arrays are kept per component: reductions over an
-    axis of two or three are slow.
+    Only triangles and tiles whose bounding rectangles in the image overlap are compared. In a tile that no contour of
+    the solid crosses, as many layers of triangles lie on every direction, so that one direction tells of all. Arrays
+    are kept per component: reductions over an axis of two or three are slow.
     """
-    x, y, z = np.ascontiguousarray(np.moveaxis(transform(X_CP, solid.vertices), -1, 0))
-    ahead = z > 1e-9
-    safe = np.where(ahead, z, 1.0)
-    corner = solid.triangles.T
-    bounds = []
-    for coordinate, axis in ((x, 0), (y, 1)):
-        cell = (coordinate / safe - grid.low[lines, axis, None]) / grid.step[lines, axis, None]
-        least, most = _extremes(np.where(ahead, cell, -1.0), corner)
-        bounds.append((least, np.where(ahead[:, corner].all(axis=1), most, GRID)))
-    nearest, farthest = _extremes(z, corner)
-    reaches = (nearest < depths[1][lines].max(axis=(1, 2))[:, None]) & (farthest > 0)
-    for least, most in bounds:
-        reaches &= (most >= 0) & (least < GRID)
-    row, face = np.nonzero(reaches)
-    triangles = _Triangles.of([np.stack([axis[row, corner[k, face]] for axis in (x, y, z)]) for k in range(3)])
-    first_u, first_v = (np.clip(least[row, face], 0, GRID - 1).astype(np.int64) // _TILE for least, _ in bounds)
-    last_u, last_v = (np.clip(most[row, face], 0, GRID - 1).astype(np.int64) // _TILE for _, most in bounds)
+    image = _Image.of(lines, X_CP, solid, grid)
+    deepest = depths[1][lines].max(axis=(1, 2))
+    row, face, rectangle = image.near(solid.triangles.T, deepest)
+    triangles = _Triangles.of([image.points[:, row, solid.triangles[face, k]] for k in range(3)])
+    triangle, tile = _spread(lines[row], rectangle)
+    pairs = triangles.over_tiles(triangle, grid, tile, depths)
+
+    crossed = np.zeros(depths[0].shape, dtype=bool)
+    crossed[_take(tile, pairs.some & ~pairs.in_front)] = True
+    crossed[_contour_tiles(image, solid, X_CP, grid, deepest)] = True
+    quiet = ~crossed[tile]
+    kept = np.flatnonzero(pairs.some & ~quiet)
+    return _OnTiles(triangles, triangle[kept], _take(tile, kept), _take(tile, quiet & pairs.some & pairs.in_middle))
+
+
+@dataclass(frozen=True, eq=False)
+class _Image:
+    """The vertices of a solid as l sight lines see them.
+
+    lines: index of each sight line in the grid. points: in the optical frames, shape (3, l, V). ahead: whether in front
+    of the camera, shape (l, V). cells: image coordinates in cells of the grid, shape (2, l, V).
+    """
+
+    lines: NDArray[np.int64]
+    points: Array
+    ahead: NDArray[np.bool_]
+    cells: Array
+
+    @classmethod
+    def of(cls, lines: NDArray[np.int64], X_CP: Array, solid: Solid, grid: _Grid) -> _Image:
+        """The image of a solid whose parent is at X_CP (l, 4, 4) in the optical frames."""
+        points = np.ascontiguousarray(np.moveaxis(transform(X_CP, solid.vertices), -1, 0))
+        ahead = points[2] > 1e-9
+        plane = points[:2] / np.where(ahead, points[2], 1.0)
+        low, step = grid.low[lines].T[..., None], grid.step[lines].T[..., None]
+        return cls(lines, points, ahead, np.where(ahead, (plane - low) / step, -1.0))
+
+    def near(
+        self, corner: NDArray[np.int64], deepest: Array
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+        """Sight line and shape of the pairs of which the bounding rectangle overlaps the grid, and that rectangle.
+
+        corner: vertices of triangles or edges, shape (3 or 2, n). deepest: depth beyond which nothing matters, shape
+        (l,). The rectangle is that of the tiles from (u, v) to (u, v), shape (4, pairs); it is everything for shapes
+        that reach behind the camera, which have no bounded image.
+        """
+        nearest, farthest = _extremes(self.points[2], corner)
+        close = (nearest < deepest[:, None]) & (farthest > 0)
+        ahead = np.logical_and.reduce([self.ahead[:, vertices] for vertices in corner])
+        bounds = []
+        for cells in self.cells:
+            least, most = _extremes(cells, corner)
+            most = np.where(ahead, most, GRID)
+            close &= (most >= 0) & (least < GRID)
+            bounds.append((least, most))
+        row, shape = np.nonzero(close)
+        edges = np.stack([bounds[axis][end][row, shape] for end in (0, 1) for axis in (0, 1)])
+        return row, shape, np.clip(edges, 0, GRID - 1).astype(np.int64) // _TILE
+
+
+def _spread(line: NDArray[np.int64], rectangle: NDArray[np.int64]) -> tuple[NDArray[np.int64], Tile]:
+    """Every tile of the rectangles (4, n): index of the rectangle, and line and place of the tile."""
+    first_u, first_v, last_u, last_v = rectangle
     across = last_v - first_v + 1
     counts = (last_u - first_u + 1) * across
-    triangle = np.repeat(np.arange(len(row)), counts)
-    within = np.arange(len(triangle)) - np.repeat(np.cumsum(counts) - counts, counts)
-    step_u, step_v = np.divmod(within, across[triangle])
-    tile = (lines[row][triangle], first_u[triangle] + step_u, first_v[triangle] + step_v)
-    some, whole = triangles.over_tiles(triangle, grid, tile, depths)
-    kept, full = np.flatnonzero(some & ~whole), np.flatnonzero(whole)
+    shape = np.repeat(np.arange(len(line)), counts)
+    within = np.arange(len(shape)) - np.repeat(np.cumsum(counts) - counts, counts)
+    step_u, step_v = np.divmod(within, across[shape])
+    return shape, (line[shape], first_u[shape] + step_u, first_v[shape] + step_v)
+
+
+def _take(tile: Tile, chosen: NDArray[Any]) -> Tile:
     line, tile_u, tile_v = tile
-    return _OnTiles(
-        triangles, triangle[kept], (line[kept], tile_u[kept], tile_v[kept]), (line[full], tile_u[full], tile_v[full])
+    return line[chosen], tile_u[chosen], tile_v[chosen]
+
+
+def _contour_tiles(image: _Image, solid: Solid, X_CP: Array, grid: _Grid, deepest: Array) -> Tile:
+    """Tiles that a contour edge may cross: one whose triangles face different ways, or that has not just two."""
+    surface = _Surface.of(solid)
+    eye_P = inverse(X_CP)[:, :3, 3]
+    facing = eye_P @ surface.normals.T > surface.offsets
+    bends = facing[:, surface.faces[0]] != facing[:, surface.faces[1]]
+    line, edge = np.nonzero(bends | surface.open)
+    # One row per sight line and contour edge from here on.
+    ends = surface.ends[:, edge]
+    here = _Image(
+        image.lines[line],
+        np.stack([image.points[:, line, end] for end in ends], axis=-1),
+        np.stack([image.ahead[line, end] for end in ends], axis=-1),
+        np.stack([image.cells[:, line, end] for end in ends], axis=-1),
     )
+    row, _, rectangle = here.near(np.array([[0], [1]]), deepest[line])
+    shape, tile = _spread(here.lines[row], rectangle)
+    a, b, c = cross(here.points[:, row, 0].T, here.points[:, row, 1].T)[shape].T
+    u, v, half_u, half_v = grid.tile(tile)
+    touches = np.abs(a * u + b * v + c) <= _SLACK * (np.abs(a) * half_u + np.abs(b) * half_v)
+    return _take(tile, touches)
+
+
+@dataclass(frozen=True, eq=False)
+class _Surface:
+    """How the triangles of a solid hang together.
+
+    normals, offsets: n . p > o for points p in front of each triangle, shapes (F, 3) and (F,). ends: vertices of each
+    edge, shape (2, E). faces: the two triangles at each edge, shape (2, E). open: edges that do not join just two
+    triangles of like orientation, shape (E,).
+    """
+
+    normals: Array
+    offsets: Array
+    ends: NDArray[np.int64]
+    faces: NDArray[np.int64]
+    open: NDArray[np.bool_]
+
+    @staticmethod
+    @cache
+    def of(solid: Solid) -> _Surface:
+        """The surface of a solid; vertices in the same place count as one."""
+        vertices, triangles = solid.vertices, solid.triangles
+        _, place = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
+        start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
+        first, second = place.reshape(-1)[start], place.reshape(-1)[end]
+        key = np.minimum(first, second) * len(vertices) + np.maximum(first, second)
+        order = np.argsort(key, kind="stable")
+        _, begin, count = np.unique(key[order], return_index=True, return_counts=True)
+        one, other = order[begin], order[begin + count - 1]
+        p = [vertices[triangles[:, k]] for k in range(3)]
+        normals = cross(p[1] - p[0], p[2] - p[0])
+        return _Surface(
+            normals,
+            np.einsum("fi,fi->f", normals, p[0]),
+            np.stack([start[one], end[one]]),
+            np.stack([one // 3, other // 3]),
+            (count != 2) | (first[one] == first[other]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Overlaps:
+    """Pairs of a triangle and a tile, shape (n,) each.
+
+    some: whether the triangle may block any direction of the tile. in_front: whether its plane, over the whole tile, is
+    nearer than where any direction leaves the box. in_middle: whether it lies on the direction of the tile's middle.
+    """
+
+    some: NDArray[np.bool_]
+    in_front: NDArray[np.bool_]
+    in_middle: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,30 +369,21 @@ class _Triangles:
         return cls(edges * sign, volume * sign)
 
     def over_tiles(
-        self,
-        triangle: NDArray[np.int64],
-        grid: _Grid,
-        tile: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]],
-        depths: tuple[Array, Array],
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """For each pair of a triangle and a tile, whether the triangle may block some directions and does block all."""
-        line, tile_u, tile_v = tile
-        half_u, half_v = (0.5 * _TILE * grid.step[line, axis] for axis in (0, 1))
-        u = grid.low[line, 0] + (2 * tile_u + 1) * half_u
-        v = grid.low[line, 1] + (2 * tile_v + 1) * half_v
+        self, triangle: NDArray[np.int64], grid: _Grid, tile: Tile, depths: tuple[Array, Array]
+    ) -> _Overlaps:
+        """How each pair of a triangle and a tile lie to each other."""
+        u, v, half_u, half_v = grid.tile(tile)
         soonest, latest = (depth[tile] for depth in depths)
-        some, whole = latest > 0, np.ones(len(line), dtype=bool)
-        least, most = np.zeros(len(line)), np.zeros(len(line))
+        some, in_middle = latest > 0, np.ones(len(u), dtype=bool)
         for a, b, c in self.edges[:, :, triangle]:
             middle, reach = a * u + b * v + c, _SLACK * (np.abs(a) * half_u + np.abs(b) * half_v)
             some &= middle >= -reach
-            whole &= middle > reach
-            least += middle - reach
-            most += middle + reach
+            in_middle &= middle >= 0
+        a, b, c = self.edges.sum(axis=0)[:, triangle]
+        middle, reach = a * u + b * v + c, _SLACK * (np.abs(a) * half_u + np.abs(b) * half_v)
         volume = self.volume[triangle]
-        some &= volume <= most * latest
-        whole &= some & (volume > 0) & (volume < least * soonest)
-        return some, whole
+        some &= volume <= (middle + reach) * latest
+        return _Overlaps(some, (volume > 0) & (volume < (middle - reach) * soonest), in_middle)
 
     def before(self, triangle: NDArray[np.int64], u: Array, v: Array, leaves: Array) -> NDArray[np.bool_]:
         """Whether each triangle lies on its directions (u, v, 1), shape (n, k) each, before they leave the box.
@@ -275,6 +400,6 @@ class _Triangles:
 
 
 def _extremes(values: Array, corner: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Least and greatest of a value (l, V) over the corners (3, F) of each triangle, shape (l, F) each."""
-    a, b, c = (values[:, corner[k]] for k in range(3))
-    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+    """Least and greatest of a value (l, V) over the corners (k, n) of each shape, shape (l, n) each."""
+    found = [values[:, vertices] for vertices in corner]
+    return np.minimum.reduce(found), np.maximum.reduce(found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array
@@ -78,6 +78,7 @@ def test_pixels_are_those_of_opencv(model: str, units: list[float], seed: int) -
 @pytest.mark.parametrize("model", MODELS)
 @given(units=st.lists(st.floats(-1, 1), min_size=8, max_size=8))
 def test_the_image_grows_with_the_radius_up_to_the_one_found_and_no_further(model: str, units: list[float]) -> None:
+    assume(model != "rational_polynomial" or (units[:2] + units[4:5]) != units[5:])  # the identity, over its own poles
     camera = lens(model, np.array(units))
     radius = monotonic_radius(camera)
     radii = np.linspace(0, 20, 200_001)

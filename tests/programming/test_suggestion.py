@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+import pytest
+
+from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.assessment import Study, study
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.program_update import world_after
+from sqrp_cli.programming.sampling import Adaptive
+from sqrp_cli.programming.suggestion import suggest
+from sqrp_cli.programming.task import Candidate, read_task
+from tests.programming.conftest import TABLETOP
+
+DROP_PDDL = """
+(define (domain drop)
+  (:requirements :strips :typing)
+  (:types movable fixture - object)
+  (:predicates (hold ?object - movable) (obj_on_table ?object - movable) (hand_empty))
+  (:action drop
+    :parameters (?object - movable)
+    :precondition (hold ?object)
+    :effect (and (hand_empty) (not (hold ?object)))))
+"""
+DROP_YAML = """
+primitives:
+  - {name: d1, joint_move: home}
+  - {name: d2, release: 0.5 s}
+formulas:
+  - always[d1.start, d1.end] hold
+targets:
+  hold:
+    boxes: [{name: at_cup, frame: tool, size: [4 cm, 4 cm, 4 cm], detector: color, encloses: [object, tool]}]
+"""
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    """The tabletop with a second skill, which drops what is held."""
+    folder = tmp_path_factory.mktemp("cell")
+    (folder / "drop").mkdir()
+    (folder / "drop" / "drop.pddl").write_text(DROP_PDDL)
+    (folder / "drop" / "skill.yaml").write_text(DROP_YAML)
+    text = (TABLETOP / "workspace.yaml").read_text()
+    text = text.replace("../robots/", f"{TABLETOP.parent}/robots/")
+    text = text.replace("[../../skills/pickup]", f"[{TABLETOP.parents[1]}/skills/pickup, drop]")
+    (folder / "workspace.yaml").write_text(text)
+    return Cell.load(load_workspace(folder))
+
+
+def candidate(cell: Cell, task: str) -> Candidate:
+    return read_task(task, cell.workspace).candidates[0]
+
+
+@pytest.fixture(scope="module")
+def holding(cell: Cell) -> World:
+    """The world after g2 was picked up."""
+    found = study(cell, candidate(cell, "pickup g2"), cell.workspace.initial_world, Adaptive(), full=False)
+    assert isinstance(found, Study)
+    return world_after(found)
+
+
+def test_a_precondition_that_holds_needs_no_plan(cell: Cell) -> None:
+    suggestion = suggest(cell, candidate(cell, "pickup g2"), cell.workspace.initial_world)
+    assert (suggestion.outcome, suggestion.steps, suggestion.explanation) == ("satisfied", None, "")
+
+
+def test_a_full_hand_is_emptied_first_and_the_step_is_scored(cell: Cell, holding: World) -> None:
+    suggestion = suggest(cell, candidate(cell, "pickup g3"), holding)
+    assert suggestion.outcome == "plan"
+    assert suggestion.steps is not None
+    (step,) = suggestion.steps
+    assert (step.action, step.feasible, step.reasons) == ("drop(g2)", True, ())
+    assert step.qualities is not None
+    assert step.qualities.q_eoi is None, "drop has no event of interest"
+    assert suggestion.explanation == "first do drop(g2)"
+
+
+def test_what_no_skill_can_establish_is_said_to_be_impossible(cell: Cell, holding: World) -> None:
+    suggestion = suggest(cell, candidate(cell, "pickup g2"), holding)
+    assert suggestion.outcome == "impossible"
+    assert "`obj_on_table(g2)`" in suggestion.explanation
+    assert "hand_empty" not in suggestion.explanation
+
+
+def test_a_step_that_cannot_be_done_says_why(cell: Cell, holding: World) -> None:
+    facts = (holding.facts - {Atom("hold", ("g2",))}) | {Atom("hold", ("g1",))}
+    confused = World(facts, holding.X_WO, None, None, holding.joints)
+    suggestion = suggest(cell, candidate(cell, "pickup g3"), confused)
+    assert suggestion.steps is not None
+    (step,) = suggestion.steps
+    assert not step.feasible
+    assert "the tool holds nothing that `d2` could release" in step.reasons
