@@ -13,7 +13,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.geometry import Array, cross, read_only
 from sqrp_cli.knowledge.packages import resolve
 from sqrp_cli.knowledge.robot import JointLimits, Robot
 from sqrp_cli.knowledge.scene import Part
@@ -127,7 +127,7 @@ class RobotModel:
         X_WT = X_WJ[:, -1] @ self._tree.mounts[self.tool_frame].X_JL
         axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]
         arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
-        columns = np.concatenate([np.where(turns, _cross(axes, arms), axes), np.where(turns, axes, 0.0)], axis=-1)
+        columns = np.concatenate([np.where(turns, cross(axes, arms), axes), np.where(turns, axes, 0.0)], axis=-1)
         return X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios
 
     @property
@@ -251,12 +251,3 @@ def _adjacent_pairs(parts: Sequence[Part], tree: JointTree) -> frozenset[tuple[s
 
     carried = sorted({(part.parent, tree.mounts[part.parent].joint) for part in parts})
     return frozenset((a, b) for (a, on), (b, by) in combinations(carried, 2) if meet(on, by) or meet(by, on))
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """The cross product along the last axis; several times faster than `np.cross` on small arrays."""
-    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for axis in range(3):
-        second, third = (axis + 1) % 3, (axis + 2) % 3
-        product[..., axis] = a[..., second] * b[..., third] - a[..., third] * b[..., second]
-    return product

@@ -6,6 +6,7 @@ import argparse
 import os
 import platform
 from importlib.metadata import version
+from textwrap import fill
 
 PARTS = ("rank", "coverage", "growth", "candidates")
 
@@ -21,7 +22,9 @@ def main() -> None:
     parts = arguments.parts or PARTS
 
     libraries = ("numpy", "coal", "pin", "ruckig", "mujoco", "embreex")
-    print(f"Python {platform.python_version()}, " + ", ".join(f"{name} {version(name)}" for name in libraries))
+    print(
+        fill(f"Python {platform.python_version()}, " + ", ".join(f"{name} {version(name)}" for name in libraries), 80)
+    )
     print(f"{platform.machine()}, {os.cpu_count()} cores, one used; wall times, median of {arguments.runs}")
     if "rank" in parts:
         from tests.benchmarks.startup import processes, stages

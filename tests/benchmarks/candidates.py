@@ -36,12 +36,12 @@ def many(wanted: int) -> None:
         feasible += assignment.assess(candidate).feasible
         if number in {round(wanted * share / 4) for share in (1, 2, 3, 4)}:
             passed = time.perf_counter() - start
-            peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+            resident = int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize() / 2**20
             rows.append([f"{number} assessed", f"{feasible}", f"{passed:.1f}", f"{number / passed:.1f}",
-                         f"{len(task.candidates) * passed / number:.0f}", f"{peak:.0f}"])  # fmt: skip
+                         f"{len(task.candidates) * passed / number:.0f}", f"{resident:.1f}"])  # fmt: skip
     print_table(
         f"{len(task.candidates):,} candidates ({OBJECTS} objects, {YAWS} approach yaws), {CAMERAS} cameras",
-        ["", "feasible", "s", "per s", "s for all", "peak MB"],
+        ["", "feasible", "s", "per s", "s for all", "MB now"],
         rows,
     )
 

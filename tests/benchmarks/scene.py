@@ -53,15 +53,17 @@ class BenchmarkScene:
         return transform(X_WB, lattice * corners.max(axis=0))
 
 
-def make_scene(states: int = 160, cameras: int = 6, boxes: int = 3, splits: int = 0) -> BenchmarkScene:
-    """`splits`: how often every triangle of a mesh is cut in four."""
+def make_scene(
+    states: int = 160, cameras: int = 6, boxes: int = 3, splits: int = 0, *, fixtures: bool = False
+) -> BenchmarkScene:
+    """`splits`: how often every triangle of a mesh is cut in four. `fixtures`: with a crate, a post and a thin rail."""
     model = RobotModel.load(load_workspace(TABLETOP).robot)
-    fixtures = {
+    shapes = {
         "crate": ((0.22, 0.16, 0.18), (0.62, -0.42, 0.09)),
         "post": ((0.06, 0.06, 0.6), (0.15, 0.6, 0.3)),
         "rail": ((0.5, 0.02, 0.02), (0.4, 0.1, 0.35)),
     }
-    parts = [Part(name, WORLD, Box(size), pose(position=place)) for name, (size, place) in fixtures.items()]
+    parts = [Part(name, WORLD, Box(size), pose(position=place)) for name, (size, place) in shapes.items() if fixtures]
     solids = [_split(solid, splits) for solid in load_solids([*model.parts, *parts])]
 
     # A sweep over the boxes: each joint goes to and fro about its home position.

@@ -317,10 +317,13 @@ class _Surface:
     def of(solid: Solid) -> _Surface:
         """The surface of a solid; vertices in the same place count as one."""
         vertices, triangles = solid.vertices, solid.triangles
-        _, place = np.unique(np.round(vertices, 9), axis=0, return_inverse=True)
+        rounded = np.round(vertices, 9)
+        order = np.lexsort(rounded.T)
+        place = np.empty(len(vertices), dtype=np.int64)
+        place[order] = np.cumsum(np.any(np.diff(rounded[order], axis=0, prepend=np.nan) != 0, axis=1))
         start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
-        first, second = place.reshape(-1)[start], place.reshape(-1)[end]
-        key = np.minimum(first, second) * len(vertices) + np.maximum(first, second)
+        first, second = place[start], place[end]
+        key = np.minimum(first, second) * (len(vertices) + 1) + np.maximum(first, second)
         order = np.argsort(key, kind="stable")
         _, begin, count = np.unique(key[order], return_index=True, return_counts=True)
         one, other = order[begin], order[begin + count - 1]
