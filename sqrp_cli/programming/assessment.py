@@ -13,10 +13,10 @@ from sqrp_cli.programming.faults import FaultMetrics, Recovery, fault_metrics
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, ground_formulas
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion import Motion
+from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.motion.recovery import recovery_over
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.quality import Qualities, average_quality, interest_quality
-from sqrp_cli.programming.recovery import recovery_over
 from sqrp_cli.programming.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.programming.stage import Stage
 from sqrp_cli.programming.targets import Target

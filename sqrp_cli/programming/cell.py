@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.programming.collision import CollisionScene
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.collision import CollisionScene
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import load_solids
 

@@ -6,7 +6,7 @@ from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.conditions import failing_literals
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion import Motion, plan_motion
+from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.programming.task import Candidate
 
 

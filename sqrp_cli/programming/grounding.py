@@ -15,11 +15,11 @@ from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import ground_operators
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.waypoints import ground_waypoint
 from sqrp_cli.programming.pieces import GroundFormula
 from sqrp_cli.programming.targets import START, Target, TargetBox
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.waypoints import ground_waypoint
 
 TOOL = "tool"
 """What a skill calls the tool: its frame, and all its parts."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, transform
-from sqrp_cli.programming.motion import Motion
+from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.solids import Solid

@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.scene import Box, Part
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.occlusion import shrink
 from sqrp_cli.programming.sensing.scene import WORLD, SceneStates, fixed_frame

@@ -87,8 +87,8 @@ def print_stages(imports: float) -> None:
     from sqrp_cli.knowledge.digest import ContentDigest
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.programming import assessment, feasibility, timeline
+    from sqrp_cli.programming.arm.kinematics import RobotModel
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.kinematics import RobotModel
     from sqrp_cli.programming.pipeline import Assignment
     from sqrp_cli.programming.ranking import rank
     from sqrp_cli.programming.sampling import Adaptive

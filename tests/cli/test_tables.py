@@ -52,7 +52,8 @@ tiny       yes         4.00
 behind     yes         4.00
 stray      no                `watch` needs `in_place(stray)`, which does not
                              hold; `watch` needs `faces(stray)`, which does not
-                             hold
+                             hold; no sequence of this workspace's skills can
+                             establish `in_place(stray)` and `faces(stray)`
 """
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 

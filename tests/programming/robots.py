@@ -12,7 +12,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.packages import package_roots
 from sqrp_cli.knowledge.robot import JointLimits, Robot, Tool
 from sqrp_cli.knowledge.urdf import read_urdf
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
 
 SUCTION_CUP = Path(__file__).parents[2] / "workspaces" / "robots" / "suction_cup.urdf"
 

@@ -12,8 +12,9 @@ from sqrp_cli.knowledge.scene import Cylinder, Part
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula_time import GroundOperator
 from sqrp_cli.logic.literal import Atom, Literal
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.motion import Motion, TimedPrimitive
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.sensing.observer import Observer
@@ -21,7 +22,6 @@ from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.stage import Stage
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.timeline import Timeline, observe
-from sqrp_cli.programming.timing import MotionLimits, joint_move
 from sqrp_cli.trajectory import Trajectory
 from tests.programming.sensing.views import (
     box_part,

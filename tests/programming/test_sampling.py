@@ -19,9 +19,9 @@ from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.logic.formula_time import ground_operators
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.logic.mtl import bind, parse_formula
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.assessment import Study, study
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.kinematics import RobotModel
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.quality import average_quality, interest_quality
 from sqrp_cli.programming.sampling import (

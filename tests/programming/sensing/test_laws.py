@@ -18,9 +18,9 @@ from sqrp_cli.knowledge.scene import Capsule, Cylinder, Part, Sphere
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming import pipeline
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.assessment import Assessment, Study, study
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.kinematics import RobotModel
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.quality import average_quality, interest_quality
 from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount

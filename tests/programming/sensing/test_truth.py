@@ -19,7 +19,7 @@ from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.scene import Cylinder, Part
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene import SceneStates

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import inverse, transform
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.motion_bound import MotionBound
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.motion_bound import MotionBound
 
 
 def test_depth_counts_the_joints_that_move_a_link(ur5: RobotModel) -> None:

@@ -12,10 +12,10 @@ import pytest
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Part, SceneObject, Shape, Sphere
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.programming.collision import CLEARANCE, RESOLUTION, CollisionScene, PlacedScene, pair
-from sqrp_cli.programming.collision_body import Body
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.motion_bound import MotionBound
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.collision import CLEARANCE, RESOLUTION, CollisionScene, PlacedScene, pair
+from sqrp_cli.programming.motion.collision_body import Body
+from sqrp_cli.programming.motion.motion_bound import MotionBound
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.trajectory import Path
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
 
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 

@@ -8,9 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array, axis_rotation, pose
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.straight_line import ToolLine, rotation_matrix, rotation_vector, straight_line
+from sqrp_cli.programming.motion.straight_line import ToolLine, rotation_matrix, rotation_vector, straight_line
 from sqrp_cli.trajectory import Path
 
 READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])

@@ -8,7 +8,7 @@ import pytest
 from sqrp_cli.geometry import axis_rotation, pose
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import GraspWaypoint, PoseWaypoint, RaiseWaypoint, Reference, RetreatWaypoint
-from sqrp_cli.programming.waypoints import ground_waypoint, needed_objects, side_pose
+from sqrp_cli.programming.motion.waypoints import ground_waypoint, needed_objects, side_pose
 
 SIZE = (0.1, 0.2, 0.3)
 WAYPOINTS = {

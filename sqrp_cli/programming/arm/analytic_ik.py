@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
 
 NOMINAL_ANGLE = 2e-2
 """Axes of a calibrated arm are taken as along those of its root where they are within this angle [rad]."""

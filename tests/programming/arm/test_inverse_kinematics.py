@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
-from sqrp_cli.programming import analytic_ik, inverse_kinematics
-from sqrp_cli.programming.inverse_kinematics import all_solutions
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm import analytic_ik, inverse_kinematics
+from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from tests.programming.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, spherical_wrist_arm, written_urdf
 
 with_eaik = pytest.mark.skipif(not analytic_ik.is_installed(), reason="needs the extra `ik`")

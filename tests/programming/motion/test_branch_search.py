@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sqrp_cli.programming.branch_search import Station, fastest_sequence
+from sqrp_cli.programming.motion.branch_search import Station, fastest_sequence
 
 
 @given(st.integers(0, 100_000), st.lists(st.integers(1, 4), min_size=1, max_size=4), st.booleans())

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array, inverse, transform
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
 
 
 class MotionBound:

@@ -8,8 +8,8 @@ from functools import cache, cached_property
 import numpy as np
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.kinematics import RobotModel
 from sqrp_cli.trajectory import Path
 
 TOLERANCE = 1e-6

@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.packages import resolve
 from sqrp_cli.knowledge.robot import JointLimits, Robot
 from sqrp_cli.knowledge.scene import Part
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
-from sqrp_cli.programming.joint_tree import JointTree
+from sqrp_cli.programming.arm.joint_tree import JointTree
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.programming.collision_body import Body, Placement, body_distance, distance_within, placement_at
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.motion_bound import MotionBound
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.collision_body import Body, Placement, body_distance, distance_within, placement_at
+from sqrp_cli.programming.motion.motion_bound import MotionBound
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.trajectory import Path, Trajectory
 

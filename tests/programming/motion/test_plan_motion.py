@@ -28,13 +28,13 @@ from sqrp_cli.knowledge.skill import (
     Wait,
 )
 from sqrp_cli.knowledge.workspace import Workspace, World
-from sqrp_cli.programming.collision import CLEARANCE, CollisionScene, pair
+from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.inverse_kinematics import all_solutions
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.motion import Motion, plan_motion
-from sqrp_cli.programming.straight_line import ToolLine, straight_line
-from sqrp_cli.programming.timing import MotionLimits, joint_move, phase_samples, time_path
+from sqrp_cli.programming.motion.collision import CLEARANCE, CollisionScene, pair
+from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
+from sqrp_cli.programming.motion.straight_line import ToolLine, straight_line
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples, time_path
 from sqrp_cli.trajectory import Path
 
 VALUES = {"approach_yaw": 0.3, "lift": 0.1, "speed": 1.0}

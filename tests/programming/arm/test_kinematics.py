@@ -13,7 +13,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array, inverse, pose, rpy_to_matrix
 from sqrp_cli.knowledge.robot import Tool
 from sqrp_cli.knowledge.urdf import UrdfModel, read_urdf
-from sqrp_cli.programming.kinematics import RobotModel
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from tests.programming.robots import REAL_ARMS, ROBOTS, SUCTION_CUP, joint, real_arm, robot, written_urdf
 
 SEED = st.integers(0, 2**32 - 1)

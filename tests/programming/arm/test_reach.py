@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
-from sqrp_cli.programming.inverse_kinematics import all_solutions
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.reach import OutOfReach, PastLimit, WrongWayRound
+from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.reach import OutOfReach, PastLimit, WrongWayRound
 from tests.programming.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, spherical_wrist_arm, written_urdf
 
 UPPER, FORE, SHOULDER = 0.5, 0.3, np.array([0.0, 0.0, 0.5])

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.pose_search import descend, spread_starts
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.pose_search import descend, spread_starts
 
 STARTS = 64
 """Starting points of the search for the closest pose that can be reached."""

@@ -10,7 +10,7 @@ from ruckig import InputParameter, Result, Ruckig, Synchronization
 from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.timing import (
+from sqrp_cli.programming.motion.timing import (
     MotionLimits,
     joint_move,
     joint_move_duration,

@@ -13,19 +13,19 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import JointMove, MotionValue, Skill, StraightMove
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.programming.branch_search import Station, fastest_sequence
-from sqrp_cli.programming.collision import CollisionScene
-from sqrp_cli.programming.ground_primitives import (
+from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion.branch_search import Station, fastest_sequence
+from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.ground_primitives import (
     GroundPrimitive,
     GroundSkill,
     ground_primitives,
     start_configuration,
 )
-from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.inverse_kinematics import all_solutions
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.straight_line import LIMIT_SAMPLES, LIMIT_SLACK, ToolLine, follow, limit_reason
-from sqrp_cli.programming.timing import MotionLimits, joint_move, joint_move_duration, time_path
+from sqrp_cli.programming.motion.straight_line import LIMIT_SAMPLES, LIMIT_SLACK, ToolLine, follow, limit_reason
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration, time_path
 from sqrp_cli.trajectory import Path, Trajectory
 
 MAX_REASONS = 5

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.programming.analytic_ik import approximate_solutions
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.pose_search import descend, halton, pose_errors, spread_starts
-from sqrp_cli.programming.reach import Unreachable, closest_turns, limit_excess, why_unreachable
+from sqrp_cli.programming.arm.analytic_ik import approximate_solutions
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.pose_search import descend, halton, pose_errors, spread_starts
+from sqrp_cli.programming.arm.reach import Unreachable, closest_turns, limit_excess, why_unreachable
 
 SOLVED = 1e-11
 """Largest pose error of a solution, in m and rad; most are a thousand times better."""

@@ -21,10 +21,10 @@ from sqrp_cli.knowledge.skill import (
     Wait,
 )
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.programming.collision import CollisionScene, Pairs, pair
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.waypoints import ground_waypoint, needed_objects, setting_number
+from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, pair
+from sqrp_cli.programming.motion.waypoints import ground_waypoint, needed_objects, setting_number
 
 
 @dataclass(frozen=True, eq=False)

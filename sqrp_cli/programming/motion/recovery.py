@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.faults import Recovery
-from sqrp_cli.programming.kinematics import RobotModel
-from sqrp_cli.programming.motion import Motion
-from sqrp_cli.programming.timing import MotionLimits, joint_move_duration
+from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move_duration
 
 INSTANTS = 65
 """Instants at which stopping and moving back are computed, equally spaced from a fault's earliest time to the end."""
