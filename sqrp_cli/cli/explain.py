@@ -46,9 +46,10 @@ def command(
 ) -> ExitCode:
     """Explain how well a way of doing a task is seen: when, by which camera, and why not."""
     from sqrp_cli.cli.console import progress, say_raw
-    from sqrp_cli.cli.documents import as_text, header, infeasible_document, study_document
+    from sqrp_cli.cli.documents import as_text, header
     from sqrp_cli.cli.rank import check_choice, choose_candidate
     from sqrp_cli.cli.session import Session
+    from sqrp_cli.cli.study_document import infeasible_document, study_document
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank

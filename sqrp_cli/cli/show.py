@@ -16,8 +16,9 @@ NAME = "show"
 def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
     """Show what SQRP understood of a workspace: robot, cameras, objects, skills, state."""
     from sqrp_cli.cli.console import say_raw
-    from sqrp_cli.cli.documents import as_text, scene_document
+    from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.options import open_workspace
+    from sqrp_cli.cli.scene_document import scene_document
     from sqrp_cli.programming.cell import Cell
 
     cell = Cell.load(open_workspace(workspace))
