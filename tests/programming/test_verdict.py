@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.programming.assessment import Study, study
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.explanation import cause_totals, sample_weights
+from sqrp_cli.programming.sampling import Adaptive
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.verdict import explain_stretch, verdict
+
+CANDIDATES = ("g1", "g2", "g3", "g4", "g5")
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop: Workspace) -> Cell:
+    return Cell.load(tabletop)
+
+
+@pytest.fixture(scope="module")
+def studies(cell: Cell) -> dict[str, Study]:
+    found = {}
+    for name in CANDIDATES:
+        candidate = read_task(f"pickup {name}", cell.workspace).candidates[0]
+        result = study(cell, candidate, cell.workspace.initial_world, Adaptive(), full=True)
+        assert isinstance(result, Study)
+        found[name] = result
+    return found
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str, Study]) -> None:
+    found = studies[name]
+    timeline = found.timeline
+    blind = timeline.monitored & ~timeline.covered
+    text = verdict(cell, found)
+    if not blind.any():
+        assert text == "Every literal is covered all the time."
+        return
+    times = re.search(r"from (\d+\.\d) s to (\d+\.\d) s", text)
+    assert times is not None
+    start, end = (float(time) for time in times.groups())
+    t = timeline.samples.t
+    inside = (t > start + 0.06) & (t < end - 0.06)
+    assert blind[inside].all(), "every sample of the stretch is blind"
+    if (blind & timeline.interesting).any():
+        assert timeline.interesting[inside].all(), "events of interest come first"
+    assert text.split()[0] in cell.workspace.cameras
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_the_totals_of_a_camera_and_the_time_it_sees_add_up_to_what_was_asked(
+    name: str, cell: Cell, studies: dict[str, Study]
+) -> None:
+    found = studies[name]
+    weights, observation = sample_weights(found), found.timeline.observation
+    totals = cause_totals(cell, found)
+    for column, target in enumerate(found.targets):
+        required = observation.required[:, column]
+        for index, camera in enumerate(cell.observer.cameras):
+            sees = np.all([box.cause[:, index] == Cause.NONE for box in observation.full_matrix[column]], axis=0)
+            lost = sum(t.duration for t in totals if (t.atom, t.camera) == (target.atom, camera.name))
+            assert lost + weights[required & sees].sum() == pytest.approx(weights[required].sum(), abs=1e-9)
+
+
+def test_the_weights_of_all_samples_add_up_to_the_time_of_the_motion(studies: dict[str, Study]) -> None:
+    for found in studies.values():
+        assert sample_weights(found).sum() == pytest.approx(found.motion.time, abs=1e-9)
+
+
+def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studies: dict[str, Study]) -> None:
+    found = studies["g1"]
+    timeline = found.timeline
+    hidden = [
+        (row, index)
+        for boxes in timeline.observation.full_matrix
+        for row, index in np.argwhere(boxes[0].cause == Cause.HIDDEN)
+        if timeline.monitored[row] and not timeline.covered[row]
+    ]
+    row, index = hidden[0]
+    alone = dataclasses.replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
+    stretch = explain_stretch(alone, found, np.array([row]))
+    assert stretch.causes[0].cause is Cause.HIDDEN
+    assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
+    assert f"behind {stretch.causes[0].by}" in str(stretch)
