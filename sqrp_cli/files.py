@@ -9,13 +9,31 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem
 
 
+def check_writable(path: Path) -> None:
+    """Raises InputError where a file cannot be written: no folder for it, no permission, or a folder in its place."""
+    try:
+        folder = path.resolve().parent
+        if not folder.is_dir():
+            raise InputError(
+                Problem("cannot-write", f"there is no folder {folder}", Place(path), mend=f"mkdir -p {folder}")
+            )
+        if path.is_dir():
+            raise InputError(Problem("cannot-write", "this is a folder; expected the name of a file", Place(path)))
+        if not os.access(folder, os.W_OK):
+            raise InputError(Problem("cannot-write", f"the folder {folder} cannot be written to", Place(path)))
+    except OSError as error:
+        message = f"this file cannot be written: {error.strerror or error}"
+        raise InputError(Problem("cannot-write", message, Place(path))) from error
+
+
 def write_atomically(path: Path, text: str, *, executable: bool = False) -> None:
     """Replace a file by `text`, all or nothing; executable: with the run bit for everyone who may read it.
 
-    Raises InputError where the file cannot be written.
+    A link stays one: what it points to is replaced. Raises InputError where the file cannot be written.
     """
+    check_writable(path)
+    path = path.resolve()
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", text=True)
         try:
             with os.fdopen(descriptor, "w", encoding="utf-8") as file:

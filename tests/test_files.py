@@ -17,9 +17,24 @@ def test_a_file_is_replaced_as_a_whole_and_nothing_else_is_left(tmp_path: Path) 
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_missing_folders_are_made(tmp_path: Path) -> None:
-    write_atomically(tmp_path / "a" / "b.txt", "text")
-    assert (tmp_path / "a" / "b.txt").read_text() == "text"
+def test_a_missing_folder_is_refused_with_the_command_that_makes_it(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="there is no folder") as caught:
+        write_atomically(tmp_path / "a" / "b.txt", "text")
+    assert caught.value.problems[0].mend == f"mkdir -p {tmp_path / 'a'}"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_link_keeps_pointing_to_the_file_that_is_written(tmp_path: Path) -> None:
+    (tmp_path / "real").write_text("old")
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    write_atomically(tmp_path / "link", "new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "new"
+
+
+def test_a_name_that_is_too_long_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written"):
+        write_atomically(tmp_path / ("x" * 300), "text")
 
 
 def test_only_an_executable_file_gets_the_run_bit(tmp_path: Path) -> None:
@@ -48,5 +63,5 @@ def test_a_failure_leaves_the_old_file_and_says_which_could_not_be_written(
 
 
 def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be written"):
+    with pytest.raises(InputError, match="this is a folder"):
         write_atomically(tmp_path, "text")

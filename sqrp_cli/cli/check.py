@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -21,7 +22,7 @@ NAME = "check"
 def command(
     workspace: WorkspacePath,
     task: Annotated[
-        str | None, typer.Argument(metavar="[TASK]", help='Check this task as well, such as "pickup green".')
+        str | None, typer.Argument(metavar="TASK", help='Check this task as well, such as "pickup green".')
     ] = None,
     after: After = None,
     as_json: Json = False,
@@ -81,8 +82,10 @@ def _print(
     if any(problem.severity == "error" for problem in problems):
         return
     if task is None:
-        findings = f"{len(problems)} warnings" if problems else "nothing to complain about"
-        say(f"{name} is valid: {findings}. Try: sqrp rank {workspace} TASK")
+        findings = (
+            f"{len(problems)} warning{'s' if len(problems) > 1 else ''}" if problems else "nothing to complain about"
+        )
+        say(f"{name} is valid: {findings}. Try: sqrp rank {shlex.quote(str(workspace))} TASK")
         return
     feasible = sum(feasibility.feasible for feasibility in found)
     say(f"{task} in {name}: {feasible} of {len(found)} candidates can be done\n")

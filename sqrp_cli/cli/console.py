@@ -37,9 +37,17 @@ class Column:
     shrink: bool = False
 
 
+class _Output(Console):
+    """A console that leaves it to its caller what a closed pipe means."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise what Rich would turn into an exit."""
+        raise BrokenPipeError
+
+
 def output() -> Console:
     """The console of results, on stdout."""
-    return Console(highlight=False, soft_wrap=False, emoji=False)
+    return _Output(highlight=False, soft_wrap=False, emoji=False)
 
 
 def diagnostics() -> Console:

@@ -52,12 +52,17 @@ MOST_SAMPLES = 20_000
 
 
 def open_workspace(path: Path) -> Workspace:
-    """Read a workspace and print its warnings."""
+    """Read a workspace and print its warnings. Raises InputError where `sqrp check` finds errors in it."""
     from sqrp_cli.cli.console import print_problems
+    from sqrp_cli.knowledge.lint import lint
     from sqrp_cli.knowledge.load import load_workspace
 
     workspace = load_workspace(path)
-    print_problems(workspace.warnings)
+    problems = (*workspace.warnings, *lint(workspace))
+    errors = [problem for problem in problems if problem.severity == "error"]
+    if errors:
+        raise InputError(*errors)
+    print_problems(problems)
     return workspace
 
 
@@ -97,10 +102,10 @@ def read_calibration(text: str | None, seed: int) -> Calibration | None:
     if text is None:
         return None
     deviations = {LENGTH: 0.0, ANGLE: 0.0}
-    for part in text.split(","):
-        quantity = read_quantity(part.strip())
-        if quantity is None or quantity.dimension not in deviations or quantity.value < 0:
-            raise _refused(f"--calibration is `{text}`, expected a length and an angle such as `5 mm, 0.5 deg`")
+    parts = [read_quantity(part.strip()) for part in text.split(",")]
+    for quantity in parts:
+        if quantity is None or quantity.dimension not in deviations or not 0 <= quantity.value <= 1 or len(parts) > 2:
+            raise _refused(f"--calibration is `{text}`, expected up to 1 m and up to 1 rad, such as `5 mm, 0.5 deg`")
         deviations[quantity.dimension] = quantity.value
     return Calibration(deviations[LENGTH], deviations[ANGLE], seed)
 

@@ -67,8 +67,7 @@ def command(
 
     criterion = _criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
-    # Without --after, a step that is appended to a program starts where the program ends.
-    before = after or (program if program is not None and program.exists() else None)
+    before = _world_before(after, program)
     session = Session.begin(open_workspace(workspace), task, before, sampling, read_calibration(calibration, seed))
     check_choice(session.task, choose)
     assessments = []
@@ -80,7 +79,9 @@ def command(
                 advance()
     except KeyboardInterrupt:
         interrupted = True
-        note(f"interrupted after {len(assessments)} of {len(session.task.candidates)} candidates; these are finished:")
+        note(f"interrupted when {len(assessments)} of {len(session.task.candidates)} candidates were finished")
+        if not assessments:
+            return ExitCode.INTERRUPTED
     ranking = rank(assessments, criterion)
     if as_json:
         document = {
@@ -88,6 +89,7 @@ def command(
             "by": criterion,
             "sampling": sampling_document(sampling, assessments),
             **calibration_fields(session.assignment.calibration, assessments, criterion),
+            **({"interrupted": True} if interrupted else {}),
             "candidates": [candidate_document(ranked) for ranked in ranking],
         }
         say_raw(as_text(document))
@@ -107,6 +109,24 @@ def command(
     add_step(session, chosen.assessment, program)
     note(f"{chosen.assessment.candidate.name} is now the last step of {program}")
     return ExitCode.OK
+
+
+def _world_before(after: Path | None, program: Path | None) -> Path | None:
+    """The program whose final world a task starts from: a step that is appended starts where its program ends.
+
+    Raises InputError where that contradicts `--after`, or where the program cannot be written.
+    """
+    from sqrp_cli.files import check_writable
+
+    if program is None:
+        return after
+    check_writable(program)
+    if not program.exists():
+        return after
+    if after is not None and after.resolve() != program.resolve():
+        message = f"{program} exists, so its next step starts where it ends and not where {after} does"
+        raise InputError(Problem("bad-option", message, mend="leave out --after, or name a new file after --program"))
+    return program
 
 
 def check_choice(task: Task, choice: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -11,10 +11,19 @@ from sqrp_cli.cli.documents import percentiles
 from sqrp_cli.cli.session import Session
 from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.faults import FaultMetrics
-from sqrp_cli.programming.ranking import Criterion, Ranked, winners
+from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
 from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.task import Candidate, shown
+
+_SHOWN: dict[Criterion, tuple[str, float, str]] = {
+    "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
+    "q_avg": ("Q_avg", 100.0, "{:.1f} %"),
+    "time": ("a time of", 1.0, "{:.1f} s"),
+    "delay": ("a mean delay of", 1.0, "{:.2f} s"),
+    "expected_time": ("all done at", 1.0, "{:.1f} s"),
+}
+"""How the figure of each criterion is named, scaled and shown."""
 
 _CRITERION_WORDS: dict[Criterion, str] = {
     "q_eoi": "best Q_eoi first",
@@ -29,7 +38,8 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
     """The table with a row per feasible candidate, the infeasible ones with reasons, and what to make of it."""
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
     counts = f"{len(feasible)} of {len(ranking)} candidates can be done"
-    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {counts}, {_CRITERION_WORDS[by]}\n"]))
+    order = f", {_CRITERION_WORDS[by]}" if len(feasible) > 1 else ""
+    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {counts}{order}\n"]))
     if feasible:
         _print_feasible(feasible)
     if feasible:
@@ -125,7 +135,7 @@ def _praise(feasible: Sequence[Ranked], by: Criterion) -> str:
     first = feasible[0].assessment
     name = first.candidate.name
     if len(feasible) == 1:
-        return f"{name} is the only feasible candidate: {_strengths(first)}."
+        return f"{name} can be done: {_strengths(first)}."
     second = feasible[1].assessment
     margin = _margin(first, second, by)
     return f"{name} is best: {_strengths(first)}; {margin}."
@@ -144,17 +154,14 @@ def _strengths(assessment: Assessment) -> str:
 def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
     """How the first compares with the second, by the criterion or by what broke the tie."""
     rival = second.candidate.name
-    figures: Mapping[Criterion, tuple[float | None, float | None]] = {
-        "q_eoi": (first.q_eoi, second.q_eoi),
-        "q_avg": (first.q_avg, second.q_avg),
-    }
-    for quality, label in ((by, None), ("q_avg", None)):
-        own, other = figures.get(quality, (None, None))
-        if own is not None and other is not None and round(own, 3) != round(other, 3):
-            label = "Q_eoi" if quality == "q_eoi" else "Q_avg"
-            return f"next comes {rival} with {label} {100 * other:.1f} %"
-    difference = (second.time or 0.0) - (first.time or 0.0)
-    return f"{rival} takes {abs(difference):.1f} s {'longer' if difference >= 0 else 'less'}"
+    for criterion in (by, "q_avg", "time"):
+        own, other = criterion_figure(first, criterion), criterion_figure(second, criterion)
+        if own is None or other is None:
+            continue
+        label, scale, pattern = _SHOWN[criterion]
+        if pattern.format(scale * own) != pattern.format(scale * other):
+            return f"next comes {rival} with {label} {pattern.format(scale * other)}"
+    return f"{rival} is as good"
 
 
 def _accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
@@ -167,4 +174,4 @@ def _accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
             how = f"Sampled {samples} times per primitive"
         case FixedStep(dt):
             how = f"Sampled every {dt:g} s"
-    return f"{how}: Q is within {100 * error:.2g} points, save for events shorter than {gap:.2g} s."
+    return f"{how}: Q is within {max(100 * error, 0.001):.2g} points, save for events shorter than {gap:.2g} s."

@@ -17,11 +17,11 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
     """Show what SQRP understood of a workspace: robot, cameras, objects, skills, state."""
     from sqrp_cli.cli.console import say_raw
     from sqrp_cli.cli.documents import as_text
-    from sqrp_cli.cli.options import open_workspace
     from sqrp_cli.cli.scene_document import scene_document
+    from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.programming.cell import Cell
 
-    cell = Cell.load(open_workspace(workspace))
+    cell = Cell.load(load_workspace(workspace))
     if as_json:
         say_raw(as_text(scene_document(cell)))
     else:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sqrp_cli.cli.console import Column, Styled, joined, plain, print_table, say
 from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.explanation import CauseTotal, cause_totals, first_failures, sample_weights
+from sqrp_cli.programming.explanation import CauseTotal, cause_totals, first_failures
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.robustness import without_each_camera
 from sqrp_cli.programming.sensing.cause import Cause
@@ -88,7 +88,7 @@ def print_comparison(explained: Sequence[tuple[Ranked, Study | None]]) -> None:
         say(plain(" " * LABEL + chart.primitives_row()))
     say(
         plain(
-            "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ◆ not covered in an event of interest", "dim"
+            "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ! not covered in an event of interest", "dim"
         )
     )
     for ranked, study in explained:
@@ -153,7 +153,6 @@ class _Chart:
         before = np.clip(np.searchsorted(samples.t, moments, side="right") - 1, 0, len(samples) - 2)
         later = samples.t[before + 1] - moments < moments - samples.t[before]
         self._row: NDArray[np.int64] = before + later
-        self._weights = sample_weights(study)
 
     def rows(self, cell: Cell) -> list[Styled]:
         """Axis, primitives, events of interest, the state, and every literal with its cameras."""
@@ -178,7 +177,7 @@ class _Chart:
     def state_signs(self) -> list[tuple[str, str]]:
         """The coverage of the state, with what is not covered in an event of interest marked."""
         timeline = self._study.timeline
-        missed = np.where(timeline.interesting, "◆", "-")
+        missed = np.where(timeline.interesting, "!", "-")
         return self._signs(timeline.covered, timeline.monitored, missed)
 
     def primitives_row(self) -> str:
@@ -204,5 +203,8 @@ class _Chart:
         ]
 
     def _share(self, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> str:
-        total = float(self._weights[asked].sum())
-        return f" {100 * float(self._weights[covered & asked].sum()) / total:5.1f} %" if total else ""
+        """Share of the time between neighbouring samples that are both covered, as Q counts it."""
+        steps = np.nan_to_num(self._study.timeline.steps)
+        total = float(steps[asked[:-1] & asked[1:]].sum())
+        seen = covered & asked
+        return f" {100 * float(steps[seen[:-1] & seen[1:]].sum()) / total:5.1f} %" if total else ""

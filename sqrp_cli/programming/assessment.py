@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.faults import FaultMetrics, Recovery, fault_metrics
 from sqrp_cli.programming.feasibility import feasible_motion
@@ -16,7 +16,7 @@ from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.recovery import recovery_over
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
-from sqrp_cli.programming.quality import Qualities, average_quality, interest_quality
+from sqrp_cli.programming.quality import Qualities
 from sqrp_cli.programming.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.programming.stage import Stage
 from sqrp_cli.programming.targets import Target
@@ -67,16 +67,17 @@ class Study:
     def assessment(self, verdict: str) -> Assessment:
         """The figures of the candidate."""
         timeline, time = self.timeline, self.motion.time
+        qualities = Qualities.of(timeline)
         return Assessment(
             candidate=self.candidate,
             feasible=True,
             time=time,
-            q_avg=average_quality(timeline),
-            q_eoi=interest_quality(timeline),
+            q_avg=qualities.q_avg,
+            q_eoi=qualities.q_eoi,
             t_total=timeline.T,
             t_eoi=timeline.T_eoi,
             faults={
-                fault: fault_metrics(timeline, fault, self.fault_interval(fault), self.recovery, time)
+                fault: fault_metrics(timeline, fault, self.fault_intervals(fault), self.recovery, time)
                 for fault in timeline.faults
             },
             states=int(timeline.monitored.sum()),
@@ -85,9 +86,9 @@ class Study:
             verdict=verdict,
         )
 
-    def fault_interval(self, fault: str) -> Stretch:
-        """When a fault may happen: from the first to the last instant at which its literals matter."""
-        return _fault_interval(self.formulas, fault)
+    def fault_intervals(self, fault: str) -> tuple[Stretch, ...]:
+        """When a fault may happen: the union of the intervals of its operators that have literals."""
+        return _fault_intervals(self.formulas, fault)
 
 
 def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Study | Infeasible:
@@ -112,7 +113,7 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
     times = (monitored_time(formulas), interesting_time(formulas))
     timeline = observe(stage, cell.observer, targets, _fault_columns(formulas, targets), sampling, times, full=full)
     faults = list(timeline.faults)
-    start = min((_fault_interval(formulas, fault).start for fault in faults), default=motion.time)
+    start = min((_fault_intervals(formulas, fault)[0].start for fault in faults), default=motion.time)
     return Study(candidate, world, motion, formulas, targets, stage, timeline, recovery_over(motion, model, start))
 
 
@@ -126,6 +127,5 @@ def _fault_columns(formulas: tuple[GroundFormula, ...], targets: tuple[Target, .
     return {fault: tuple(found) for fault, found in columns.items()}
 
 
-def _fault_interval(formulas: tuple[GroundFormula, ...], fault: str) -> Stretch:
-    operators = [f.operator for f in formulas if f.fault == fault and f.operator.literals]
-    return Stretch(min(o.start for o in operators), max(o.end for o in operators))
+def _fault_intervals(formulas: tuple[GroundFormula, ...], fault: str) -> tuple[Stretch, ...]:
+    return merge(f.operator.stretch for f in formulas if f.fault == fault and f.operator.literals)

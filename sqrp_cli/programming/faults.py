@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +44,29 @@ class Recovery:
         return np.interp(t, self.t, self.duration)
 
 
+def fault_metrics(
+    timeline: Timeline, fault: str, intervals: Sequence[Stretch], recovery: Recovery, total: float
+) -> FaultMetrics:
+    """The metrics of a fault that may happen at any time of its intervals, on a motion of duration `total` [s].
+
+    Means and shares are over all the time of the intervals together, the rest is the largest of any of them.
+    """
+    parts = [interval_metrics(timeline, fault, interval, recovery, total) for interval in intervals]
+    length = sum(interval.length for interval in intervals)
+    weights = [interval.length / length if length > 0 else 1.0 / len(parts) for interval in intervals]
+
+    def mean(values: Iterable[float]) -> float:
+        return float(sum(weight * value for weight, value in zip(weights, values, strict=True)))
+
+    return FaultMetrics(
+        delay_mean=mean(part.delay_mean for part in parts),
+        delay_worst=max(part.delay_worst for part in parts),
+        blind_longest=max(part.blind_longest for part in parts),
+        unseen=mean(part.unseen for part in parts),
+        expected_time=mean(part.expected_time for part in parts),
+    )
+
+
 @dataclass(frozen=True)
 class _Range:
     """A range of x in which the delay falls linearly (slope -1) while blind, or stays constant while seen.
@@ -59,7 +82,9 @@ class _Range:
     ever: bool = True
 
 
-def fault_metrics(timeline: Timeline, fault: str, interval: Stretch, recovery: Recovery, total: float) -> FaultMetrics:
+def interval_metrics(
+    timeline: Timeline, fault: str, interval: Stretch, recovery: Recovery, total: float
+) -> FaultMetrics:
     """The metrics of a fault whose formula spans `interval`, on a motion of duration `total` [s].
 
     delay(x) = first time >= x at which all literals of the fault are covered, minus x, plus the response (one frame

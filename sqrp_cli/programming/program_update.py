@@ -73,14 +73,9 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
 
 def world_after(study: Study) -> World:
     """The world that a candidate leaves: literals by its effect, objects and joints by its motion."""
-    candidate, motion = study.candidate, study.motion
-    last = motion.primitives[-1]
-    q_end = last.trajectory.positions(np.array([last.end - last.start]))[0]
-    return replace(
-        motion.final,
-        facts=apply_effect(candidate.skill.action, candidate.objects, study.world.facts),
-        joints=dict(zip(motion.joint_names, q_end.tolist(), strict=True)),
-    )
+    candidate = study.candidate
+    facts = apply_effect(candidate.skill.action, candidate.objects, study.world.facts)
+    return replace(study.motion.final, facts=facts)
 
 
 def _formulas(study: Study) -> tuple[ProgramFormula, ...]:

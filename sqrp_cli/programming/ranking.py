@@ -20,7 +20,7 @@ _QUALITY_STEP = 1e-3
 class Ranked:
     """An assessment with its place: rank from 1, None if infeasible.
 
-    pareto: no other is better in Q_avg, Q_eoi and time alike.
+    pareto: no other is at least as good in Q_avg, Q_eoi and time, and better in one of them.
     """
 
     assessment: Assessment
@@ -85,6 +85,12 @@ _CRITERIA: dict[Criterion, Callable[[Assessment], float | None]] = {
     "expected_time": _expected_time,
 }
 """What each criterion compares; less is better."""
+
+
+def criterion_figure(assessment: Assessment, by: Criterion) -> float | None:
+    """The figure that a criterion is about: a quality in 0..1, or a time [s]; None where it is undefined."""
+    figure = _CRITERIA[by](assessment)
+    return -figure if figure is not None and by in ("q_eoi", "q_avg") else figure
 
 
 def _parameters(assessment: Assessment) -> list[tuple[float, str]]:

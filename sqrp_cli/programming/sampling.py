@@ -10,8 +10,8 @@ import numpy as np
 from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
+from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene import SceneStates
-from sqrp_cli.programming.solids import Solid
 from sqrp_cli.programming.stage import Samples, Stage
 from sqrp_cli.programming.targets import Target
 
@@ -21,8 +21,12 @@ DEFAULT_TOLERANCE = 1e-3
 MAX_MOTION = 0.01
 """How far, in adaptive sampling, anything may move from one sample to the next [m].
 
-That is any corner of a target or of a box around a moving part.
+That is any corner of a target or of a box around a moving part; for a camera on a link, its centre and a point 1 m
+before it.
 """
+
+VIEW = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""What is tracked of a camera that moves, in its optical frame, shape (2, 3) [m]."""
 
 _PROBES = 33
 """Instants per primitive at which the speed of things is measured, to place the adaptive samples."""
@@ -55,7 +59,7 @@ class Adaptive:
 Sampling = FixedCount | FixedStep | Adaptive
 
 
-def first_samples(sampling: Sampling, stage: Stage, solids: Sequence[Solid], targets: Sequence[Target]) -> Samples:
+def first_samples(sampling: Sampling, stage: Stage, observer: Observer, targets: Sequence[Target]) -> Samples:
     """The samples of every piece before any bisection; both ends of every piece are among them."""
     primitives = stage.motion.primitives
     instants: list[Array]
@@ -65,7 +69,7 @@ def first_samples(sampling: Sampling, stage: Stage, solids: Sequence[Solid], tar
         case FixedStep(dt):
             instants = [p.start + dt * np.arange(int((p.end - p.start) / dt) + 1, dtype=float) for p in primitives]
         case Adaptive():
-            instants = _equal_motion(stage, solids, targets)
+            instants = _equal_motion(stage, observer, targets)
     t = [_within(piece, instants[piece.primitive]) for piece in stage.pieces]
     return Samples(np.repeat(np.arange(len(t)), [len(times) for times in t]), np.concatenate(t))
 
@@ -86,7 +90,7 @@ def _within(piece: Piece, instants: Array) -> Array:
     return np.concatenate([[piece.start], inner, [piece.end]] if piece.end > piece.start else [[piece.start]])
 
 
-def _equal_motion(stage: Stage, solids: Sequence[Solid], targets: Sequence[Target]) -> list[Array]:
+def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -> list[Array]:
     """Instants of each primitive between which nothing moves further than `MAX_MOTION`."""
     result = []
     for index, primitive in enumerate(stage.motion.primitives):
@@ -97,7 +101,7 @@ def _equal_motion(stage: Stage, solids: Sequence[Solid], targets: Sequence[Targe
             continue
 
         def steps(instants: Array, piece: int = pieces[0]) -> Array:
-            return _steps(stage.states(Samples(np.full(len(instants), piece), instants)), solids, targets)
+            return _steps(stage.states(Samples(np.full(len(instants), piece), instants)), observer, targets)
 
         travelled = np.concatenate([[0.0], np.cumsum(steps(t))])
         count = int(np.ceil(travelled[-1] / MAX_MOTION))
@@ -111,12 +115,18 @@ def _equal_motion(stage: Stage, solids: Sequence[Solid], targets: Sequence[Targe
     return result
 
 
-def _steps(states: SceneStates, solids: Sequence[Solid], targets: Sequence[Target]) -> Array:
-    """How far the fastest corner moves from each state to the next [m], shape (m - 1,)."""
+def _steps(states: SceneStates, observer: Observer, targets: Sequence[Target]) -> Array:
+    """How far the fastest of all that is tracked moves from each state to the next [m], shape (m - 1,)."""
+    solids = observer.solids
     moving = [transform(X_WP, solid.corners) for solid in solids if len(X_WP := states.X_WF[solid.part.parent]) > 1]
     boxes = [box for target in targets for box in target.boxes]
     moving += [
         transform(states.box_poses(box), box_corners(box.size)) for box in boxes if len(states.X_WF[box.frame]) > 1
+    ]
+    moving += [
+        transform(states.camera_poses(camera), VIEW)
+        for camera in observer.cameras
+        if len(states.X_WF[camera.frame]) > 1
     ]
     if not moving:
         return np.zeros(states.count - 1)

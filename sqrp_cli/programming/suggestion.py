@@ -11,6 +11,7 @@ from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, ProvenImpossi
 from sqrp_cli.logic.planning_task import Step
 from sqrp_cli.programming.assessment import study
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.feasibility import unmet_preconditions
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.quality import Qualities
@@ -45,6 +46,8 @@ class Suggestion:
 
 def suggest(cell: Cell, candidate: Candidate, world: World) -> Suggestion:
     """Plan with the skills of the workspace from `world` to the candidate's precondition, and check every step."""
+    if not unmet_preconditions(cell, candidate, world):
+        return Suggestion("satisfied", None, "")
     workspace, action = cell.workspace, candidate.skill.action
     domain = merge_domains([skill.domain for skill in workspace.skills.values()])
     objects = {name: frozenset(thing.types) for name, thing in workspace.objects.items()}

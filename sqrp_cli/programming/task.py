@@ -62,7 +62,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
     if skill is None:
         message = f"there is no skill `{words[0]}`; {expected_names(words[0], workspace.skills)}"
         raise InputError(Problem("unknown-skill", message))
-    settings = dict(_setting(word, skill) for word in words[1:] if "=" in word)
+    settings = _settings([word for word in words[1:] if "=" in word], skill)
     filters = [word for word in words[1:] if "=" not in word]
     choices = _object_choices(skill, workspace, settings, filters)
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
@@ -95,16 +95,22 @@ def _candidates(
 
 def shown(value: MotionValue) -> str:
     """A value of a parameter as names and tables show it."""
-    return value if isinstance(value, str) else f"{value:.4g}"
+    return value if isinstance(value, str) else f"{value:.6g}"
 
 
-def _setting(word: str, skill: Skill) -> tuple[str, str]:
-    name, value = word.split("=", 1)
+def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:
+    """The parameters that a task sets, by name."""
     valid = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
-    if name not in valid:
-        message = f"skill `{skill.name}` has no parameter `{name}`; {expected_names(name, valid)}"
-        raise InputError(Problem("unknown-parameter", message))
-    return name, value
+    settings: dict[str, str] = {}
+    for word in words:
+        name, value = word.split("=", 1)
+        if name not in valid:
+            message = f"skill `{skill.name}` has no parameter `{name}`; {expected_names(name, valid)}"
+            raise InputError(Problem("unknown-parameter", message))
+        if name in settings:
+            raise InputError(Problem("repeated-parameter", f"`{name}` is set twice: {settings[name]} and {value}"))
+        settings[name] = value
+    return settings
 
 
 def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tuple[MotionValue, ...]:

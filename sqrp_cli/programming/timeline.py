@@ -151,7 +151,7 @@ def observe(
     faults: columns (indices into `targets`) of each fault's atoms. times: T and T_eoi [s].
     full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well.
     """
-    samples = first_samples(sampling, stage, observer.solids, targets)
+    samples = first_samples(sampling, stage, observer, targets)
     observation = _look(stage, observer, targets, faults, samples, full=full)
     timeline = Timeline(
         stage.pieces, samples, tuple(target.atom for target in targets), observation, faults, times[0], times[1]

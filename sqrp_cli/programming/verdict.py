@@ -82,6 +82,7 @@ class CameraCause:
 class BlindStretch:
     """A stretch of time in which a state is not covered.
 
+    seeing: the cameras that do see it; needed: how many must.
     start, end: first and last uncovered sample [s]. atom: one whose target is not covered. causes: of every camera that
     does not see it, the one that comes nearest to seeing it first.
     """
@@ -90,22 +91,29 @@ class BlindStretch:
     end: float
     atom: Atom
     causes: tuple[CameraCause, ...]
+    seeing: tuple[str, ...]
+    needed: int
 
     def __str__(self) -> str:
         when = f"from {self.start:.1f} s to {self.end:.1f} s"
+        if not self.causes:
+            return f"{self.atom} needs {self.needed} cameras that see it, but there are only {len(self.seeing)}, {when}"
         nearest, *others = self.causes
         sentence = f"{nearest.told(_SENTENCES, self.atom)} {when}"
-        if not others:
-            return sentence
         groups: dict[str, list[str]] = defaultdict(list)
         for other in others:
             groups[other.words].append(other.camera)
         listed = "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
-        return f"{sentence}, and no other camera makes up for it ({listed})"
+        if self.seeing:
+            seen = f"{', '.join(self.seeing)} {'sees' if len(self.seeing) == 1 else 'see'} it, but {self.needed} must"
+            return f"{sentence}; {seen}" + (f" ({listed})" if listed else "")
+        return f"{sentence}, and no other camera makes up for it ({listed})" if listed else sentence
 
     @property
     def advice(self) -> str:
         """What would help."""
+        if not self.causes:
+            return "add a camera"
         return self.causes[0].told(_ADVICE, self.atom)
 
 
@@ -150,11 +158,15 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     )
     worst = int(lost.sum(axis=1).argmax())
     missing = np.flatnonzero(lost[worst])
+    causes = tuple(_camera_causes(cell, matrices[worst], missing))
+    cameras = [camera.name for camera in cell.observer.cameras]
     return BlindStretch(
         start=float(samples.t[rows[0]]),
         end=float(samples.t[rows[-1]]),
         atom=study.targets[worst].atom,
-        causes=tuple(_camera_causes(cell, matrices[worst], missing)),
+        causes=causes,
+        seeing=tuple(name for name in cameras if name not in {cause.camera for cause in causes}),
+        needed=study.targets[worst].cameras,
     )
 
 

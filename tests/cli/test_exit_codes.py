@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.cli import options
 from sqrp_cli.programming import pipeline
 
 COMMANDS = ("check", "rank", "explain", "show", "schema")
@@ -331,15 +330,14 @@ def test_an_internal_error_is_one_line_and_exit_70(sqrp, watch, monkeypatch):
     def broken(_):
         raise RuntimeError("the moon\nis in the way")
 
-    monkeypatch.setattr(options, "open_workspace", broken)
-    monkeypatch.setattr("sqrp_cli.cli.show.open_workspace", broken, raising=False)
-    outcome = sqrp("show", watch, "--json")
+    monkeypatch.setattr("sqrp_cli.cli.rank.open_workspace", broken)
+    outcome = sqrp("rank", watch, "watch seen", "--json")
     assert (outcome.code, outcome.out) == (70, "")
     assert len(outcome.err.splitlines()) == 1
     assert "the moon is in the way" in outcome.err
     assert "--debug" in outcome.err
     with pytest.raises(RuntimeError, match="moon"):
-        sqrp("--debug", "show", watch)
+        sqrp("--debug", "rank", watch, "watch seen")
 
 
 def test_a_terminal_that_knows_no_block_characters_shows_the_rest(sqrp_process, sqrp, watch):

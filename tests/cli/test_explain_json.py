@@ -385,16 +385,17 @@ def test_the_hand_worked_cell_has_the_figures_worked_out_by_hand(scenes):
         assert document["faults"] == {"moved": pytest.approx(figures, abs=EXACT)}
 
 
-def test_a_fault_may_be_noticed_only_after_the_motion_has_ended(sqrp, own_watch):
+def test_a_fault_of_two_intervals_is_averaged_over_both_and_not_over_the_time_between(sqrp, own_watch):
     skill = own_watch / "watch" / "skill.yaml"
     twice = "eventually[w1.start, w1.end] (not in_place) and eventually[w3.end - 0.05, w3.end] (not in_place)"
     text = skill.read_text(encoding="utf-8")
     skill.write_text(text.replace("eventually[w2.start + 1, w2.end] (not in_place)", twice), encoding="utf-8")
     document = sqrp("explain", own_watch, "watch seen", "--json").document
-    # Seen on [0, 1.5] and [3.95, 4] s with a delay of 0.15 s, blind in between, then noticed at 4.1 s.
-    mean = (1.55 * 0.15 + 2.45 * (2.6 + 0.15) / 2) / 4.0
+    # Always seen while it may happen, in [0, 1] and [3.95, 4] s, and noticed 0.15 s later; the arm stands still.
+    middle = (1.0 * 0.5 + 0.05 * 3.975) / 1.05
     expected = {
-        "delay_mean": mean, "delay_worst": 2.6, "blind_longest": 2.45, "unseen": 0.0, "expected_time": 2.0 + mean + 4.0,
+        "delay_mean": 0.15, "delay_worst": 0.15, "blind_longest": 0.0, "unseen": 0.0,
+        "expected_time": middle + 0.15 + 4.0,
     }  # fmt: skip
     assert document["faults"] == {"moved": pytest.approx(expected, abs=EXACT)}
 

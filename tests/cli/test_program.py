@@ -208,10 +208,22 @@ def test_a_write_that_fails_leaves_the_old_program_as_it_was(sqrp, watch, tmp_pa
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_missing_folder_of_the_program_is_made(sqrp, watch, tmp_path):
-    path = tmp_path / "new" / "program.yaml"
-    assert sqrp("rank", watch, "watch seen", "--program", path).code == 0
-    assert path.is_file()
+def test_a_missing_folder_of_the_program_is_refused_before_anything_is_computed(sqrp, watch, tmp_path):
+    outcome = sqrp("rank", watch, "watch seen", "--program", tmp_path / "new" / "program.yaml")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"mkdir -p {tmp_path / 'new'}" in outcome.err
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_program_and_another_world_to_start_from_exclude_each_other(sqrp, watch, tmp_path):
+    program, other = tmp_path / "program.yaml", tmp_path / "other.yaml"
+    for path in (program, other):
+        assert sqrp("rank", watch, "watch seen", "--program", path).code == 0
+    before = program.read_bytes()
+    outcome = sqrp("rank", watch, "watch seen", "--program", program, "--after", other)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "starts where it ends" in outcome.err
+    assert program.read_bytes() == before
 
 
 def test_the_same_choice_writes_the_same_program(sqrp, tabletop, program):

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.literal import Literal
-from sqrp_cli.programming.faults import FaultMetrics, Recovery, fault_metrics
+from sqrp_cli.programming.faults import FaultMetrics, Recovery, fault_metrics, interval_metrics
 from sqrp_cli.programming.motion.recovery import stop
 from sqrp_cli.programming.motion.timing import MotionLimits
 from tests.programming.studies import eventually
@@ -65,7 +66,7 @@ def integrated(story: Story, back: Recovery) -> FaultMetrics:
 @given(story=stories(), seed=st.integers(0, 1000))
 def test_metrics_are_those_of_the_definition_integrated_over_the_instant_of_the_fault(story: Story, seed: int) -> None:
     back = recovery(seed, story.total)
-    found = fault_metrics(story.timeline, "slip", story.interval, back, story.total)
+    found = interval_metrics(story.timeline, "slip", story.interval, back, story.total)
     if story.interval.length == 0:
         return
     expected = integrated(story, back)
@@ -85,7 +86,7 @@ def test_metrics_are_those_of_the_definition_integrated_over_the_instant_of_the_
 @given(story=stories(), seed=st.integers(0, 1000))
 def test_metrics_keep_their_order(story: Story, seed: int) -> None:
     back = recovery(seed, story.total)
-    found = fault_metrics(story.timeline, "slip", story.interval, back, story.total)
+    found = interval_metrics(story.timeline, "slip", story.interval, back, story.total)
     assert 0 <= found.delay_mean <= found.delay_worst + 1e-9
     assert 0 <= found.unseen <= 1 + 1e-12
     assert 0 <= found.blind_longest <= story.interval.length + 1e-12
@@ -97,7 +98,7 @@ def story_of(seen: float, *, start: float = 1.0, end: float = 3.0) -> Story:
 
 
 def test_a_fault_that_is_always_seen_is_noticed_after_the_response_alone() -> None:
-    found = fault_metrics((story := story_of(1.0)).timeline, "slip", story.interval, recovery(0, 4.0), 4.0)
+    found = interval_metrics((story := story_of(1.0)).timeline, "slip", story.interval, recovery(0, 4.0), 4.0)
     assert 0.09 <= found.delay_mean <= found.delay_worst <= 0.3
     assert found.blind_longest == 0
     assert found.unseen == 0
@@ -105,7 +106,7 @@ def test_a_fault_that_is_always_seen_is_noticed_after_the_response_alone() -> No
 
 def test_a_fault_that_is_never_seen_is_noticed_at_the_end_of_the_skill() -> None:
     back = Recovery(np.array([0.0, 4.0]), np.array([1.0, 2.0]))
-    found = fault_metrics((story := story_of(0.0)).timeline, "slip", story.interval, back, 4.0)
+    found = interval_metrics((story := story_of(0.0)).timeline, "slip", story.interval, back, 4.0)
     assert found == FaultMetrics(
         delay_mean=pytest.approx(2.0),  # from x, uniform over 1 s to 3 s, to 4 s
         delay_worst=pytest.approx(3.0),
@@ -117,7 +118,7 @@ def test_a_fault_that_is_never_seen_is_noticed_at_the_end_of_the_skill() -> None
 
 def test_a_fault_at_one_instant_has_that_instants_delay() -> None:
     story = story_of(0.0, start=1.5, end=1.5)
-    found = fault_metrics(story.timeline, "slip", story.interval, recovery(0, 4.0), 4.0)
+    found = interval_metrics(story.timeline, "slip", story.interval, recovery(0, 4.0), 4.0)
     assert (found.delay_mean, found.delay_worst) == (pytest.approx(2.5), pytest.approx(2.5))
     assert found.unseen == pytest.approx(1.0)
 
@@ -141,3 +142,15 @@ def test_stopping_takes_as_long_and_as_far_as_ruckig_says(velocity: float, accel
     assert final[0] == pytest.approx(0.0, abs=1e-8)
     assert time[0, 0] == pytest.approx(trajectory.duration, abs=1e-6)
     assert moved[0, 0] == pytest.approx(position[0], abs=1e-6)
+
+
+def test_a_fault_in_two_intervals_is_averaged_over_both_and_not_over_the_time_between() -> None:
+    story = story_of(0.0, start=0.0, end=4.0)
+    first, second = Stretch(0.5, 1.0), Stretch(2.0, 3.5)
+    back = recovery(0, story.total)
+    parts = [interval_metrics(story.timeline, "slip", part, back, story.total) for part in (first, second)]
+    both = fault_metrics(story.timeline, "slip", (first, second), back, story.total)
+    assert both.delay_mean == pytest.approx(0.25 * parts[0].delay_mean + 0.75 * parts[1].delay_mean)
+    assert both.expected_time == pytest.approx(0.25 * parts[0].expected_time + 0.75 * parts[1].expected_time)
+    assert both.delay_worst == max(part.delay_worst for part in parts)
+    assert both.blind_longest == pytest.approx(1.5)

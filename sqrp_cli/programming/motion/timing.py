@@ -62,6 +62,11 @@ def rest_to_rest_duration(distance: ArrayLike, limits: MotionLimits) -> Array:
     return duration
 
 
+def _ramp(v: float, a: float, j: float) -> float:
+    """Time [s] from rest to velocity v under limits of acceleration and jerk; see `rest_to_rest_duration`."""
+    return 2.0 * (v / j) ** 0.5 if v * j < a * a else v / a + a / j
+
+
 def joint_move_duration(q0: Array, q1: Array, limits: MotionLimits) -> Array:
     """Duration [s] of the joint moves between q0 and q1, shapes (..., n) that broadcast, as `joint_move` makes them."""
     shape = np.broadcast_shapes(q0.shape, q1.shape)[:-1]
@@ -92,13 +97,14 @@ def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
     ruckig's tolerances are absolute, so it is asked in units in which speeding up takes 1 and reaches 1.
     """
     duration = float(rest_to_rest_duration(1.0, limits))
-    ramp = min(duration - 1.0 / float(limits.velocity), 0.5 * duration)
+    velocity, acceleration, jerk = (float(limit) for limit in (limits.velocity, limits.acceleration, limits.jerk))
+    ramp = min(_ramp(velocity, acceleration, jerk), 0.5 * duration)
     peak = 1.0 / (duration - ramp)
     request = InputParameter(1)
     request.target_position = [1.0 / (ramp * peak)]
-    request.max_velocity = [float(limits.velocity) / peak]
-    request.max_acceleration = [float(limits.acceleration) * ramp / peak]
-    request.max_jerk = [float(limits.jerk) * ramp**2 / peak]
+    request.max_velocity = [velocity / peak]
+    request.max_acceleration = [acceleration * ramp / peak]
+    request.max_jerk = [jerk * ramp**2 / peak]
     solution = RuckigTrajectory(1)
     result = Ruckig(1).calculate(request, solution)
     if result != Result.Working:

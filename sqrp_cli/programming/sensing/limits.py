@@ -32,7 +32,7 @@ class LimitVerdicts:
 
 
 def check_limits(projection: Projection, detector: Detector, corners_C: Array, normal_C: Array | None) -> LimitVerdicts:
-    """Check the limits of DESIGN order for boxes seen by one camera.
+    """Check the limits, in the order of `Cause`, for boxes seen by one camera.
 
     corners_C: the box's 8 corners in the optical frame, shape (m, 8, 3) [m].
     normal_C: unit normal of the box in the optical frame, shape (m, 3), or None for a box without one.

@@ -148,7 +148,7 @@ class Observer:
         shape = (len(self.cameras), len(rows))
         cause, side, figure = np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int8), np.empty(shape)
         corners_B, X_WB = box_corners(box.size), states.box_poses(box)
-        moving = np.array([len(states.X_WF[camera.frame]) > 1 for camera in self.cameras])
+        moving = np.array([len(states.X_WF[camera.frame]) > 1 for camera in self.cameras], dtype=bool)
         for group in (np.flatnonzero(~moving), np.flatnonzero(moving)):
             if not len(group):
                 continue
@@ -165,7 +165,7 @@ class Observer:
         """One sight line per view; views of a camera and box that both stand still share a hull."""
         corners_B, _ = shrink(box.size, box.normal)
         corners_W = transform(states.box_poses(box), corners_B)
-        moving = np.array([len(states.X_WF[camera.frame]) > 1 for camera in self.cameras])
+        moving = np.array([len(states.X_WF[camera.frame]) > 1 for camera in self.cameras], dtype=bool)
         if len(corners_W) > 1 or moving[views.camera].any():
             first = hull = np.arange(len(views.camera))
         else:
