@@ -50,6 +50,11 @@ def output() -> Console:
     return _Output(highlight=False, soft_wrap=False, emoji=False)
 
 
+def terminal_width() -> int:
+    """Columns of the terminal that results go to."""
+    return output().width
+
+
 def diagnostics() -> Console:
     """The console of progress, warnings and errors, on stderr."""
     return Console(stderr=True, highlight=False, emoji=False)

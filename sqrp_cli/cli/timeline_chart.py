@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.cli.console import Column, Styled, joined, plain, print_table, say
+from sqrp_cli.cli.console import Column, Styled, joined, plain, print_table, say, terminal_width
 from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.explanation import CauseTotal, cause_totals, first_failures
@@ -15,8 +15,14 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.robustness import without_each_camera
 from sqrp_cli.programming.sensing.cause import Cause
 
-WIDTH = 50
-"""Signs in a row; each stands for an equal share of the motion's time."""
+MOST_SIGNS = 50
+"""Signs in a row, where the terminal is wide enough; each stands for an equal share of the motion's time."""
+
+LEAST_SIGNS = 20
+"""Signs in a row, however narrow the terminal is."""
+
+FIGURES = 12
+"""Width of the figures behind the rows."""
 
 LABEL = 18
 """Width of the names in front of the rows."""
@@ -105,9 +111,14 @@ def _percent(quality: float | None) -> str:
     return "    -" if quality is None else f"{100 * quality:5.1f}"
 
 
+def _width() -> int:
+    """Signs in a row that fit the terminal."""
+    return max(LEAST_SIGNS, min(MOST_SIGNS, terminal_width() - LABEL - FIGURES))
+
+
 def _axis(time: float) -> str:
     end = f"{time:.1f} s"
-    return "0".ljust(WIDTH - len(end)) + end
+    return "0".ljust(_width() - len(end)) + end
 
 
 def _camera_failures(cell: Cell, study: Study, assessment: Assessment) -> str:
@@ -133,7 +144,7 @@ def _camera_failures(cell: Cell, study: Study, assessment: Assessment) -> str:
 
 
 def _because(total: CauseTotal) -> str:
-    words = str(total.cause.label).replace("_", " ")
+    words = total.cause.words
     match total.cause:
         case Cause.HIDDEN:
             return f"{words} by {total.by}"
@@ -147,7 +158,7 @@ class _Chart:
     """Rows over the time of one study, on a scale of `longest` seconds."""
 
     def __init__(self, study: Study, longest: float) -> None:
-        self._study, self._scale = study, WIDTH / max(longest, 1e-9)
+        self._study, self._scale = study, _width() / max(longest, 1e-9)
         samples = study.timeline.samples
         moments = (np.arange(round(study.motion.time * self._scale)) + 0.5) / self._scale
         before = np.clip(np.searchsorted(samples.t, moments, side="right") - 1, 0, len(samples) - 2)

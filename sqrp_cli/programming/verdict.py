@@ -75,7 +75,7 @@ class CameraCause:
     @property
     def words(self) -> str:
         """The cause in a few words."""
-        return f"behind {self.by}" if self.cause is Cause.HIDDEN else str(self.cause.label).replace("_", " ")
+        return f"behind {self.by}" if self.cause is Cause.HIDDEN else self.cause.words
 
 
 @dataclass(frozen=True)

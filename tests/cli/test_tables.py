@@ -95,7 +95,8 @@ def test_no_line_is_longer_than_the_terminal_and_none_is_cut_off(printed, argume
 def test_a_narrow_terminal_loses_nothing(printed, arguments):
     wide, narrow = (printed(columns, *arguments).out for columns in (200, 60))
     assert figures(wide) <= figures(narrow)
-    words = set(re.findall(r"[A-Za-z_]{3,}", wide))
+    # A chart has fewer signs (n, f, o, a, s, h) in a narrow terminal; everything else must be there.
+    words = {word for word in re.findall(r"[A-Za-z_]{3,}", wide) if not set(word) <= set("nfoash")}
     assert words - set(re.findall(r"[A-Za-z_]{3,}", narrow)) == set()
 
 

@@ -46,13 +46,17 @@ class Contact:
     """Two things that come closer than the clearance (or could, by less than `RESOLUTION` of motion).
 
     first, second: names of links or objects, the outer one of the arm first. s: where on the path, in [0, 1].
+    clearance: distance that they have to keep [m].
     """
 
     first: str
     second: str
     s: float = 0.0
+    clearance: float = CLEARANCE
 
     def __str__(self) -> str:
+        if self.clearance > CLEARANCE:
+            return f"{self.first} comes closer to {self.second} than {self.clearance:.3g} m"
         return f"{self.first} hits {self.second}"
 
 
@@ -285,7 +289,7 @@ class PlacedScene:
             )
             if distance is not None:
                 touches = distance <= need[k] - bound[k] or bound[k] < RESOLUTION
-                contact = Contact(first.name, second.name, float(stretches.s[at]))
+                contact = Contact(first.name, second.name, float(stretches.s[at]), float(self._clearance[pairs[k]]))
                 yield _Near(k, at, float(bound[k]), bool(touches), contact)
 
     def _gap(self, X_WC: Array, stretch: Indices, pairs: Indices) -> Array:

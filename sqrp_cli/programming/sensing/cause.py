@@ -23,6 +23,12 @@ class Cause(IntEnum):
         """Name in the output, None for a covered box."""
         return None if self is Cause.NONE else self.name.lower()
 
+    @property
+    def words(self) -> str:
+        """The cause in words, for sentences and tables."""
+        detector = " for its detector" if self in (Cause.DETECTOR_NEAR, Cause.DETECTOR_FAR) else ""
+        return self.name.lower().replace("detector", "too").replace("_", " ") + detector
+
 
 SIDES = ("left", "right", "top", "bottom")
 """Sides of an image, in the order of their codes."""

@@ -13,7 +13,7 @@ from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Part, SceneObject, Shape, Sphere
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision import CLEARANCE, RESOLUTION, CollisionScene, PlacedScene, pair
+from sqrp_cli.programming.motion.collision import CLEARANCE, RESOLUTION, CollisionScene, Contact, PlacedScene, pair
 from sqrp_cli.programming.motion.collision_body import Body
 from sqrp_cli.programming.motion.motion_bound import MotionBound
 from sqrp_cli.programming.solids import load_solid
@@ -234,3 +234,8 @@ def test_one_check_serves_many_configurations_in_order(scene: CollisionScene) ->
     assert free is None
     assert again is None
     assert hit is not None
+
+
+def test_a_contact_says_whether_it_is_one_or_only_too_close() -> None:
+    assert str(Contact("forearm_link", "table")) == "forearm_link hits table"
+    assert str(Contact("cup", "table", 0.5, 0.051)) == "cup comes closer to table than 0.051 m"
