@@ -27,6 +27,8 @@ from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sqrp_cli.cli.session import Session
+    from sqrp_cli.programming.assessment import Assessment
     from sqrp_cli.programming.ranking import Criterion, Ranked
     from sqrp_cli.programming.task import Task
 
@@ -58,11 +60,8 @@ def command(
     as_json: Json = False,
 ) -> ExitCode:
     """Rank the ways of doing a task by how well the cameras will see what matters."""
-    from sqrp_cli.cli.console import note, progress, say_raw
-    from sqrp_cli.cli.documents import as_text, calibration_fields, candidate_document, header, sampling_document
     from sqrp_cli.cli.rank_table import print_ranking
-    from sqrp_cli.cli.session import Session, add_step
-    from sqrp_cli.programming.pipeline import assess_all
+    from sqrp_cli.cli.session import Session
     from sqrp_cli.programming.ranking import rank
 
     criterion = _criterion(by)
@@ -70,44 +69,72 @@ def command(
     before = _world_before(after, program)
     session = Session.begin(open_workspace(workspace), task, before, sampling, read_calibration(calibration, seed))
     check_choice(session.task, choose)
+    assessments, interrupted = _assess(session, job_count(jobs))
+    if not assessments:
+        return ExitCode.INTERRUPTED
+    ranking = rank(assessments, criterion)
+    if as_json:
+        _print_document(session, assessments, ranking, criterion, interrupted=interrupted)
+    else:
+        print_ranking(session, ranking, criterion)
+    return ExitCode.INTERRUPTED if interrupted else _write_chosen(session, ranking, choose, program)
+
+
+def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
+    """The assessments of all candidates, or of those that are finished at Ctrl-C; and whether that came."""
+    from sqrp_cli.cli.console import note, progress
+    from sqrp_cli.programming.pipeline import assess_all
+
+    candidates = session.task.candidates
     assessments = []
-    interrupted = False
     try:
-        with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
-            for assessment in assess_all(session.assignment, session.task.candidates, job_count(jobs)):
+        with progress(f"Assessing {session.task.text}", len(candidates)) as advance:
+            for assessment in assess_all(session.assignment, candidates, jobs):
                 assessments.append(assessment)
                 advance()
     except KeyboardInterrupt:
-        interrupted = True
-        note(f"interrupted when {len(assessments)} of {len(session.task.candidates)} candidates were finished")
-        if not assessments:
-            return ExitCode.INTERRUPTED
-    ranking = rank(assessments, criterion)
-    if as_json:
-        document = {
-            **header(session.workspace, session.task.text),
-            "by": criterion,
-            "sampling": sampling_document(sampling, assessments),
-            **calibration_fields(session.assignment.calibration, assessments, criterion),
-            **({"interrupted": True} if interrupted else {}),
-            "candidates": [candidate_document(ranked) for ranked in ranking],
-        }
-        say_raw(as_text(document))
-    else:
-        print_ranking(session, ranking, criterion)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    if ranking[0].rank is None:
-        return ExitCode.NONE_FEASIBLE
+        note(f"interrupted when {len(assessments)} of {len(candidates)} candidates were finished")
+        return assessments, True
+    return assessments, False
+
+
+def _print_document(
+    session: Session,
+    assessments: Sequence[Assessment],
+    ranking: Sequence[Ranked],
+    criterion: Criterion,
+    *,
+    interrupted: bool,
+) -> None:
+    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.cli.documents import as_text, calibration_fields, candidate_document, header, sampling_document
+
+    assignment = session.assignment
+    document = {
+        **header(session.workspace, session.task.text),
+        "by": criterion,
+        "sampling": sampling_document(assignment.sampling, assessments),
+        **calibration_fields(assignment.calibration, assessments, criterion),
+        **({"interrupted": True} if interrupted else {}),
+        "candidates": [candidate_document(ranked) for ranked in ranking],
+    }
+    say_raw(as_text(document))
+
+
+def _write_chosen(session: Session, ranking: Sequence[Ranked], choose: str, program: Path | None) -> ExitCode:
+    """Append the chosen candidate to a program, if one was named; nothing is written if it is infeasible."""
+    from sqrp_cli.cli.console import note
+    from sqrp_cli.cli.session import add_step
+
     chosen = choose_candidate(ranking, choose)
     if chosen.rank is None:
-        consequence = "" if program is None else f", so {program} was not written"
-        note(f"{chosen.assessment.candidate.name} is infeasible ({chosen.assessment.reasons[0]}){consequence}")
+        if ranking[0].rank is not None or program is not None:
+            consequence = "" if program is None else f", so {program} was not written"
+            note(f"{chosen.assessment.candidate.name} is infeasible ({chosen.assessment.reasons[0]}){consequence}")
         return ExitCode.NONE_FEASIBLE
-    if program is None:
-        return ExitCode.OK
-    add_step(session, chosen.assessment, program)
-    note(f"{chosen.assessment.candidate.name} is now the last step of {program}")
+    if program is not None:
+        add_step(session, chosen.assessment, program)
+        note(f"{chosen.assessment.candidate.name} is now the last step of {program}")
     return ExitCode.OK
 
 
