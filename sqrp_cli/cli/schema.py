@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from sqrp_cli.cli.options import Json
 from sqrp_cli.errors import ExitCode
 
 NAME = "schema"
 
 
-def command() -> ExitCode:
+def command(as_json: Json = True) -> ExitCode:  # noqa: ARG001 - it is JSON with and without
     """Print the JSON Schema of workspace files, with which editors complete and check them."""
     import json
 
