@@ -59,7 +59,7 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
     with ProcessPoolExecutor(processes, context, initializer=_start_worker, initargs=(assignment, candidates)) as pool:
         try:
             for candidate, assessment in zip(
-                candidates, pool.map(_assess_in_worker, range(len(candidates)), chunksize=4), strict=True
+                candidates, pool.map(_assess_in_worker, range(len(candidates))), strict=True
             ):
                 # What came back carries its own copy of the skill; the caller's is shared by all.
                 yield replace(assessment, candidate=candidate)
