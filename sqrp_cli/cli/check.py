@@ -27,7 +27,10 @@ def command(
     after: After = None,
     as_json: Json = False,
 ) -> ExitCode:
-    """Validate a workspace; with a task, say which of its candidates can be done and why the others cannot."""
+    """Validate a workspace, and a task in it.
+
+    With a task, say which of its candidates can be done, why the others cannot, and what would have to be done first.
+    """
     from sqrp_cli.cli.console import say_raw
     from sqrp_cli.cli.documents import as_text, check_document
 

@@ -44,7 +44,10 @@ def command(
     jobs: Jobs = None,
     as_json: Json = False,
 ) -> ExitCode:
-    """Explain how well a way of doing a task is seen: when, by which camera, and why not."""
+    """Explain how well a way of doing a task is seen.
+
+    Shows when each camera sees each literal, and what is in the way when it does not.
+    """
     from sqrp_cli.cli.console import progress, say_raw
     from sqrp_cli.cli.documents import as_text, header
     from sqrp_cli.cli.rank import check_choice, choose_candidate

@@ -59,7 +59,10 @@ def command(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
-    """Rank the ways of doing a task by how well the cameras will see what matters."""
+    """Rank the ways of doing a task.
+
+    The best are those in which the cameras will see what matters. The chosen one can be written as a program.
+    """
     from sqrp_cli.cli.rank_table import print_ranking
     from sqrp_cli.cli.session import Session
     from sqrp_cli.programming.ranking import rank

@@ -9,7 +9,10 @@ NAME = "schema"
 
 
 def command(as_json: Json = True) -> ExitCode:  # noqa: ARG001 - it is JSON with and without
-    """Print the JSON Schema of workspace files, with which editors complete and check them."""
+    """Print the JSON Schema of workspace files.
+
+    Editors complete and check workspace files with it.
+    """
     import json
 
     from sqrp_cli.cli.console import say_raw

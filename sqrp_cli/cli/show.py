@@ -14,7 +14,10 @@ NAME = "show"
 
 
 def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
-    """Show what SQRP understood of a workspace: robot, cameras, objects, skills, state."""
+    """Show what was understood of a workspace.
+
+    Robot, cameras, objects, skills and state, with every path and pose resolved.
+    """
     from sqrp_cli.cli.console import say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.scene_document import scene_document
