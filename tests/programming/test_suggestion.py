@@ -86,7 +86,7 @@ def test_what_no_skill_can_establish_is_said_to_be_impossible(cell: Cell, holdin
 
 def test_a_step_that_cannot_be_done_says_why(cell: Cell, holding: World) -> None:
     facts = (holding.facts - {Atom("hold", ("g2",))}) | {Atom("hold", ("g1",))}
-    confused = World(facts, holding.X_WO, None, None, holding.joints)
+    confused = World(facts, cell.workspace.initial_world.X_WO, None, None, holding.joints)
     suggestion = suggest(cell, candidate(cell, "pickup g3"), confused)
     assert suggestion.steps is not None
     (step,) = suggestion.steps
