@@ -77,7 +77,7 @@ class Study:
             t_total=timeline.T,
             t_eoi=timeline.T_eoi,
             faults={
-                fault: fault_metrics(timeline, fault, self.fault_intervals(fault), self.recovery, time)
+                fault: fault_metrics(timeline, fault, fault_intervals(self.formulas, fault), self.recovery, time)
                 for fault in timeline.faults
             },
             states=int(timeline.monitored.sum()),
@@ -85,10 +85,6 @@ class Study:
             largest_gap=timeline.largest_gap,
             verdict=verdict,
         )
-
-    def fault_intervals(self, fault: str) -> tuple[Stretch, ...]:
-        """When a fault may happen: the union of the intervals of its operators that have literals."""
-        return _fault_intervals(self.formulas, fault)
 
 
 def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Study | Infeasible:
@@ -112,8 +108,7 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
     stage = Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO)
     times = (monitored_time(formulas), interesting_time(formulas))
     timeline = observe(stage, cell.observer, targets, _fault_columns(formulas, targets), sampling, times, full=full)
-    faults = list(timeline.faults)
-    start = min((_fault_intervals(formulas, fault)[0].start for fault in faults), default=motion.time)
+    start = min((fault_intervals(formulas, fault)[0].start for fault in timeline.faults), default=motion.time)
     return Study(candidate, world, motion, formulas, targets, stage, timeline, recovery_over(motion, model, start))
 
 
@@ -127,5 +122,6 @@ def _fault_columns(formulas: tuple[GroundFormula, ...], targets: tuple[Target, .
     return {fault: tuple(found) for fault, found in columns.items()}
 
 
-def _fault_intervals(formulas: tuple[GroundFormula, ...], fault: str) -> tuple[Stretch, ...]:
+def fault_intervals(formulas: tuple[GroundFormula, ...], fault: str) -> tuple[Stretch, ...]:
+    """When a fault may happen: the union of the intervals of its operators that have literals."""
     return merge(f.operator.stretch for f in formulas if f.fault == fault and f.operator.literals)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -159,15 +159,7 @@ def observe(
     while isinstance(sampling, Adaptive) and (added := _quarters(timeline, sampling.tolerance)) is not None:
         order = timeline.samples.merge_order(added)
         observation = timeline.observation.joined(_look(stage, observer, targets, faults, added, full=full), order)
-        timeline = Timeline(
-            timeline.pieces,
-            timeline.samples.joined(added, order),
-            timeline.atoms,
-            observation,
-            faults,
-            times[0],
-            times[1],
-        )
+        timeline = replace(timeline, samples=timeline.samples.joined(added, order), observation=observation)
     return timeline
 
 

@@ -82,9 +82,9 @@ class CameraCause:
 class BlindStretch:
     """A stretch of time in which a state is not covered.
 
-    seeing: the cameras that do see it; needed: how many must.
     start, end: first and last uncovered sample [s]. atom: one whose target is not covered. causes: of every camera that
-    does not see it, the one that comes nearest to seeing it first.
+    does not see it, the one that comes nearest to seeing it first. seeing: the cameras that do see it. needed: how many
+    must.
     """
 
     start: float

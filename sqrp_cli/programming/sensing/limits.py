@@ -19,11 +19,10 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 @dataclass(frozen=True, eq=False)
 class LimitVerdicts:
-    """Which limit a box fails first, per state or per camera and state.
+    """Which limit a box fails first, per camera and state, each array of shape (c, m).
 
-    cause: codes of `Cause`, shape (m,) or (c, m). side: index into `SIDES` where the cause is OUT_OF_IMAGE, else -1,
-    same shape. figure: by how much the limit is missed, same shape: [m] for ranges and distances, [pixels] for image
-    and size, [rad] for the angle; 0 where no limit fails.
+    cause: codes of `Cause`. side: index into `SIDES` where the cause is OUT_OF_IMAGE, else -1. figure: by how much the
+    limit is missed: [m] for ranges and distances, [pixels] for image and size, [rad] for the angle; 0 where none fails.
     """
 
     cause: NDArray[np.int8]
@@ -31,24 +30,13 @@ class LimitVerdicts:
     figure: Array
 
 
-def check_limits(projection: Projection, detector: Detector, corners_C: Array, normal_C: Array | None) -> LimitVerdicts:
-    """Check the limits, in the order of `Cause`, for boxes seen by one camera.
-
-    corners_C: the box's 8 corners in the optical frame, shape (m, 8, 3) [m].
-    normal_C: unit normal of the box in the optical frame, shape (m, 3), or None for a box without one.
-    """
-    verdicts = check_camera_limits(
-        [projection], detector, corners_C[None], None if normal_C is None else normal_C[None]
-    )
-    return LimitVerdicts(verdicts.cause[0], verdicts.side[0], verdicts.figure[0])
-
-
-def check_camera_limits(
+def check_limits(
     projections: Sequence[Projection], detector: Detector, corners_C: Array, normal_C: Array | None
 ) -> LimitVerdicts:
-    """Check the limits of c cameras at once, each in its own optical frame.
+    """Check the limits, in the order of `Cause`, for a box seen by c cameras in m states.
 
-    corners_C: shape (c, m, 8, 3) [m]. normal_C: shape (c, m, 3), or None for a box without one.
+    corners_C: the box's corners in each optical frame, shape (c, m, 8, 3) [m]. normal_C: its unit normal there, shape
+    (c, m, 3), or None for a box without one.
     """
     width, height, near, far = (
         np.array([[float(getattr(projection.camera, name))] for projection in projections])

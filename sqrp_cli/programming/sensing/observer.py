@@ -15,7 +15,7 @@ from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.culprit import find_culprits
-from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_camera_limits
+from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
 from sqrp_cli.programming.sensing.occlusion import HullTester, Pairs, SightLines, near_pairs, shrink
 from sqrp_cli.programming.sensing.projection import Projection
 from sqrp_cli.programming.sensing.scene import SceneStates, rows_of
@@ -157,7 +157,7 @@ class Observer:
             X_CB = inverse(X_WC[:, at] if X_WC.shape[1] > 1 else X_WC) @ (X_WB[at] if len(X_WB) > 1 else X_WB)
             normal_C = None if box.normal is None else X_CB[..., :3, :3] @ np.asarray(box.normal)
             projections = [self._projections[index] for index in group]
-            limits = check_camera_limits(projections, box.detector, transform(X_CB, corners_B), normal_C)
+            limits = check_limits(projections, box.detector, transform(X_CB, corners_B), normal_C)
             cause[group], side[group], figure[group] = limits.cause, limits.side, limits.figure
         return LimitVerdicts(cause, side, figure)
 

@@ -125,12 +125,12 @@ def verdict(
     camera: Camera, detector: Detector, size: tuple[float, ...], X_CB: Array, normal: Array | None
 ) -> tuple[Cause, str | None, float]:
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * size
-    normal_C = None if normal is None else (X_CB[:3, :3] @ normal)[None]
-    found = check_limits(Projection.of(camera), detector, transform(X_CB, corners)[None], normal_C)
-    cause = Cause(int(found.cause[0]))
-    side = SIDES[found.side[0]] if cause is Cause.OUT_OF_IMAGE else None
-    assert cause is Cause.OUT_OF_IMAGE or found.side[0] == -1
-    return cause, side, float(found.figure[0])
+    normal_C = None if normal is None else (X_CB[:3, :3] @ normal)[None, None]
+    found = check_limits([Projection.of(camera)], detector, transform(X_CB, corners)[None, None], normal_C)
+    cause = Cause(int(found.cause[0, 0]))
+    side = SIDES[found.side[0, 0]] if cause is Cause.OUT_OF_IMAGE else None
+    assert cause is Cause.OUT_OF_IMAGE or found.side[0, 0] == -1
+    return cause, side, float(found.figure[0, 0])
 
 
 @given(seed=st.integers(0, 2**32 - 1))
@@ -158,11 +158,11 @@ def test_many_states_at_once_give_what_each_gives_alone() -> None:
     rng = np.random.default_rng(7)
     poses = np.stack([pose(random_rotation(rng), rng.uniform((-0.6, -0.5, 0.1), (0.6, 0.5, 2.5))) for _ in range(200)])
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * size
-    normals = None if normal is None else poses[:, :3, :3] @ normal
-    together = check_limits(Projection.of(camera), detector, transform(poses, corners), normals)
+    normals = None if normal is None else (poses[:, :3, :3] @ normal)[None]
+    together = check_limits([Projection.of(camera)], detector, transform(poses, corners)[None], normals)
     alone = [verdict(camera, detector, size, X_CB, normal) for X_CB in poses]
-    assert [Cause(int(code)) for code in together.cause] == [cause for cause, _, _ in alone]
-    assert together.figure == pytest.approx([figure for _, _, figure in alone], abs=1e-9)
+    assert [Cause(int(code)) for code in together.cause[0]] == [cause for cause, _, _ in alone]
+    assert together.figure[0] == pytest.approx([figure for _, _, figure in alone], abs=1e-9)
 
 
 def at(*position: float) -> Array:
