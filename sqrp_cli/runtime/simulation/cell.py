@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.runtime.frame import Frame
+from sqrp_cli.runtime.simulation.requirements import check_simulator
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.simulation.physics import Physics
+    from sqrp_cli.runtime.simulation.render_pool import RenderPool
 
 
 class Reference(Protocol):
@@ -47,62 +52,73 @@ class SimulatedCell:
     The same workspace, world, seed and calls give the same bytes again.
     """
 
+    def __init__(self, physics: Physics, draughtsmen: RenderPool) -> None:
+        self._physics, self._draughtsmen = physics, draughtsmen
+
     @classmethod
     def build(cls, workspace: Workspace, world: World, seed: int) -> SimulatedCell:
         """The cell at rest in a world, at t = 0; an object of unknown pose is not in it. seed: of the image noise.
 
-        Raises InputError without the extra `sim`, without OpenGL (with the command that installs it), and for a mesh
+        Raises InputError without the extra `sim` or without OpenGL (with the command that installs it), and for a mesh
         that cannot be used.
         """
-        raise NotImplementedError
+        check_simulator()
+        from sqrp_cli.runtime.simulation.physics import Physics
+        from sqrp_cli.runtime.simulation.render_pool import RenderPool
+
+        physics = Physics(workspace, world)
+        return cls(physics, RenderPool(physics.model, tuple(workspace.cameras.values()), seed))
 
     @property
     def t(self) -> float:
         """Simulated time [s]."""
-        raise NotImplementedError
+        return self._physics.t
 
     def advance(self, t: float, reference: Reference) -> None:
         """Let time pass until t [s] while the controller follows the reference as far as torque limits allow."""
-        raise NotImplementedError
+        self._physics.advance(t, reference)
 
     def grasp(self) -> None:
         """Switch suction on, or close the fingers with a force: what is there is held, if anything is.
 
-        Suction takes the object whose surface is within 3 mm of the cup, at once; fingers hold by friction, once they
-        have closed (some 0.2 s).
+        Suction takes the thing whose surface is within 3 mm of the tool frame's origin, at once. Fingers hold by
+        friction, as soon as they have closed.
         """
-        raise NotImplementedError
+        self._physics.grasp()
 
     def release(self) -> None:
-        """Switch suction off, or let the fingers follow the reference again."""
-        raise NotImplementedError
+        """Switch suction off, or let the fingers follow the reference again (which then opens them)."""
+        self._physics.release()
 
     def slip(self) -> None:
-        """Lose the hold: the cup leaks, or the fingers loosen. What was held falls. Nothing happens if nothing is."""
-        raise NotImplementedError
+        """Lose the hold until the next `release`: the cup leaks, or the fingers get slippery. What was held falls."""
+        self._physics.slip()
 
     def miss_next_grasp(self) -> None:
         """Let the next `grasp` do nothing."""
-        raise NotImplementedError
+        self._physics.miss_next_grasp()
 
     def frames(self, cameras: Sequence[str]) -> Mapping[str, Frame]:
-        """An image of each camera as things now are, by name."""
-        raise NotImplementedError
+        """An image of each camera as things now are, by name in the order given."""
+        images = self._draughtsmen.images(cameras, self._physics.positions, self.t)
+        return {name: Frame(name, self.t, image) for name, image in zip(cameras, images, strict=True)}
 
     def measured_joints(self) -> Mapping[str, float]:
         """Position of every movable joint of robot and tool as its encoder says [rad or m]."""
-        raise NotImplementedError
+        return self._physics.joints()
 
     def truth(self) -> Truth:
         """What really is so now."""
-        raise NotImplementedError
+        physics = self._physics
+        return Truth(self.t, physics.object_poses(), physics.held(), physics.joints())
 
     def tracking_error(self) -> float:
         """Distance of the tool frame from where the reference wanted it [m], root mean square over all steps so far."""
-        raise NotImplementedError
+        return float((self._physics.squared_error / max(self._physics.steps, 1)) ** 0.5)
 
     def close(self) -> None:
         """End the processes that draw."""
+        self._draughtsmen.close()
 
     def __enter__(self) -> SimulatedCell:
         return self
