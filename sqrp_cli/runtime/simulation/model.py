@@ -255,8 +255,8 @@ def _light(spec: mujoco.MjSpec) -> None:
     """Even light without shadows, and no more quality than the software renderer has time for."""
     spec.visual.quality.shadowsize = 0
     spec.visual.quality.offsamples = 0
-    spec.visual.headlight.ambient[:] = 0.50
-    spec.visual.headlight.diffuse[:] = 0.30
+    spec.visual.headlight.ambient[:] = 0.45
+    spec.visual.headlight.diffuse[:] = 0.25
     spec.visual.headlight.specular[:] = 0.0
     light = spec.worldbody.add_light(type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, castshadow=False)
     light.dir = (0.2, 0.1, -1.0)

@@ -115,7 +115,7 @@ def _draw(
     pipe: Connection, model: mujoco.MjModel, cameras: Sequence[Camera], seed: int, memory_name: str, offsets: list[int]
 ) -> None:
     """What a process does: say whether it can draw, then draw one image after the other until the pipe closes."""
-    os.environ["LP_NUM_THREADS"] = "1"  # Mesa's software renderer would else compete with the other processes
+    os.environ["LP_NUM_THREADS"] = "0"  # threads of Mesa's software renderer would get in the other processes' way
     from sqrp_cli.runtime.simulation.renderer import Renderer
 
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 
+import cv2
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,7 @@ class Renderer:
         """Bring everything to where it is at joint positions (MuJoCo's qpos)."""
         self._data.qpos[:] = positions
         mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
 
     def image(self, name: str, t: float) -> NDArray[np.uint8]:
         """The image that a camera takes at time t [s], shape (height, width, 3)."""
@@ -83,7 +84,7 @@ class Renderer:
         picture = np.empty((optics.height, optics.width, 3), dtype=np.uint8)
         mujoco.mjr_render(area, self._scene, self._context)
         mujoco.mjr_readPixels(picture, None, area, self._context)
-        return self._with_noise(optics.image(picture[::-1]), camera, t)
+        return self._with_noise(optics.image(cv2.flip(picture, 0)), camera, t)
 
     def close(self) -> None:
         """Give the OpenGL context back."""
@@ -113,4 +114,5 @@ class Renderer:
         key = (self._seed, zlib.crc32(camera.name.encode()), round(t * 1e6))
         row, column = np.random.default_rng(key).integers(0, _SPARE, 2)
         noise = self._noise[row : row + camera.height, column : column + camera.width]
-        return np.clip(image.astype(np.int16) + noise, 0, 255).astype(np.uint8)
+        noisy: NDArray[np.uint8] = cv2.add(image, noise, dtype=cv2.CV_8U)
+        return noisy
