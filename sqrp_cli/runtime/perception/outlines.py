@@ -10,7 +10,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import Box, SceneObject
-from sqrp_cli.runtime.perception.vision import Mask, area_of, convex_outline, filled
+from sqrp_cli.runtime.perception.vision import Corners, Mask, area_of, convex_outline, corners_of, filled
 from sqrp_cli.runtime.twin import Surface, Twin
 
 LEAST_DEPTH = 0.02
@@ -30,32 +30,52 @@ class Outline:
     center: Array
     depth: float
 
+    @property
+    def corners(self) -> Corners:
+        """The polygon as `filled` wants it."""
+        return corners_of(self.polygon)
+
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
     """The robot in an image, as convex pieces."""
 
-    groups: tuple[_Pieces, ...]
+    parts: tuple[_Pieces, ...]
 
     def mask(self, shape: tuple[int, int], origin: tuple[int, int], nearer: float, *, behind: bool = False) -> Mask:
         """The pixels of a crop that pieces nearer than a depth [m] cover; behind: those that are not nearer."""
         last = np.array([origin[0] + shape[1], origin[1] + shape[0]])
-        chosen: list[Array] = []
-        for group in self.groups:
-            near = (group.depths < nearer) != behind
-            touching = near & (group.high >= origin).all(axis=1) & (group.low <= last).all(axis=1)
-            chosen.extend(group.corners[touching])
+        chosen: list[Corners] = []
+        for part in self.parts:
+            if (part.low.min(axis=0) > last).any() or (part.high.max(axis=0) < origin).any():
+                continue
+            near = (part.depths < nearer) != behind
+            touching = near & (part.high >= origin).all(axis=1) & (part.low <= last).all(axis=1)
+            chosen.extend(part.corners[touching])
         return filled(shape, origin, chosen)
+
+    def cover(self, shape: tuple[int, int]) -> Mask:
+        """Pixels of the image that hold all of the robot, and a little more: the hull of each part."""
+        return filled(shape, (0, 0), [part.hull for part in self.parts])
 
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """Corners of p convex pieces, (p, n, 2) [pixels], the depth of each one's middle [m], and the rectangles around."""
+    """A part: corners of its p convex pieces, (p, n, 2), the depth of each one's middle [m], and the rectangles around.
 
-    corners: Array
+    hull: around all of them.
+    """
+
+    corners: Corners
     depths: Array
     low: Array
     high: Array
+    hull: Corners
+
+    @classmethod
+    def of(cls, polygons: Array, depths: Array) -> _Pieces:
+        hull = corners_of(convex_outline(polygons.reshape(-1, 2)))
+        return cls(corners_of(polygons), depths, polygons.min(axis=1), polygons.max(axis=1), hull)
 
 
 class View:
@@ -81,7 +101,7 @@ class View:
 
     def silhouette(self, surfaces: Iterable[Surface], X_WL: Mapping[str, Array]) -> Silhouette:
         """The robot's parts at given link poses; pieces that reach behind the camera are left out."""
-        groups = []
+        parts = []
         for surface in surfaces:
             points = transform(self._X_CW @ X_WL[surface.link], surface.vertices)
             ahead = points[:, 2] > LEAST_DEPTH
@@ -90,13 +110,13 @@ class View:
             if surface.triangles is None:
                 if not visible.all():
                     continue
-                corners, depths = convex_outline(pixels)[None], points[:, 2].mean(keepdims=True)
+                polygons, depths = convex_outline(pixels)[None], points[:, 2].mean(keepdims=True)
             else:
                 whole = surface.triangles[visible[surface.triangles].all(axis=1)]
-                corners, depths = pixels[whole], points[whole, 2].mean(axis=1)
-            if len(corners):
-                groups.append(_Pieces(corners, depths, corners.min(axis=1), corners.max(axis=1)))
-        return Silhouette(tuple(groups))
+                polygons, depths = pixels[whole], points[whole, 2].mean(axis=1)
+            if len(polygons):
+                parts.append(_Pieces.of(polygons, depths))
+        return Silhouette(tuple(parts))
 
     def hides(self, thing: SceneObject, X_WO: Array, points_W: Array) -> bool:
         """Whether an object stands between the camera and any of some points (n, 3) [m]."""

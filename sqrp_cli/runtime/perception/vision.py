@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -78,13 +78,21 @@ def area_of(polygon: Array) -> float:
 _SUBPIXEL = 4
 """Fractional bits of polygon corners."""
 
+Corners = NDArray[np.int32]
+"""Corners of polygons in sixteenths of a pixel."""
 
-def filled(shape: tuple[int, int], origin: tuple[int, int], polygons: Sequence[Array] | Array) -> Mask:
+
+def corners_of(polygons: Array) -> Corners:
+    """Polygons (..., 2) [pixels] as `filled` wants them."""
+    return np.round(polygons * 2**_SUBPIXEL).clip(-(2**24), 2**24).astype(np.int32)
+
+
+def filled(shape: tuple[int, int], origin: tuple[int, int], polygons: Iterable[Corners]) -> Mask:
     """The pixels of a crop, `origin` (x, y) its first one, that convex polygons (each (n, 2)) cover."""
     canvas = np.zeros(shape, dtype=np.uint8)
-    for polygon in polygons:
-        corners = np.round((polygon - origin) * 2**_SUBPIXEL).clip(-(2**20), 2**20).astype(np.int32)
-        cv2.fillConvexPoly(canvas, corners, 1, cv2.LINE_8, _SUBPIXEL)
+    first = np.array(origin, dtype=np.int32) << _SUBPIXEL
+    for corners in polygons:
+        cv2.fillConvexPoly(canvas, corners - first, 1, cv2.LINE_8, _SUBPIXEL)
     return canvas.astype(bool)
 
 

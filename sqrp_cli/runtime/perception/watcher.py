@@ -23,7 +23,17 @@ from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.backdrop import Backdrop
 from sqrp_cli.runtime.perception.outlines import Outline, Silhouette, View
 from sqrp_cli.runtime.perception.sighting import BoxSight, CellKnowledge, Evidence, Posture, Sighting, Watchlist
-from sqrp_cli.runtime.perception.vision import Image, Mask, blobs, color_mask, dilated, direction, filled, find_markers
+from sqrp_cli.runtime.perception.vision import (
+    Corners,
+    Image,
+    Mask,
+    blobs,
+    color_mask,
+    dilated,
+    direction,
+    filled,
+    find_markers,
+)
 from sqrp_cli.runtime.twin import START
 
 NEEDED_SHARE = 0.35
@@ -115,11 +125,13 @@ class _Glance:
     def first_backdrop(self) -> Backdrop:
         """The background, as far as this image shows it."""
         things = filled(self._view.shape, (0, 0), self._thing_polygons())
-        return Backdrop(self._image, self._robot_mask(), things, moving=self._camera.frame != "world")
+        robot = self._robot.mask(self._view.shape, (0, 0), np.inf)
+        return Backdrop(self._image, robot, things, moving=self._camera.frame != "world")
 
     def covered(self, margin: int) -> Mask:
         """What the robot and the watched objects may cover, with a margin [pixels]."""
-        return dilated(self._robot_mask() | filled(self._view.shape, (0, 0), self._thing_polygons()), margin)
+        shape = self._view.shape
+        return dilated(self._robot.cover(shape) | filled(shape, (0, 0), self._thing_polygons()), margin)
 
     def judge(self, backdrop: Backdrop) -> tuple[dict[str, tuple[BoxSight, ...]], dict[str, Array]]:
         """What is seen of each box, by atom, and where objects are [m]."""
@@ -185,7 +197,7 @@ class _Glance:
             return _Place(outline, 0.0, 0.0, None)
         rows, columns = crop
         shape, origin = (rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start)
-        silhouette = filled(shape, origin, [outline.polygon])
+        silhouette = filled(shape, origin, [outline.corners])
         front = dilated(self._in_front(thing, X_WO, outline, shape, origin), 1)
         background = backdrop.matches(self._image, crop)
         own = colored[crop] & ~background
@@ -212,7 +224,7 @@ class _Glance:
             X = self._posture.X_WO.get(name)
             if name != thing.name and X is not None and self._view.hides(other, X, points):
                 blocking = self._view.outline(X, other.size)
-                mask |= True if blocking is None else filled(shape, origin, [blocking.polygon])
+                mask |= True if blocking is None else filled(shape, origin, [blocking.corners])
         return mask
 
     def _on_support(self, place: _Place, X_WO: Array) -> Array:
@@ -267,7 +279,7 @@ class _Glance:
                     return BoxSight(box.name, evidence, 1.0, outline.polygon)
         rows, columns = crop
         shape, origin = (rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start)
-        silhouette = filled(shape, origin, [outline.polygon])
+        silhouette = filled(shape, origin, [outline.corners])
         background = silhouette & backdrop.matches(self._image, crop)
         background &= ~dilated(self._robot.mask(shape, origin, outline.depth - 1e-3), 1)
         share = min(1.0, float(background.sum()) / max(outline.area, 1.0))
@@ -313,17 +325,14 @@ class _Glance:
         columns = slice(max(0, int(left)), min(width, int(right) + 1))
         return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
 
-    def _robot_mask(self) -> Mask:
-        return self._robot.mask(self._view.shape, (0, 0), np.inf)
-
-    def _thing_polygons(self) -> list[Array]:
+    def _thing_polygons(self) -> list[Corners]:
         """The outlines of the objects that are looked for, wherever they may be."""
         found = []
         for atom, box in self._boxes():
             thing = self._thing_of(atom, box)
             outline = self._view.outline(self._pose(box), thing.size if thing else box.size)
             if outline is not None:
-                found.append(outline.polygon)
+                found.append(outline.corners)
         return found
 
 
