@@ -73,7 +73,7 @@ def _undistorted(camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
         plane = cv2.fisheye.undistortPoints(pixels, K, coefficients, criteria=stop)
         back = cv2.fisheye.distortPoints(plane, K, coefficients)
     else:
-        plane = cv2.undistortPointsIter(pixels, K, coefficients, None, None, stop)
+        plane = cv2.undistortPoints(pixels, K, coefficients, criteria=stop)
         rays = np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1)
         back, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, coefficients)
     error = np.linalg.norm(back.reshape(-1, 2) - pixels.reshape(-1, 2), axis=1)
