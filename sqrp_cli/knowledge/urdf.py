@@ -1,6 +1,7 @@
 """Robot descriptions in URDF: links with their solid geometry, and the joints between them.
 
-The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and simulator extensions are not read. A `<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.
+The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and simulator extensions are not read. A
+`<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.
 """
 
 from __future__ import annotations

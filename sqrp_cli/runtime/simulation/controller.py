@@ -65,6 +65,11 @@ class Controller:
         pushed = self._data.qpos[self._position] + self._force / self._stiffness
         self._data.ctrl[:] = np.where(np.isnan(self._force), led, pushed)
 
+    def torques(self) -> Array:
+        """What each motor gave in the last time step, within its limit [Nm or N], shape (motors,)."""
+        given: Array = self._data.qfrc_actuator[self._velocity]
+        return given
+
     def wanted_position(self, body: int) -> Array:
         """Position of a body if every motor were where it is wanted [m], at the last `drive`."""
         wanted: Array = self._scratch.xpos[body]

@@ -77,12 +77,11 @@ class Suction:
 
     def _gap(self, thing: str) -> float:
         tip, body = self._model.geom(TIP).id, self._model.body(thing)
-        parts = [part for part in range(body.geomadr[0], body.geomadr[0] + body.geomnum[0])]
+        parts = range(body.geomadr[0], body.geomadr[0] + body.geomnum[0])
         solid = [part for part in parts if self._model.geom_contype[part]]
         far = 10 * SUCTION_REACH
-        return TIP_RADIUS + min(
-            mujoco.mj_geomDistance(self._model, self._data, tip, part, far, None) for part in solid
-        )
+        gaps = [mujoco.mj_geomDistance(self._model, self._data, tip, part, far, None) for part in solid]
+        return TIP_RADIUS + float(min(gaps))
 
 
 class Fingers:

@@ -52,6 +52,12 @@ _ROBOT, _MOVABLE, _FIXED = 1, 2, 4
 """Bits of what may touch what: movable things touch everything, the robot also fixed things, but not itself."""
 _TOUCHES = {_ROBOT: 0, _MOVABLE: _ROBOT | _MOVABLE | _FIXED, _FIXED: _ROBOT}
 
+_STIFF = (2 * TIME_STEP, 1.0)
+"""Time constant [s] and damping ratio of constraints that give way as little as the time step allows."""
+
+_HARD = (0.99, 0.999, 1e-4)
+"""Shares of a constraint's violation that are undone, without and with a violation of that width [m]."""
+
 _LIGHTEST = 1e-3
 """Least mass of a moving link [kg]."""
 
@@ -70,7 +76,7 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0
+    spec.option.impratio = 100.0  # so that things between fingers hardly creep
     spec.compiler.degree = False
     spec.compiler.balanceinertia = True
     _light(spec)
@@ -118,8 +124,8 @@ class _Builder:
         body.add_freejoint(name=thing.name)
         weld = self._spec.add_equality(name=thing.name, type=mujoco.mjtEq.mjEQ_WELD, active=False)
         weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, tool_frame, thing.name
-        weld.solref[:] = 2 * TIME_STEP, 1.0
-        weld.solimp[:2] = 0.99, 0.999
+        weld.solref[:] = _STIFF
+        weld.solimp[:3] = _HARD
 
     def add_floor(self, fixed: Iterable[SceneObject], robot: Robot) -> None:
         """The floor, a table's height below what stands fixed."""
@@ -136,9 +142,7 @@ class _Builder:
         root = parent.add_body(name=name, pos=X_PR[:3, 3], quat=quaternion(X_PR))
         bodies = {urdf.root: root}
         for joint in urdf.joints.values():
-            body = bodies[joint.parent].add_body(
-                name=joint.child, pos=joint.X_PJ[:3, 3], quat=quaternion(joint.X_PJ)
-            )
+            body = bodies[joint.parent].add_body(name=joint.child, pos=joint.X_PJ[:3, 3], quat=quaternion(joint.X_PJ))
             if joint.movable:
                 self._add_joint(body, joint)
             bodies[joint.child] = body
@@ -157,11 +161,12 @@ class _Builder:
         added = body.add_joint(name=joint.name, type=kind, axis=joint.axis, armature=ARMATURE)
         if np.isfinite([joint.lower, joint.upper]).all():
             added.limited, added.range[:] = True, (joint.lower, joint.upper)
+            added.solref_limit[:] = _STIFF
         if joint.mimic is not None:
             follow = self._spec.add_equality(name=joint.name, type=mujoco.mjtEq.mjEQ_JOINT)
             follow.name1, follow.name2 = joint.name, joint.mimic.joint
             follow.data[:5] = joint.mimic.offset, joint.mimic.multiplier, 0.0, 0.0, 0.0
-            follow.solref[:] = 2 * TIME_STEP, 1.0
+            follow.solref[:] = _STIFF
             return
         motor = self._spec.add_actuator(name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
         motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
@@ -176,6 +181,7 @@ class _Builder:
         geom.group, geom.density = group, density
         geom.friction[:] = FRICTION
         geom.condim = 4
+        geom.solref[:], geom.solimp[:3] = _STIFF, _HARD
         geom.contype, geom.conaffinity = (touches, _TOUCHES[touches]) if touches else (0, 0)
 
     def _set_shape(self, geom: mujoco.MjsGeom, shape: Shape, group: int) -> None:

@@ -53,7 +53,10 @@ class Optics:
         return cls((low[0], low[1]), (high[0], high[1]), int(size[0]), int(size[1]), (x, y))
 
     def image(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The image that the camera takes of a picture of the window, shape (height, width, 3); black where it is blind."""
+        """The image that the camera takes, shape (height, width, 3), of a picture of the window.
+
+        It is black where the lens does not look.
+        """
         if self.maps is None:
             return picture
         bent: NDArray[np.uint8] = cv2.remap(picture, *self.maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)

@@ -39,7 +39,7 @@ class Physics:
         self._missing = False
         self.steps, self.squared_error = 0, 0.0
         if world.held is not None and world.X_TO is not None:
-            self._place(world.held, body_pose(self._data, self._carrier) @ world.X_TO)
+            self._place(world.held, self.tool_pose() @ world.X_TO)
             if isinstance(self._hold, Suction):
                 self._hold.weld(world.held)
             else:
@@ -53,7 +53,7 @@ class Physics:
     @property
     def positions(self) -> Array:
         """MuJoCo's qpos, a copy."""
-        return self._data.qpos.copy()
+        return np.array(self._data.qpos)
 
     def advance(self, t: float, reference: Reference) -> None:
         """Step until t [s], to half a time step."""
@@ -103,6 +103,14 @@ class Physics:
             for i in range(model.njnt)
             if model.jnt_type[i] != free
         }
+
+    def tool_pose(self) -> Array:
+        """X_WT of the tool frame, shape (4, 4)."""
+        return body_pose(self._data, self._carrier)
+
+    def torques(self) -> Array:
+        """What each motor gave in the last time step [Nm or N], shape (motors,)."""
+        return self._controller.torques()
 
     def object_poses(self) -> dict[str, Array]:
         """X_WO of every object, shape (4, 4) each."""

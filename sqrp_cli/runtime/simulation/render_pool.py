@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
@@ -48,6 +50,8 @@ class RenderPool:
         self._pipes: list[Connection] = []
         self._ready = False
         context = get_context("spawn")
+        # Ctrl-C is for the caller alone: the processes inherit that it is blocked, and end when their pipes do.
+        unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         for _ in range(min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)):
             ours, theirs = context.Pipe()
             arguments = (theirs, model, self._cameras, seed, self._memory.name, self._offsets)
@@ -56,6 +60,7 @@ class RenderPool:
             theirs.close()
             self._workers.append(worker)
             self._pipes.append(ours)
+        signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
 
     def images(self, cameras: Sequence[str], positions: Array, t: float) -> list[NDArray[np.uint8]]:
         """The images of some cameras at joint positions (MuJoCo's qpos) and time t [s], in the order of their names.
@@ -118,14 +123,14 @@ def _draw(
     os.environ["LP_NUM_THREADS"] = "0"  # threads of Mesa's software renderer would get in the other processes' way
     from sqrp_cli.runtime.simulation.renderer import Renderer
 
-    try:
-        renderer = Renderer(model, cameras, seed)
-    except InputError as error:
-        pipe.send(error.problems)
-        return
     memory = SharedMemory(memory_name)
-    pipe.send(None)
-    try:
+    with suppress(EOFError, BrokenPipeError):  # the other end is closed
+        try:
+            renderer = Renderer(model, cameras, seed)
+        except InputError as error:
+            pipe.send(error.problems)
+            return
+        pipe.send(None)
         while True:
             task = pipe.recv()
             if task.positions is not None:
@@ -133,6 +138,3 @@ def _draw(
             camera = cameras[task.camera]
             _slot(memory, offsets[task.camera], camera)[:] = renderer.image(camera.name, task.t)
             pipe.send(None)
-    except EOFError:
-        renderer.close()
-        memory.close()

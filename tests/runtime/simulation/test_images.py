@@ -13,22 +13,25 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.marker import printed_side
+from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import SceneObject, Sphere
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.runtime.simulation.model import build_model
 from sqrp_cli.runtime.simulation.physics import Physics
 from sqrp_cli.runtime.simulation.render_pool import RenderPool
 from sqrp_cli.runtime.simulation.renderer import Renderer
 from tests.runtime.simulation.scenes import TABLE, camera, cell, thing, workspace, world
 
+AWAY = (2.0, 0.6, 0.5)
+"""Seen from where cameras stand, there is no robot in this direction."""
+
 LENSES = {
-    "pinhole": camera(),
-    "decentred": camera(center=(280.3, 261.8), focal=(590.0, 610.0)),
-    "barrel": camera(lens=("plumb_bob", (-0.28, 0.09, 0.001, -0.0015, -0.01))),
-    "pincushion": camera(lens=("plumb_bob", (0.18, -0.05, -0.001, 0.002, 0.0))),
-    "rational": camera(lens=("rational_polynomial", (0.4, -0.2, 0.001, 0.0005, 0.02, 0.7, -0.1, 0.01))),
-    "fisheye": camera(lens=("equidistant", (0.03, -0.01, 0.004, -0.001)), focal=(420.0, 420.0), eye=(0.7, 0.3, 0.5)),
+    "pinhole": camera(target=AWAY),
+    "decentred": camera(target=AWAY, center=(280.3, 261.8), focal=(590.0, 610.0)),
+    "barrel": camera(target=AWAY, lens=("plumb_bob", (-0.28, 0.09, 0.001, -0.0015, -0.01))),
+    "pincushion": camera(target=AWAY, lens=("plumb_bob", (0.18, -0.05, -0.001, 0.002, 0.0))),
+    "rational": camera(target=AWAY, lens=("rational_polynomial", (0.4, -0.2, 0.001, 0.0005, 0.02, 0.7, -0.1, 0.01))),
+    "fisheye": camera(target=AWAY, lens=("equidistant", (0.03, -0.01, 0.004, -0.001)), focal=(420.0, 420.0)),
 }
 
 
@@ -146,7 +149,9 @@ def test_noise_depends_on_seed_camera_and_time_alone() -> None:
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, 2.5])
 def test_a_marker_lies_on_top_of_its_object_the_right_way_round(turn: float) -> None:
-    plate = thing("plate", (0.3, 0.1, 0.05), (0.09, 0.12, 0.1), color="white", marker=42, rotation=axis_rotation(2, turn))
+    plate = thing(
+        "plate", (0.3, 0.1, 0.05), (0.09, 0.12, 0.1), color="white", marker=42, rotation=axis_rotation(2, turn)
+    )
     eye = camera(eye=(0.6, 0.3, 0.7))
     with drawing([TABLE, plate], [eye]) as renderer:
         image = renderer.image("cam", 0.0)
