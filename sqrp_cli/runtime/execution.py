@@ -90,6 +90,8 @@ class Execution:
         self._truths: dict[float, tuple[float | None, dict[str, bool]]] = {}
         self._places: dict[str, list[tuple[float, Array]]] = {}
         self._findings: dict[str, Finding] = {}
+        self._starts: Mapping[str, Array] = {}
+        self._now = 0.0
         self._found_at = -1.0
         self._holding = False
         self._open_fault: FaultRecord | None = None
@@ -104,7 +106,7 @@ class Execution:
         except Stopped as stopped:
             self._halt(str(stopped))
         report = self._report
-        report.time = round(self._cell.t, 6)
+        report.time = round(self._now, 6)
         report.tracking = self._cell.tracking_error()
         report.images = self._eyes.images
         self._say("done" if report.outcome == "done" else "stopped", reason=report.reason)
@@ -115,7 +117,7 @@ class Execution:
     # Steps and retries
 
     def _run_step(self, index: int, step: Step) -> None:
-        record = StepRecord(step.skill, step.parameters, self._cell.t)
+        record = StepRecord(step.skill, step.parameters, self._now)
         self._report.steps.append(record)
         self._holding = step.before.held is not None
         tries = 0
@@ -134,11 +136,11 @@ class Execution:
             record.attempts += 1
             step = self._replanned(step, response)
             if self._open_fault is not None:
-                self._open_fault.acted = self._cell.t
+                self._open_fault.acted = self._now
             self._say("retry", attempt=tries, of=response.retries, step=step.skill, time=round(step.time, 6))
-        record.end = round(self._cell.t, 6)
+        record.end = round(self._now, 6)
         if self._open_fault is not None:
-            self._open_fault.recovered = self._cell.t
+            self._open_fault.recovered = self._now
             self._open_fault = None
 
     def _attempt(self, index: int, step: Step, *, first: bool) -> Alarm | None:
@@ -150,7 +152,7 @@ class Execution:
         starts = {name: np.array(rows) for name, rows in step.before.objects.items()}
         self._pool.watch(Watchlist(dict(step.targets), starts))
         self._starts = starts
-        self._findings, self._found_at = {}, self._cell.t
+        self._findings, self._found_at = {}, self._now
         self._latest.clear()
         self._say("step", number=index + 1, skill=step.skill, parameters=dict(step.parameters), time=round(step.time, 6))
         try:
@@ -165,11 +167,11 @@ class Execution:
 
     def _move(self, attempt: _Attempt, *, first: bool) -> Alarm | None:
         step, judge = attempt.step, attempt.judge
-        attempt.start = self._cell.t
+        attempt.start = self._now
         attempt.actions = self._actions(step, first=first)
         self._playback.play(step.primitives, attempt.start)
         end = attempt.start + step.time
-        while self._cell.t < end - 1e-9 or self._eyes.next_arrival <= end + self._slowest():
+        while self._now < end - 1e-9 or self._eyes.next_arrival <= end + self._slowest():
             for sighting_time in self._pass(attempt, end):
                 tau = self._playback.step_time(sighting_time)
                 alarm = judge.observe(tau, self._values()) if 0.0 <= tau <= step.time else None
@@ -177,20 +179,20 @@ class Execution:
                     return alarm
                 if alarm is not None:
                     self._note_detection(alarm)
-            if self._cell.t >= end - 1e-9 and not self._eyes.has_arrival_from(end):
+            if self._now >= end - 1e-9 and not self._eyes.has_arrival_from(end):
                 break
         self._playback.stand()
-        self._found_at = self._cell.t
+        self._found_at = self._now
         self._findings = {}
         return self._look(attempt, step.time)
 
     def _look(self, attempt: _Attempt, tau: float) -> Alarm | None:
         """Stand and look until the images agree with what should be so at a time of the step, or for long enough."""
-        until = self._cell.t + max(PATIENCE, 3 * max(1.0 / c.rate for c in self._workspace.cameras.values()))
+        until = self._now + max(PATIENCE, 3 * max(1.0 / c.rate for c in self._workspace.cameras.values()))
         until += self._slowest()
         alarm: Alarm | None = None
         looked = False
-        while not looked or (alarm is not None and self._cell.t < until - 1e-9):
+        while not looked or (alarm is not None and self._now < until - 1e-9):
             for _ in self._pass(attempt, float("inf")):
                 alarm = attempt.judge.at_rest(tau, self._values())
                 looked = True
@@ -208,13 +210,14 @@ class Execution:
         t = min(self._eyes.next_exposure, self._eyes.next_arrival, self._eyes.next_check)
         if actions and start is not None:
             t = min(t, start + actions[0].t)
-        if self._cell.t < end - 1e-9:
+        if self._now < end - 1e-9:
             t = min(t, end)
         if self._watching_truth:
-            t = min(t, self._cell.t + TRUTH_SPACING)
-        t = max(t, self._cell.t)
+            t = min(t, self._now + TRUTH_SPACING)
+        t = max(t, self._now)
         with self._timed("physics"):
             self._cell.advance(t, self._playback)
+        self._now = t
         if self._watching_truth:
             self._look_for_fault(attempt)
         arrived: list[Sighting] = []
@@ -235,13 +238,14 @@ class Execution:
 
     def _expose(self, attempt: _Attempt | None) -> None:
         posture = Posture(dict(self._cell.measured_joints()), self._holding, self._beliefs(attempt))
-        t = self._cell.t
+        t = self._now
         try:
             with self._timed("images"):
                 frames = self._eyes.expose(t, self._cell.frames, posture)
         except PerceptionError as error:
             raise Stopped(str(error)) from error
-        self._truths[round(t, 9)] = (self._time_of_step(attempt), self._true_atoms(attempt))
+        if frames:
+            self._truths[round(frames[0].t, 9)] = (self._time_of_step(attempt), self._true_atoms(attempt))
         if self._gallery is not None:
             for frame in frames:
                 self._gallery.add(frame, posture)
@@ -277,7 +281,7 @@ class Execution:
     def _time_of_step(self, attempt: _Attempt | None) -> float | None:
         if attempt is None or attempt.start is None:
             return None
-        return self._playback.step_time(self._cell.t)
+        return self._playback.step_time(self._now)
 
     def _beliefs(self, attempt: _Attempt | None) -> Mapping[str, Array]:
         if attempt is None:
@@ -337,7 +341,7 @@ class Execution:
                 self._eyes.delay(camera, fault.delay)
             case "perception-crash":
                 self._pool.crash(camera)
-        record = FaultRecord(self._fault_name(fault, attempt), injected=self._cell.t)
+        record = FaultRecord(self._fault_name(fault, attempt), injected=self._now)
         if fault.kind in ("slip", "miss-pick") and attempt is not None:
             attempt.undisturbed = False
             self._open_fault = record
@@ -364,7 +368,7 @@ class Execution:
         for watch in attempt.judge.faults():
             for start, end, literals in watch:
                 if start <= tau <= end and all(truths[str(lit.atom)] == lit.positive for lit in literals):
-                    record.happened = self._cell.t
+                    record.happened = self._now
                     responses = {name: camera.response for name, camera in self._workspace.cameras.items()}
                     record.predicted_delay = predicted_delay(attempt.step, _atoms(literals), responses, tau)
                     self._say("happened", fault=record.name)
@@ -377,7 +381,7 @@ class Execution:
             self._report.faults.append(record)
             self._open_fault = record
         record.name = alarm.name
-        record.detected = self._cell.t
+        record.detected = self._now
         self._say("fault", name=alarm.name, text=alarm.text, response=alarm.response.action)
 
     # Responses
@@ -385,17 +389,17 @@ class Execution:
     def _stop_motion(self, reason: str) -> None:
         """Bring the arm to rest along its path."""
         self._say("stopping", reason=reason)
-        self._report.stop_told = self._cell.t
-        stands = self._playback.stop(self._cell.t)
-        while self._cell.t < stands - 1e-9:
+        self._report.stop_told = self._now
+        stands = self._playback.stop(self._now)
+        while self._now < stands - 1e-9:
             for _ in self._pass(None, stands):
                 pass
         self._playback.stand()
-        self._report.stop_done = self._cell.t
+        self._report.stop_done = self._now
 
     def _halt(self, reason: str) -> None:
         """Stop for good, whatever perception does."""
-        t = self._cell.t
+        t = self._now
         if self._open_fault is not None and self._open_fault.acted is None and self._open_fault.detected is not None:
             self._open_fault.acted = t
         for record in self._report.faults:
@@ -404,9 +408,10 @@ class Execution:
         self._report.outcome, self._report.reason = "stopped", reason
         self._report.stop_told = t
         self._say("stopping", reason=reason)
-        self._cell.advance(self._playback.stop(t), self._playback)
+        self._now = self._playback.stop(t)
+        self._cell.advance(self._now, self._playback)
         self._playback.stand()
-        self._report.stop_done = self._cell.t
+        self._report.stop_done = self._now
 
     def _replanned(self, step: Step, response: ProgramResponse) -> Step:
         """The step again, from where the arm is, once the condition is seen and the objects are found."""
@@ -415,11 +420,11 @@ class Execution:
         expectation = Expectation(step, self._program.joints, self._twin)
         attempt = _Attempt(step, expectation, Judge(expectation, 1.0), PredictionCheck(0, expectation, ()))
         attempt.undisturbed = False
-        self._found_at, self._findings = self._cell.t, {}
+        self._found_at, self._findings = self._now, {}
         self._places.clear()
-        until = self._cell.t + LOOK_AGAIN
+        until = self._now + LOOK_AGAIN
         while response.when is not None and condition_value(response.when, self._values()) != Truth.TRUE:
-            if self._cell.t >= until:
+            if self._now >= until:
                 raise Stopped(f"`{response.when}` was not seen within {LOOK_AGAIN:g} s, so there is no retry")
             for _ in self._pass(attempt, until):
                 pass
@@ -451,7 +456,7 @@ class Execution:
     # Telling
 
     def _say(self, kind: str, **fields: object) -> None:
-        event = Event(round(self._cell.t, 6), kind, fields)
+        event = Event(round(self._now, 6), kind, fields)
         for listener in self._listeners:
             listener(event)
 

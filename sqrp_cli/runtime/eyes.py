@@ -94,7 +94,7 @@ class Eyes:
             stream.last = frame
             self._pool.submit(frame, posture)
             arrival = t + stream.camera.latency + stream.delay
-            heapq.heappush(self._arrivals, (arrival, t, frame.camera))
+            heapq.heappush(self._arrivals, (arrival, frame.t, frame.camera))
             sent.append(frame)
         self.images += len(sent)
         return sent
