@@ -82,7 +82,7 @@ class SimulatedCell:
         """Switch suction on, or close the fingers with a force: what is there is held, if anything is.
 
         Suction takes the thing whose surface is within 3 mm of the tool frame's origin, at once. Fingers hold by
-        friction, as soon as they have closed.
+        friction, as soon as they have closed, at 5 cm/s.
         """
         self._physics.grasp()
 

@@ -41,29 +41,32 @@ class Controller:
         mujoco.mj_fullM(model, data, inertia)
         self._stiffness = BANDWIDTH**2 * inertia[self._velocity, self._velocity]
         self._damping = 2.0 / BANDWIDTH * self._stiffness
-        model.actuator_gainprm[:, 0] = self._stiffness
-        model.actuator_biasprm[:, 1], model.actuator_biasprm[:, 2] = -self._stiffness, -self._damping
         self.wanted = data.qpos[self._position].copy()
         self._force = np.full(model.nu, np.nan)
+        for motor in range(model.nu):
+            self.follow(motor)
 
     def indices(self, joints: Sequence[str]) -> NDArray[np.int64]:
         """Where joints stand in `joints`."""
         return np.array([self.joints.index(name) for name in joints], dtype=np.int64)
 
-    def push(self, joint: int, force: float) -> None:
-        """Let a motor push with a constant force [N or Nm] instead of following, until `follow`."""
-        self._force[joint] = force
+    def push(self, motor: int, force: float, speed: float) -> None:
+        """Let a motor push with a force [N or Nm], and no faster than at a speed [m/s or rad/s], until `follow`."""
+        self._force[motor] = force
+        self._model.actuator_gainprm[motor, 0] = 1.0
+        self._model.actuator_biasprm[motor, :3] = 0.0, 0.0, -abs(force) / speed
 
-    def follow(self, joint: int) -> None:
-        """Let a motor follow its reference again."""
-        self._force[joint] = np.nan
+    def follow(self, motor: int) -> None:
+        """Let a motor follow its reference."""
+        self._force[motor] = np.nan
+        self._model.actuator_gainprm[motor, 0] = self._stiffness[motor]
+        self._model.actuator_biasprm[motor, :3] = 0.0, -self._stiffness[motor], -self._damping[motor]
 
     def drive(self, velocity: Array, acceleration: Array, payload: Payload | None) -> None:
         """Set the motors for the next time step; velocity, acceleration: of each [rad/s or m/s, and per s]."""
         torque = self._inverse_dynamics(velocity, acceleration, payload)
         led = self.wanted + (torque + self._damping * velocity) / self._stiffness
-        pushed = self._data.qpos[self._position] + self._force / self._stiffness
-        self._data.ctrl[:] = np.where(np.isnan(self._force), led, pushed)
+        self._data.ctrl[:] = np.where(np.isnan(self._force), led, self._force)
 
     def torques(self) -> Array:
         """What each motor gave in the last time step, within its limit [Nm or N], shape (motors,)."""

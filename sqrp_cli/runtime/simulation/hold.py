@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import mujoco
@@ -18,6 +19,9 @@ SUCTION_REACH = 3e-3
 
 GRIP = 30.0
 """Force of a finger, if its effort limit allows it [N]; of one that turns, at `FINGER_LENGTH`."""
+
+CLOSING_SPEED = 0.05
+"""Of a finger on its way to what it grasps [m/s]."""
 
 FINGER_LENGTH = 0.05
 """Lever of a finger that turns [m]."""
@@ -84,6 +88,15 @@ class Suction:
         return TIP_RADIUS + float(min(gaps))
 
 
+@dataclass(frozen=True)
+class _Push:
+    """How a motor closes its finger; force with its sign [N or Nm], greatest speed [m/s or rad/s]."""
+
+    motor: int
+    force: float
+    speed: float
+
+
 class Fingers:
     """A gripper whose fingers push with a constant force and hold by friction."""
 
@@ -93,23 +106,23 @@ class Fingers:
         """closing: the joints that drive the fingers, each with the direction in which it closes (positive or not)."""
         self._model, self._data, self._controller = model, data, controller
         motors = controller.indices(list(closing))
-        self._push = {
-            int(motor): np.copysign(self._force(joint), sign)
+        self._pushes = [
+            _Push(int(motor), float(np.copysign(self._force(joint), sign)), self._speed(joint))
             for motor, (joint, sign) in zip(motors, closing.items(), strict=True)
-        }
+        ]
         self._finger_of_body = _finger_bodies(model, _with_followers(model, closing))
         self._pads = np.flatnonzero(self._finger_of_body[model.geom_bodyid] >= 0)
         model.geom_priority[self._pads] = 1  # so that their friction alone counts
 
     def grasp(self) -> None:
         """Close with a force."""
-        for motor, force in self._push.items():
-            self._controller.push(motor, force)
+        for push in self._pushes:
+            self._controller.push(push.motor, push.force, push.speed)
 
     def release(self) -> None:
         """Follow the reference again."""
-        for motor in self._push:
-            self._controller.follow(motor)
+        for push in self._pushes:
+            self._controller.follow(push.motor)
         self._model.geom_friction[self._pads] = FRICTION
 
     def slip(self) -> None:
@@ -131,9 +144,14 @@ class Fingers:
 
     def _force(self, joint: str) -> float:
         index = self._model.joint(joint).id
-        slides = self._model.jnt_type[index] == mujoco.mjtJoint.mjJNT_SLIDE
         limit = self._model.jnt_actfrcrange[index, 1] if self._model.jnt_actfrclimited[index] else np.inf
-        return float(min(GRIP if slides else GRIP * FINGER_LENGTH, limit))
+        return float(min(GRIP if self._slides(joint) else GRIP * FINGER_LENGTH, limit))
+
+    def _speed(self, joint: str) -> float:
+        return CLOSING_SPEED if self._slides(joint) else CLOSING_SPEED / FINGER_LENGTH
+
+    def _slides(self, joint: str) -> bool:
+        return bool(self._model.jnt_type[self._model.joint(joint).id] == mujoco.mjtJoint.mjJNT_SLIDE)
 
 
 def body_pose(data: mujoco.MjData, body: int) -> Array:

@@ -177,6 +177,20 @@ def test_fingers_hold_by_friction_while_the_arm_moves() -> None:
     assert now[:3, 3] == pytest.approx(X_TO[:3, 3], abs=1e-3)
 
 
+def test_fingers_close_from_afar_at_five_centimetres_per_second() -> None:
+    base = gripper_cell()
+    arm = at_pose(base, above((0.4, 0.1, 0.02)))
+    physics = Physics(base, world(base, arm | OPEN))
+    physics.grasp()
+    for k in range(1, 7):
+        physics.advance(0.05 * k, Rest(arm | OPEN))
+        assert physics.held() is None
+        assert physics.joints()["left_finger_joint"] > 0.04 - 0.05 * 0.05 * k
+    physics.advance(0.6, Rest(arm | OPEN))
+    assert physics.held() == "cube"
+    assert physics.joints()["left_finger_joint"] == pytest.approx(0.02, abs=5e-4)
+
+
 def test_what_slips_out_of_fingers_falls_and_they_close() -> None:
     base = gripper_cell()
     physics, q = grasped(base)
