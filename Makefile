@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank test check bench format clean
+.PHONY: all rank run test check bench format clean
 
 all: .venv/installed
 
@@ -14,6 +14,11 @@ all: .venv/installed
 
 rank: all
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green"
+
+run: all
+	rm -f pick.yaml
+	$(BIN)/sqrp rank workspaces/tabletop "pickup green" --program pick.yaml
+	$(BIN)/sqrp run pick.yaml --sim --fault slip@a4+1
 
 test: all
 	$(BIN)/pytest --numprocesses auto

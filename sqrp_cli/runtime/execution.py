@@ -18,13 +18,13 @@ from sqrp_cli.runtime.evidence import Finding, fuse
 from sqrp_cli.runtime.expectation import Expectation, Situation, holds
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.faults import InjectedFault
-from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.judge import PATIENCE, Alarm, Judge, condition_value, read_formula
 from sqrp_cli.runtime.outcome import Event, FaultRecord, Listener, RunReport, StepRecord
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Sighting, Watchlist
 from sqrp_cli.runtime.playback import Playback
 from sqrp_cli.runtime.prediction_check import PredictionCheck, predicted_delay, word
+from sqrp_cli.runtime.recording import Gallery
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
 from sqrp_cli.runtime.twin import Twin
 
@@ -33,7 +33,6 @@ LOOK_AGAIN = 2.0
 
 TRUTH_SPACING = 0.01
 """Time between two looks at what really is so, once a fault was injected [s]."""
-
 
 
 class Stopped(Exception):  # noqa: N818
@@ -92,6 +91,7 @@ class Execution:
         self._findings: dict[str, Finding] = {}
         self._starts: Mapping[str, Array] = {}
         self._now = 0.0
+        self._doing = "looks"
         self._found_at = -1.0
         self._holding = False
         self._open_fault: FaultRecord | None = None
@@ -154,7 +154,9 @@ class Execution:
         self._starts = starts
         self._findings, self._found_at = {}, self._now
         self._latest.clear()
-        self._say("step", number=index + 1, skill=step.skill, parameters=dict(step.parameters), time=round(step.time, 6))
+        self._say(
+            "step", number=index + 1, skill=step.skill, parameters=dict(step.parameters), time=round(step.time, 6)
+        )
         try:
             wrong = self._look(attempt, 0.0)
             if wrong is not None:
@@ -247,8 +249,11 @@ class Execution:
         if frames:
             self._truths[round(frames[0].t, 9)] = (self._time_of_step(attempt), self._true_atoms(attempt))
         if self._gallery is not None:
+            planned = attempt is not None and attempt.undisturbed
             for frame in frames:
-                self._gallery.add(frame, posture)
+                self._gallery.add(
+                    frame, len(self._report.steps), self._time_of_step(attempt) if planned else None, self._doing
+                )
 
     def _take_notice(self, arrived: Sequence[Sighting], attempt: _Attempt | None) -> Iterator[float]:
         for sighting in arrived:
@@ -309,8 +314,7 @@ class Execution:
                 actions.append(_Action(primitive.start, "release"))
             actions.append(_Action(primitive.start, primitive.name))
         if first:
-            for fault in self._faults:
-                actions.append(_Action(fault.t if fault.t is not None else 0.0, "fault", fault))
+            actions.extend(_Action(fault.t if fault.t is not None else 0.0, "fault", fault) for fault in self._faults)
             self._faults = []
         return sorted(actions, key=lambda action: action.t)
 
@@ -324,6 +328,7 @@ class Execution:
         elif action.do == "fault" and action.fault is not None:
             self._inject(action.fault, attempt)
         else:
+            self._doing = action.do
             self._say("primitive", name=action.do)
 
     def _inject(self, fault: InjectedFault, attempt: _Attempt | None) -> None:
@@ -389,6 +394,7 @@ class Execution:
     def _stop_motion(self, reason: str) -> None:
         """Bring the arm to rest along its path."""
         self._say("stopping", reason=reason)
+        self._doing = "stops"
         self._report.stop_told = self._now
         stands = self._playback.stop(self._now)
         while self._now < stands - 1e-9:
@@ -482,16 +488,6 @@ class Execution:
             yield
         finally:
             self._wall[what] = self._wall.get(what, 0.0) + time.perf_counter() - began
-
-
-class Gallery:
-    """Keeps images; see `recording`."""
-
-    def add(self, frame: Frame, posture: Posture) -> None:
-        """An image was taken."""
-
-    def seen(self, sighting: Sighting) -> None:
-        """An image was looked at."""
 
 
 def _atoms(literals: Sequence[Literal]) -> list[str]:

@@ -71,16 +71,16 @@ class Expectation:
 
     def holds(self, atom: str, t: float) -> bool:
         """Whether an atom holds at time t [s] of the step."""
-        return bool(self._holds[atom][min(int(round(max(t, 0.0) / SPACING)), len(self._t) - 1)])
+        return bool(self._holds[atom][min(round(max(t, 0.0) / SPACING), len(self._t) - 1)])
 
     def held_throughout(self, atom: str, positive: bool, start: float, end: float) -> bool:
         """Whether an atom has a value at all times from start to end [s]."""
-        first, last = (min(max(int(round(t / SPACING)), 0), len(self._t) - 1) for t in (start, end))
+        first, last = (min(max(round(t / SPACING), 0), len(self._t) - 1) for t in (start, end))
         return bool((self._holds[atom][first : last + 1] == positive).all())
 
     def object_poses(self, t: float) -> Mapping[str, Array]:
         """Where objects are at time t [s] of the step, (4, 4)."""
-        index = min(int(round(max(t, 0.0) / SPACING)), len(self._t) - 1)
+        index = min(round(max(t, 0.0) / SPACING), len(self._t) - 1)
         return {name: poses[index if len(poses) > 1 else 0] for name, poses in self._X_WO.items()}
 
     def covering(self, atom: str, t: float, margin: float = 0.0) -> list[str]:

@@ -127,9 +127,7 @@ class Eyes:
     @property
     def next_check(self) -> float:
         """When a stream fails next if no image comes [s]."""
-        return min(
-            (s.newest if s.newest is not None else 0.0) + s.age_limit() + 1e-6 for s in self._streams.values()
-        )
+        return min((s.newest if s.newest is not None else 0.0) + s.age_limit() + 1e-6 for s in self._streams.values())
 
     def _is_under_way(self, camera: str) -> bool:
         return any(name == camera for _, _, name in self._arrivals)

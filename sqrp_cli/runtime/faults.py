@@ -23,7 +23,9 @@ _FORMS = {
     "perception-crash": "perception-crash:cam1@4",
 }
 _NUMBER = r"\d+(?:\.\d*)?|\.\d+"
-_SLIP = re.compile(rf"(?:(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>{_NUMBER})|(?P<random>:random))?|(?P<time>{_NUMBER}))")
+_SLIP = re.compile(
+    rf"(?:(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>{_NUMBER})|(?P<random>:random))?|(?P<time>{_NUMBER}))"
+)
 _CAMERA_AT = re.compile(rf"(?P<camera>[^@=]+)@(?P<time>{_NUMBER})")
 _CAMERA_BY = re.compile(rf"(?P<camera>[^@=]+)=(?P<delay>{_NUMBER})")
 

@@ -51,7 +51,7 @@ class _Watch:
         self.over = False
 
     def applies(self, t: float) -> bool:
-        """Whether any operator asks about a time; what was seen at others says nothing about the times it asks about."""
+        """Whether any operator asks about a time; what is seen at other times says nothing about those."""
         return any(operator.start - _SAME <= t <= operator.end + _SAME for operator in self.operators)
 
 
@@ -99,7 +99,9 @@ class Judge:
         for watch in self._watches:
             if watch.entry.fault is not None and not watch.over and self._seen_late(watch, t, values):
                 watch.over = True
-                return Alarm("fault", watch.entry.fault, f"{watch.entry.fault}: {watch.entry.formula}", watch.entry.response)
+                return Alarm(
+                    "fault", watch.entry.fault, f"{watch.entry.fault}: {watch.entry.formula}", watch.entry.response
+                )
         for atom in self.monitored(t):
             value, expected = values.get(atom, Truth.UNKNOWN), self._expectation.holds(atom, t)
             if value == (Truth.FALSE if expected else Truth.TRUE):

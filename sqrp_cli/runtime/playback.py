@@ -98,7 +98,7 @@ class Playback:
         return [trajectory.positions(local), *(trajectory.derivatives(local, k) for k in range(1, order + 1))]
 
     def _within_limits(self, begin: float, duration: float) -> bool:
-        """Whether a stop that begins at a time of the step's clock [s] keeps the limits, or the primitive ends first."""
+        """Whether a stop that begins at a time of the step's clock [s] keeps the limits."""
         x = np.linspace(0.0, 1.0, 33)
         rate, change = 1 - 3 * x**2 + 2 * x**3, (6 * x**2 - 6 * x) / duration
         second = (12 * x - 6) / duration**2

@@ -94,7 +94,7 @@ def _surfaces(model: UrdfModel, robot: Robot) -> list[Surface]:
 def _mesh(shape: Shape) -> tuple[Array, NDArray[np.int64] | None]:
     match shape:
         case Mesh():
-            from sqrp_cli.runtime.simulation.meshes import load_triangles
+            from sqrp_cli.runtime.meshes import load_triangles
 
             mesh = load_triangles(shape)
             return mesh.vertices, mesh.faces

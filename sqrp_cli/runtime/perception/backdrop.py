@@ -34,7 +34,7 @@ class Backdrop:
         """Take from an image what was still unknown and is not covered in it."""
         if self._surroundings is not None:
             return
-        fresh = self._unknown & ~covered
+        fresh: Mask = self._unknown & ~covered
         if fresh.any():
             self._picture[fresh] = image[fresh]
             self._unknown &= covered
@@ -50,7 +50,7 @@ class Backdrop:
         if self._surroundings is not None:
             return self._surroundings[_coarse(part)]
         difference = np.maximum(part, self._picture[crop]) - np.minimum(part, self._picture[crop])
-        same: Mask = (difference <= TOLERANCE).all(axis=-1)
+        same: Mask = np.all(difference <= TOLERANCE, axis=-1)
         return same
 
     def robot_colored(self, image: Image, crop: tuple[slice, slice]) -> Mask:

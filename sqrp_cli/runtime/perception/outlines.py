@@ -11,7 +11,7 @@ from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import Box, SceneObject
 from sqrp_cli.runtime.perception.vision import Corners, Mask, area_of, convex_outline, corners_of, filled
-from sqrp_cli.runtime.twin import Surface, Twin
+from sqrp_cli.runtime.twin import Surface
 
 LEAST_DEPTH = 0.02
 """Points nearer to the lens than this [m] are not projected."""

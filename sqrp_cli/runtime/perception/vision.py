@@ -84,7 +84,8 @@ Corners = NDArray[np.int32]
 
 def corners_of(polygons: Array) -> Corners:
     """Polygons (..., 2) [pixels] as `filled` wants them."""
-    return np.round(polygons * 2**_SUBPIXEL).clip(-(2**24), 2**24).astype(np.int32)
+    corners: Corners = np.round(polygons * 2**_SUBPIXEL).clip(-(2**24), 2**24).astype(np.int32)
+    return corners
 
 
 def filled(shape: tuple[int, int], origin: tuple[int, int], polygons: Iterable[Corners]) -> Mask:
@@ -143,7 +144,8 @@ def direction(camera: Camera, pixel: Array) -> Array:
     else:
         plane = cv2.undistortPoints(point, K, D if len(D) else None)
     ray = np.array([*plane.ravel(), 1.0])
-    return ray / np.linalg.norm(ray)
+    unit: Array = ray / np.linalg.norm(ray)
+    return unit
 
 
 def write_png(path: Path, image: Image) -> None:
@@ -155,3 +157,41 @@ def read_png(path: Path) -> Image | None:
     """Read an image; None if it cannot be read."""
     image = cv2.imread(str(path), cv2.IMREAD_COLOR)
     return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def drawn(image: Image, outlines: Iterable[tuple[Array, tuple[int, int, int]]], text: str) -> Image:
+    """A copy of an image with polygons (n, 2) in their colours, and a line of text."""
+    canvas = image.copy()
+    for polygon, color in outlines:
+        if len(polygon):
+            cv2.polylines(canvas, [corners_of(polygon)], True, color, 2, cv2.LINE_AA, _SUBPIXEL)
+    cv2.putText(canvas, text, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (0, 0, 0), 3, cv2.LINE_AA)
+    cv2.putText(canvas, text, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 1, cv2.LINE_AA)
+    return canvas
+
+
+def resized(image: Image, width: int, height: int) -> Image:
+    """An image in another size."""
+    smaller: Image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    return smaller
+
+
+class Video:
+    """An MPEG-4 file that images are appended to."""
+
+    def __init__(self, path: Path, rate: float) -> None:
+        """rate: images per second."""
+        self._path, self._rate = path, rate
+        self._writer: Any = None
+
+    def add(self, image: Image) -> None:
+        """Append an image; all have the same size."""
+        if self._writer is None:
+            size = (image.shape[1], image.shape[0])
+            self._writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*"mp4v"), self._rate, size)
+        self._writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
+
+    def close(self) -> None:
+        """Finish the file."""
+        if self._writer is not None:
+            self._writer.release()

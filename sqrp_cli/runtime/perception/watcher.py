@@ -9,7 +9,7 @@ not in the way. What is neither thing nor background is not judged.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +67,7 @@ class _Place:
         """Whether the object is here, as exactly as the image tells."""
         if self.outline is None or self.shift is None or self.filled < FULL:
             return False
-        return float(np.hypot(*self.shift)) <= SHIFT_PIXELS + SHIFT_SHARE * self.outline.area**0.5
+        return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.outline.area**0.5)
 
 
 _NOWHERE = _Place(None, 0.0, 0.0, None)
@@ -307,15 +307,16 @@ class _Glance:
 
     def _pose(self, box: ProgramBox) -> Array:
         """World pose of a box, (4, 4)."""
-        X_FB = np.array(box.pose)
         if box.frame == "world":
-            return X_FB
-        if box.frame in self._X_WL:
-            X_WB: Array = self._X_WL[box.frame] @ X_FB
-            return X_WB
-        name = box.frame.removesuffix(START)
-        known: Mapping[str, Array] = self._watchlist.starts if box.frame.endswith(START) else self._posture.X_WO
-        return known[name] @ X_FB
+            X_WF = np.eye(4)
+        elif box.frame in self._X_WL:
+            X_WF = self._X_WL[box.frame]
+        elif box.frame.endswith(START):
+            X_WF = self._watchlist.starts[box.frame.removesuffix(START)]
+        else:
+            X_WF = self._posture.X_WO[box.frame]
+        X_WB: Array = X_WF @ np.array(box.pose)
+        return X_WB
 
     def _crop(self, polygon: Array, margin: int) -> tuple[slice, slice] | None:
         """The part of the image around a polygon; None if they do not meet."""

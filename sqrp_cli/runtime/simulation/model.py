@@ -16,8 +16,8 @@ from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneOb
 from sqrp_cli.knowledge.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel, link_parts, read_urdf
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.runtime.colors import COLORS, Rgb
+from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation import markers
-from sqrp_cli.runtime.simulation.meshes import load_triangles
 
 TIME_STEP = 0.002
 """Of the physics [s]."""

@@ -31,10 +31,7 @@ def check_simulator() -> None:
 
     Raises InputError, with the command that mends it, if a package or OpenGL is missing.
     """
-    missing = [package for module, package in _PACKAGES.items() if find_spec(module) is None]
-    if missing:
-        message = f"the simulator needs {', '.join(missing)}, which belongs to the extra `sim`"
-        raise InputError(Problem("missing-extra", message, mend=f"pip install {' '.join(missing)}"))
+    check_packages()
     chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
     if not chosen and sys.platform.startswith("linux"):
         usable = [name for name in _LIBRARIES if not _missing_libraries(name)]
@@ -45,6 +42,14 @@ def check_simulator() -> None:
         raise no_opengl(f"MUJOCO_GL is `{chosen}`, so MuJoCo may not draw")
     elif chosen in _LIBRARIES and (absent := _missing_libraries(chosen)):
         raise no_opengl(f"MUJOCO_GL is `{chosen}`, but {' and '.join(absent)} is not installed")
+
+
+def check_packages() -> None:
+    """See that the packages of the extra `sim` are there. Raises InputError, with the command that mends it."""
+    missing = [package for module, package in _PACKAGES.items() if find_spec(module) is None]
+    if missing:
+        message = f"images need {', '.join(missing)}, which belongs to the extra `sim`"
+        raise InputError(Problem("missing-extra", message, mend=f"pip install {' '.join(missing)}"))
 
 
 def no_opengl(reason: str) -> InputError:

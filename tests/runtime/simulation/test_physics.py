@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.solids import load_solid
-from sqrp_cli.runtime.simulation.meshes import load_triangles
+from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation.physics import Physics
 from tests.programming.robots import REAL_ARMS, ROBOTS, robot
 from tests.runtime.simulation.scenes import TABLE, Quintic, Rest, cell, thing, workspace, world
