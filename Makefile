@@ -16,9 +16,9 @@ rank: all
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green"
 
 run: all
-	rm -f pick.yaml
-	$(BIN)/sqrp rank workspaces/tabletop "pickup green" --program pick.yaml
-	$(BIN)/sqrp run pick.yaml --sim --fault slip@a4+1
+	mkdir -p build && rm -f build/pick.yaml
+	$(BIN)/sqrp rank workspaces/tabletop "pickup green" --program build/pick.yaml
+	$(BIN)/sqrp run build/pick.yaml --sim --fault slip@a4+1
 
 test: all
 	$(BIN)/pytest --numprocesses auto
