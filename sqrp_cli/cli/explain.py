@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -20,11 +20,6 @@ from sqrp_cli.cli.options import (
     read_sampling,
 )
 from sqrp_cli.errors import ExitCode, InputError, Problem
-
-if TYPE_CHECKING:
-    from sqrp_cli.cli.session import Session
-    from sqrp_cli.programming.assessment import Study
-    from sqrp_cli.programming.ranking import Ranked
 
 NAME = "explain"
 
@@ -51,7 +46,7 @@ def command(
     from sqrp_cli.cli.console import progress, say_raw
     from sqrp_cli.cli.documents import as_text, header
     from sqrp_cli.cli.rank import check_choice, choose_candidate
-    from sqrp_cli.cli.session import Session
+    from sqrp_cli.cli.session import Session, explain
     from sqrp_cli.cli.study_document import infeasible_document, study_document
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.pipeline import assess_all
@@ -73,7 +68,7 @@ def command(
     with progress("Looking up causes", len(chosen)) as advance:
         explained = []
         for ranked in chosen:
-            explained.append(_explained(session, ranked))
+            explained.append(explain(session, ranked))
             advance()
     if as_json:
         documents = [
@@ -87,20 +82,3 @@ def command(
     else:
         print_study(session.cell, *explained[0])
     return ExitCode.OK if any(ranked.rank is not None for ranked in chosen) else ExitCode.NONE_FEASIBLE
-
-
-def _explained(session: Session, ranked: Ranked) -> tuple[Ranked, Study | None]:
-    """A candidate with the study of every camera's verdicts and the figures of that; no study if it is infeasible."""
-    from dataclasses import replace
-
-    from sqrp_cli.programming.assessment import study
-    from sqrp_cli.programming.infeasible import Infeasible
-    from sqrp_cli.programming.verdict import verdict
-
-    if ranked.rank is None:
-        return ranked, None
-    cell, assignment = session.cell, session.assignment
-    found = study(cell, ranked.assessment.candidate, assignment.world, assignment.sampling, full=True)
-    if isinstance(found, Infeasible):
-        raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
-    return replace(ranked, assessment=found.assessment(verdict(cell, found))), found

@@ -40,6 +40,10 @@ After = Annotated[
     Path | None,
     typer.Option("--after", metavar="PROGRAM", help="Start from the world that this program leaves behind."),
 ]
+Report = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="FILE", help="Write a page with charts and 3D playback, for any browser."),
+]
 
 LEAST_TOLERANCE = 1e-3
 """Smallest `--tolerance` [points]; below it rounding decides."""
