@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sqrp_cli.cli.options import (
     After,
+    Images,
     Jobs,
     Json,
     SampleCount,
@@ -20,6 +21,13 @@ from sqrp_cli.cli.options import (
     read_sampling,
 )
 from sqrp_cli.errors import ExitCode, InputError, Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from sqrp_cli.programming.assessment import Study
+    from sqrp_cli.programming.cell import Cell
 
 NAME = "explain"
 
@@ -36,6 +44,7 @@ def command(
     dt: SampleStep = None,
     tolerance: Tolerance = None,
     after: After = None,
+    images: Images = None,
     jobs: Jobs = None,
     as_json: Json = False,
 ) -> ExitCode:
@@ -51,10 +60,13 @@ def command(
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.report.pictures import check_pictures
 
     if all_candidates and choose is not None:
         raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
     choice = choose or "best"
+    if images is not None:
+        check_pictures(images)
     sampling = read_sampling(samples, dt, tolerance)
     session = Session.begin(open_workspace(workspace), task, after, sampling)
     check_choice(session.task, choice)
@@ -81,4 +93,24 @@ def command(
         print_comparison(explained)
     else:
         print_study(session.cell, *explained[0])
+    if images is not None:
+        _write_images(
+            session.cell, [found for _, found in explained if found is not None], images, several=all_candidates
+        )
     return ExitCode.OK if any(ranked.rank is not None for ranked in chosen) else ExitCode.NONE_FEASIBLE
+
+
+def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:
+    """Pictures of every blind interval, in a folder per candidate if there may be several."""
+    from sqrp_cli.cli.console import note, progress
+    from sqrp_cli.report.pictures import SHEET, folder_of, write_pictures
+
+    with progress("Taking pictures", len(studies)) as advance:
+        for study in studies:
+            folder = folder_of(study, images) if several else images
+            blind = write_pictures(cell, study, folder)
+            found = (
+                f"{blind} blind intervals, see {folder / SHEET}" if blind else "never blind, so there are no pictures"
+            )
+            note(f"{study.candidate.name}: {found}")
+            advance()

@@ -1,18 +1,7 @@
 // The cell in three dimensions: robot, objects, cameras, target boxes and sight lines, at any time of a motion.
 
-const PALETTE = {
-  red: '#cf4a3f', green: '#4a9d5b', blue: '#4372c9', yellow: '#d9b23a', grey: '#b4bcc4', gray: '#b4bcc4', black: '#30363c', white: '#f2f4f5',
-  orange: '#dd8434', brown: '#8a6446', purple: '#7e57b0',
-};
-const ROBOT = ['#c3ccd4', '#8fa3b3'], TOOL = '#e0a53c', OTHER = '#aab2b9';
-
 const matrix = (rows) => new THREE.Matrix4().set(...rows.flat());
 const linear = (text) => new THREE.Color(text).convertSRGBToLinear();
-
-function paint(name) {
-  if (name === null) return OTHER;
-  return PALETTE[name.toLowerCase()] || (name.toLowerCase() in THREE.Color.NAMES ? name.toLowerCase() : OTHER);
-}
 
 // Triangles with normals that are smooth over faces that meet at less than 35 degrees.
 function shape(solid, step) {
@@ -87,12 +76,9 @@ class Scene3D {
     for (const [name, link] of Object.entries(model.links)) this.nodes.set(name, this.fixed(carrier(link.joint), link.pose));
     const identity = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
     for (const [name, thing] of Object.entries(this.scene.objects)) this.nodes.set(name, this.fixed(this.world, thing.pose || identity));
-    const tool = new Set(this.scene.opaque.map((part) => part.name));
-    let shade = 0;
     this.solids = model.solids.map((solid) => {
-      const thing = this.scene.objects[solid.parent];
-      const tint = thing ? paint(thing.color) : tool.has(solid.name) ? TOOL : ROBOT[shade++ % 2];
-      const material = new THREE.MeshStandardMaterial({ color: linear(tint), roughness: 0.62, metalness: thing ? 0 : 0.12, side: THREE.DoubleSide });
+      const tint = solid.color, metalness = solid.parent in this.scene.objects ? 0 : 0.12;
+      const material = new THREE.MeshStandardMaterial({ color: linear(tint), roughness: 0.62, metalness, side: THREE.DoubleSide });
       const mesh = new THREE.Mesh(shape(solid, model.step), material);
       mesh.castShadow = mesh.receiveShadow = true;
       this.nodes.get(solid.parent).add(mesh);
@@ -200,6 +186,7 @@ class Scene3D {
       target.mark.visible = asked && byId('show-boxes').checked;
       const center = new THREE.Vector3().setFromMatrixPosition(target.mark.matrixWorld);
       const seen = asked && (this.through ? state.boxes[target.index].cameras[this.through].covered : state.covered);
+      target.edges.material.depthTest = this.through === null; // through a camera also where something hides it
       target.edges.material.color = target.fill.material.color = shades[seen ? 'covered' : 'hidden'];
       this.cameras.forEach(({ name, node }, i) => {
         const line = target.sights[i], verdict = asked && state.boxes[target.index].cameras[name];
