@@ -49,6 +49,8 @@ def _print(starter: Starter, folder: Path, *, own: bool) -> None:
     where = shlex.quote(str(folder))
     say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
     if own:
-        say(f"The tool is fixed to `{starter.tip}`. Every line marked `check:` was guessed; compare with: sqrp show {where}")
+        say(
+            f"The tool is fixed to `{starter.tip}`. Lines marked `check:` were guessed; compare with: sqrp show {where}"
+        )
     if starter.task is not None:
         say(f'Try: sqrp rank {where} "{starter.task}"')

@@ -81,8 +81,7 @@ def _check(layout: Layout, what: str) -> str:
 def _head(layout: Layout) -> str:
     whose = "your arm" if layout.guessed else "a six-axis arm"
     return (
-        f"# A cell with {whose}, a suction cup and {len(layout.views)} cameras. SI units and radians; `30 deg`, `20 mm`, "
-        "`50 ms` work too.\n"
+        f"# A cell with {whose}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` do too.\n"
         + ("# Lines marked `check:` were guessed; `sqrp show` prints what was understood.\n" if layout.guessed else "")
         + "# Every key: sqrp schema\n"
     )
@@ -112,8 +111,7 @@ def _robot(layout: Layout) -> str:
     lines.append("  home:" + _check(layout, "where programs start and end"))
     lines += [f"    {_text(name)}: {_joint(position)}" for name, position in layout.home.items()]
     lines.append(
-        "  limits: {acceleration: 2, jerk: 20}  # rad/s^2 and rad/s^3, which a URDF cannot say; "
-        "velocity is the URDF's"
+        "  limits: {acceleration: 2, jerk: 20}  # rad/s^2 and rad/s^3, which a URDF cannot say; velocity is the URDF's"
     )
     return "\n".join(lines) + "\n"
 
@@ -147,14 +145,16 @@ def _skills(layout: Layout) -> str:
     )
 
 
+_TABLE_PLACE = "pose: {position: [0, 0, -0.02]}, fixed: true"
+
+
 def _objects(layout: Layout) -> str:
     if not layout.table_side:
         return ""
     side = _number(layout.table_side)
     lines = [
         "objects:                    # pose: of the centre of a box of `size`",
-        f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], "
-        "pose: {position: [0, 0, -0.02]}, fixed: true}",
+        f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], {_TABLE_PLACE}}}",
     ]
     side = _number(layout.cube_size)
     lines += [
@@ -179,7 +179,7 @@ def _tasks(layout: Layout) -> str:
 
 def _text(value: str) -> str:
     """Text as YAML; in quotes where it could be taken for something else."""
-    plain = value and value[0].isalpha() or value.startswith(("../", "./", "/"))
+    plain = value[:1].isalpha() or value.startswith(("../", "./", "/"))
     harmless = all(character.isalnum() or character in "/._-:" for character in value) and not value.endswith(":")
     words = {"true", "false", "null"}
     return value if plain and harmless and value.lower() not in words else json.dumps(value, ensure_ascii=False)

@@ -1,4 +1,4 @@
-"""Making a new workspace: tried out in a folder of its own before it takes its name, so that nothing is half-written."""
+"""Making a new workspace: tried out in a folder of its own before that takes its name."""
 
 from __future__ import annotations
 
@@ -81,7 +81,12 @@ def _check_free(folder: Path) -> None:
         raise InputError(Problem("cannot-write", "this is a file; expected the name of a new folder", Place(folder)))
     if not parent.is_dir():
         raise InputError(
-            Problem("cannot-write", f"there is no folder {parent}", Place(folder), mend=f"mkdir -p {shlex.quote(str(parent))}")
+            Problem(
+                "cannot-write",
+                f"there is no folder {parent}",
+                Place(folder),
+                mend=f"mkdir -p {shlex.quote(str(parent))}",
+            )
         )
     if not os.access(parent, os.W_OK):
         raise InputError(Problem("cannot-write", f"the folder {parent} cannot be written to", Place(folder)))
@@ -130,7 +135,9 @@ def _fill(draft: Path, description: Description, *, guessed: bool) -> tuple[Layo
     _write(draft, best)
     if not best.cubes:
         message = "no place on the table was found from which the arm can pick something up from above"
-        mend = "check `robot.base`, `robot.tool` and `robot.home`, then add cameras, objects and `skills: [skills/pickup]`"
+        mend = (
+            "check `robot.base`, `robot.tool` and `robot.home`, then add cameras, objects and `skills: [skills/pickup]`"
+        )
         return best, (Problem("nothing-in-reach", message, severity="warning", mend=mend),)
     workspace = load_workspace(draft)
     return best, (*workspace.warnings, *lint(workspace))
@@ -165,4 +172,3 @@ def _resting(joint: UrdfJoint) -> Position:
 
 def _cube_size(reach: float) -> float:
     return min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)
-

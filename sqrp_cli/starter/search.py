@@ -38,14 +38,17 @@ CUBE_TURNS = tuple(turn * pi / 180 for turn in (0, -25, 25, -50, 50))
 COLORS = ("green", "green", "green", "red")
 """Colours of the cubes, in the order in which places for them are found."""
 
-VIEW_TURNS = (-75, 150)
-"""Directions in which the cameras stand, seen from the cubes and against the direction of the work [deg]."""
+VIEW_HEIGHT = 35 * pi / 180
+"""Height of the cameras above what they look at, as an angle [rad]."""
 
-VIEW_HEIGHT = 30 * pi / 180
-"""Height of the cameras above the cubes, as an angle [rad]."""
+BEHIND, ASIDE = 150 * pi / 180, -60 * pi / 180
+"""Where the first camera stands, over the arm's shoulder, and the second, against the direction of the work [rad]."""
 
 HALF_VIEW = 20 * pi / 180
-"""Half the angle within which a camera sees all cubes [rad]; its image is wider, for arm and lift."""
+"""Half the angle within which the first camera sees all cubes [rad]; its image is wider, for arm and lift."""
+
+CLOSE_UP = 0.35
+"""Distance of the second camera as a share of the first's: it sees some of the cubes, and what is lifted there."""
 
 
 @dataclass(frozen=True)
@@ -60,10 +63,9 @@ def tool_seat(cell: Cell, tip: str, carried: Sequence[str], out: Array) -> Array
     """Pose X_LT of a tool in the link `tip`, z along `out` (3,), beyond all that the arm carries there; (4, 4)."""
     X_WL = cell.model.link_poses(cell.model.home[None])
     X_TW = np.linalg.inv(X_WL[tip][0])
-    reach = [0.0]
-    for solid in load_solids([part for part in cell.model.parts if part.parent in carried]):
-        reach.append(float((transform(X_TW @ X_WL[solid.part.parent][0], solid.vertices) @ out).max()))
-    furthest = max(reach)
+    solids = load_solids([part for part in cell.model.parts if part.parent in carried])
+    ends = [transform(X_TW @ X_WL[solid.part.parent][0], solid.vertices) @ out for solid in solids]
+    furthest = max((float(end.max()) for end in ends), default=0.0)
     x = np.eye(3)[(int(np.abs(out).argmax()) + 1) % 3]
     x = x - out * (x @ out)
     x = x / np.linalg.norm(x)
@@ -115,7 +117,7 @@ def _free_branches(cell: Cell, X_WT: Array) -> list[Array]:
 
 def tool_down(model: RobotModel, far: float, direction: float, high: float) -> Array:
     """The pose of a tool frame that points down, so far from the first joint in a direction, so high; (4, 4)."""
-    place = _root(model) + far * np.array([np.cos(direction), np.sin(direction)])
+    place = _root(model) + far * _heading(direction)
     return pose(axis_rotation(0, pi), [*place, high])
 
 
@@ -147,18 +149,32 @@ def cubes_in_reach(cell: Cell) -> list[Cube]:
 
 
 def views_of(cubes: Sequence[Cube], direction: float, lift: float) -> tuple[View, ...]:
-    """Cameras around the cubes, each far enough to see all of them and what is lifted by `lift` [m]."""
+    """A camera that sees all cubes while the arm is not in its way, and one that sees some of them from the side.
+
+    lift: how far the cubes are lifted [m].
+    """
     places = np.array([cube.position for cube in cubes])
     middle = np.append((places.min(axis=0) + places.max(axis=0))[:2] / 2, lift / 2)
     radius = float(np.linalg.norm(places - middle, axis=1).max()) + lift / 2
     distance = max(radius / np.sin(HALF_VIEW), 0.5)
-    views = []
-    for number, turn in enumerate(VIEW_TURNS, start=1):
-        around = direction + turn * pi / 180
-        ray = np.array([*(np.cos(VIEW_HEIGHT) * np.array([np.cos(around), np.sin(around)])), np.sin(VIEW_HEIGHT)])
-        x, y, z = (middle + distance * ray).round(2).tolist()
-        views.append(View(f"cam{number}", (x, y, z), tuple(middle.round(2).tolist())))
-    return tuple(views)
+    some_cube = np.append(places[len(places) // 3][:2], lift / 2)
+    return (
+        _view("cam1", middle, distance, direction + BEHIND),
+        _view("cam2", some_cube, max(CLOSE_UP * distance, 0.25), direction + ASIDE),
+    )
+
+
+def _view(name: str, looks_at: Array, distance: float, turn: float) -> View:
+    """A camera that stands so far from a point, in a direction [rad]."""
+    ray = np.array([*(np.cos(VIEW_HEIGHT) * _heading(turn)), np.sin(VIEW_HEIGHT)])
+    x, y, z = (looks_at + distance * ray).round(2).tolist()
+    at_x, at_y, at_z = looks_at.round(2).tolist()
+    return View(name, (x, y, z), (at_x, at_y, at_z))
+
+
+def _heading(turn: float) -> Array:
+    """The unit vector along the ground in a direction [rad], shape (2,)."""
+    return np.array([np.cos(turn), np.sin(turn)])
 
 
 def _root(model: RobotModel) -> Array:
