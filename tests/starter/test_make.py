@@ -123,7 +123,9 @@ def test_the_cameras_see_all_that_matters_in_one_way_at_least(cell: Cell) -> Non
 def test_it_is_the_same_every_time(tmp_path: Path) -> None:
     for name in ("one", "other"):
         make_starter(tmp_path / name, ARMS["ur3"])
-    one, other = ({f.name: f.read_bytes() for f in (tmp_path / n).rglob("*.*") if f.is_file()} for n in ("one", "other"))
+    one, other = (
+        {f.name: f.read_bytes() for f in (tmp_path / n).rglob("*.*") if f.is_file()} for n in ("one", "other")
+    )
     assert one == other
 
 
