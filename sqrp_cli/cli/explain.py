@@ -109,8 +109,6 @@ def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several
         for study in studies:
             folder = folder_of(study, images) if several else images
             blind = write_pictures(cell, study, folder)
-            found = (
-                f"{blind} blind intervals, see {folder / SHEET}" if blind else "never blind, so there are no pictures"
-            )
-            note(f"{study.candidate.name}: {found}")
+            counted = f"{blind} blind interval{'s' if blind > 1 else ''}, see {folder / SHEET}"
+            note(f"{study.candidate.name}: {counted if blind else 'never blind, so there are no pictures'}")
             advance()
