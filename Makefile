@@ -37,6 +37,9 @@ bench: all
 pictures: all
 	$(BIN)/python -m tests.pictures
 
+calibrate: all
+	$(BIN)/python -m tests.runtime.simulation.detector_limits
+
 format: all
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
