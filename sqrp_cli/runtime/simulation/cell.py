@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Protocol
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.runtime.frame import Frame
-from sqrp_cli.runtime.simulation.requirements import check_simulator
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.simulation.physics import Physics
@@ -62,7 +61,6 @@ class SimulatedCell:
         Raises InputError without the extra `sim` or without OpenGL (with the command that installs it), and for a mesh
         that cannot be used.
         """
-        check_simulator()
         from sqrp_cli.runtime.simulation.physics import Physics
         from sqrp_cli.runtime.simulation.render_pool import RenderPool
 

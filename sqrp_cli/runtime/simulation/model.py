@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from functools import partial
 
-import mujoco
 import numpy as np
 
 from sqrp_cli.geometry import Array, pose
@@ -18,6 +17,7 @@ from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.runtime.colors import COLORS, Rgb
 from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation import markers
+from sqrp_cli.runtime.simulation.engine import mujoco
 
 TIME_STEP = 0.002
 """Of the physics [s]."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.runtime.simulation.controller import Controller, Payload
+from sqrp_cli.runtime.simulation.engine import mujoco
 from sqrp_cli.runtime.simulation.hold import Fingers, Hold, Suction, body_pose
 from sqrp_cli.runtime.simulation.model import TIME_STEP, build_model, quaternion
 

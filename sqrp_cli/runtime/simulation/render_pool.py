@@ -21,7 +21,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 
 if TYPE_CHECKING:
-    import mujoco
+    from sqrp_cli.runtime.simulation.engine import mujoco
 
 MOST_WORKERS = 8
 """More would cost more memory than they save time."""

@@ -190,7 +190,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    from sqrp_cli.runtime.simulation.requirements import check_simulator
-
-    check_simulator()
     main()
