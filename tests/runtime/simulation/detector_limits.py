@@ -26,7 +26,7 @@ from sqrp_cli.runtime.simulation.model import quaternion
 from sqrp_cli.runtime.simulation.physics import Physics
 from sqrp_cli.runtime.simulation.renderer import Renderer
 from sqrp_cli.runtime.twin import Twin
-from tests.runtime.simulation.scenes import camera, cell, thing, workspace, world
+from tests.runtime.simulation.scenes import camera, cell, empty, thing, world
 
 FOCAL = 600.0
 PLACE = (4.0, 0.0, 0.02)
@@ -60,7 +60,7 @@ class Stage:
 
 @contextmanager
 def staged(things: Sequence[SceneObject], cameras: Sequence[Camera]) -> Iterator[Stage]:
-    stage = Stage(cell(workspace("workspaces/tabletop"), things, cameras))
+    stage = Stage(cell(empty(), things, cameras))
     try:
         yield stage
     finally:

@@ -14,6 +14,7 @@ from sqrp_cli.knowledge.camera import Camera, DistortionModel
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.scene import Box, Part, SceneObject, Shape
 from sqrp_cli.knowledge.workspace import Workspace, World
+from tests.programming.robots import robot
 
 ROOT = Path(__file__).parents[3]
 
@@ -22,6 +23,13 @@ ROOT = Path(__file__).parents[3]
 def workspace(folder: str) -> Workspace:
     """A workspace of the repository."""
     return load_workspace(ROOT / folder)
+
+
+@cache
+def empty() -> Workspace:
+    """A workspace with next to no robot, which is quickly made ready."""
+    tabletop = workspace("workspaces/tabletop")
+    return replace(tabletop, robot=robot(Path(__file__).parent / "post.urdf", "tip"), objects={}, cameras={})
 
 
 def camera(
