@@ -67,25 +67,37 @@ class Playback:
 
     def step_time(self, t: float) -> float:
         """The time of the step's own clock [s] at time t [s]."""
-        if self._stop is None or t <= self._stop[0]:
-            return t - self._start
-        begin, duration = self._stop
-        x = min(1.0, (t - begin) / duration) if duration > 0 else 1.0
-        return begin - self._start + duration * (x - x**3 + x**4 / 2)
+        return float(self._clock(np.array([t]))[0][0])
 
     def state(self, t: float) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations at time t [s], shape (n,) each [rad or m, s]."""
-        still = np.zeros_like(self._rest)
-        if not self._primitives:
-            return self._rest, still, still
-        rate, change = 1.0, 0.0
-        if self._stop is not None and t > self._stop[0]:
-            begin, duration = self._stop
-            x = min(1.0, (t - begin) / duration) if duration > 0 else 1.0
-            rate = 1 - 3 * x**2 + 2 * x**3
-            change = (6 * x**2 - 6 * x) / duration if duration > 0 else 0.0
-        q, velocity, acceleration = self._on_path(np.array([self.step_time(t)]), 2)
-        return q[0], velocity[0] * rate, acceleration[0] * rate**2 + velocity[0] * change
+        q, velocity, acceleration = self.states(np.array([t]))
+        return q[0], velocity[0], acceleration[0]
+
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at times t [s], (m,); shape (m, n) each [rad or m, s]."""
+        q = np.tile(self._rest, (len(t), 1))
+        velocity, acceleration = np.zeros_like(q), np.zeros_like(q)
+        if self._primitives:
+            tau, rate, change = self._clock(t)
+            index = np.minimum(np.searchsorted(self._ends, tau, side="right"), len(self._ends) - 1)
+            for primitive in np.unique(index):
+                rows = index == primitive
+                q[rows], velocity[rows], acceleration[rows] = self._on_path(tau[rows], 2)
+            acceleration = acceleration * rate[:, None] ** 2 + velocity * change[:, None]
+            velocity = velocity * rate[:, None]
+        return q, velocity, acceleration
+
+    def _clock(self, t: Array) -> tuple[Array, Array, Array]:
+        """The step's own clock [s] at times t [s], its rate and the change of its rate [1/s], shape (m,) each."""
+        if self._stop is None:
+            return t - self._start, np.ones_like(t), np.zeros_like(t)
+        begin, duration = self._stop
+        if duration <= 0.0:
+            return np.minimum(t, begin) - self._start, np.where(t <= begin, 1.0, 0.0), np.zeros_like(t)
+        x = np.clip((t - begin) / duration, 0.0, 1.0)
+        tau = np.minimum(t, begin) - self._start + duration * (x - x**3 + x**4 / 2)
+        return tau, 1 - 3 * x**2 + 2 * x**3, (6 * x**2 - 6 * x) / duration
 
     def _on_path(self, tau: Array, order: int) -> list[Array]:
         """Positions and their first derivatives by the step's own time [s], all in one primitive, shape (m, n) each.

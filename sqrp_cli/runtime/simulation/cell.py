@@ -27,8 +27,11 @@ class Reference(Protocol):
     def joints(self) -> Sequence[str]:
         """Names of the joints, n of them."""
 
-    def state(self, t: float) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at time t [s] of the cell's clock, shape (n,) each [rad or m, s]."""
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at times t [s] of the cell's clock, (m,); shape (m, n) each.
+
+        Units: rad or m, and s.
+        """
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,9 +59,9 @@ class Physics:
         """Step until t [s], to half a time step."""
         moved = self._controller.indices(reference.joints)
         velocity, acceleration = np.zeros(self.model.nu), np.zeros(self.model.nu)
-        for _ in range(round(t / TIME_STEP) - self.steps):
-            q, velocity[moved], acceleration[moved] = reference.state(self.t)
-            self._controller.wanted[moved] = q
+        times: Array = TIME_STEP * np.arange(self.steps, round(t / TIME_STEP))
+        for q, qd, qdd in zip(*reference.states(times), strict=True):
+            self._controller.wanted[moved], velocity[moved], acceleration[moved] = q, qd, qdd
             mujoco.mj_step1(self.model, self._data)
             held = self._hold.held() if isinstance(self._hold, Suction) else None
             payload = None if held is None else Payload(self.model.body(held).id, self._carrier)

@@ -93,8 +93,9 @@ class Rest:
         self.joints = tuple(joints)
         self._q = np.array(list(joints.values()))
 
-    def state(self, t: float) -> tuple[Array, Array, Array]:  # noqa: ARG002
-        return self._q, np.zeros_like(self._q), np.zeros_like(self._q)
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        q = np.tile(self._q, (len(t), 1))
+        return q, np.zeros_like(q), np.zeros_like(q)
 
 
 class Quintic:
@@ -106,8 +107,8 @@ class Quintic:
         self._change = np.array([end.get(name, start[name]) for name in start]) - self._start
         self._begin, self._duration = begin, duration
 
-    def state(self, t: float) -> tuple[Array, Array, Array]:
-        x = min(max((t - self._begin) / self._duration, 0.0), 1.0)
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        x = np.clip((t[:, None] - self._begin) / self._duration, 0.0, 1.0)
         s = x**3 * (10 - 15 * x + 6 * x**2)
         ds = 30 * x**2 * (1 - x) ** 2 / self._duration
         dds = 60 * x * (1 - x) * (1 - 2 * x) / self._duration**2
