@@ -59,7 +59,7 @@ class Physics:
         """Step until t [s], to half a time step."""
         moved = self._controller.indices(reference.joints)
         velocity, acceleration = np.zeros(self.model.nu), np.zeros(self.model.nu)
-        times: Array = TIME_STEP * np.arange(self.steps, round(t / TIME_STEP))
+        times: Array = np.arange(self.steps, round(t / TIME_STEP), dtype=np.float64) * TIME_STEP
         for q, qd, qdd in zip(*reference.states(times), strict=True):
             self._controller.wanted[moved], velocity[moved], acceleration[moved] = q, qd, qdd
             mujoco.mj_step1(self.model, self._data)
