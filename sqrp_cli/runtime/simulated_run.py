@@ -38,7 +38,7 @@ class Simulation:
         world = self.program.steps[0].before.world
         with (
             PerceptionPool(knowledge_of(self.workspace, twin)) as pool,
-            SimulatedCell.build(self.workspace, world, self.seed) as cell,
+            SimulatedCell(self.workspace, world, self.seed) as cell,
         ):
             execution = Execution(
                 self.program, self.workspace, twin, cell, pool, self.replanner, faults, listeners, gallery

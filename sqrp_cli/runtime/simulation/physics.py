@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,14 +26,19 @@ class Physics:
     origin from where the reference wanted it [m^2].
     """
 
-    def __init__(self, workspace: Workspace, world: World) -> None:
-        """At rest in a world. Raises InputError as `build_model`."""
+    def __init__(self, workspace: Workspace, world: World, model: mujoco.MjModel | None = None) -> None:
+        """At rest in a world. model: as `build_model` makes it, for a world with the same objects; it is not changed.
+
+        Raises InputError as `build_model`.
+        """
         robot = workspace.robot
-        self.model = build_model(workspace, world.X_WO)
+        self.model = build_model(workspace, world.X_WO) if model is None else copy(model)
         self._data = mujoco.MjData(self.model)
         self._carrier = self.model.body(robot.tool_frame).id
         self._things = [name for name in world.X_WO if not workspace.objects[name].fixed]
         self._objects = tuple(world.X_WO)
+        for name in self._things:
+            self._place(name, world.X_WO[name])
         self._rest(robot, world)
         self._controller = Controller(self.model, self._data)
         self._hold = self._tool(robot)
@@ -40,6 +46,7 @@ class Physics:
         self.steps, self.squared_error = 0, 0.0
         if world.held is not None and world.X_TO is not None:
             self._place(world.held, self.tool_pose() @ world.X_TO)
+            mujoco.mj_forward(self.model, self._data)
             if isinstance(self._hold, Suction):
                 self._hold.weld(world.held)
             else:
@@ -138,4 +145,3 @@ class Physics:
 
     def _place(self, thing: str, X_WO: Array) -> None:
         self._data.joint(thing).qpos[:] = *X_WO[:3, 3], *quaternion(X_WO)
-        mujoco.mj_forward(self.model, self._data)
