@@ -102,13 +102,13 @@ def print_run(workspace: str, report: RunReport) -> None:
     _print_prediction(report.prediction, report.total)
     _print_disagreements(report.disagreements)
     say()
-    conflicts = f"{report.conflicts} times cameras contradicted each other" if report.conflicts else ""
+    conflicts = f"cameras contradicted each other {report.conflicts} times" if report.conflicts else ""
     tracking = f"the tool was off its path by {1000 * (report.tracking or 0.0):.3f} mm rms"
     say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
 
 
 def _print_faults(faults: Sequence[FaultRecord]) -> None:
-    columns = ("injected", "t_f", "seen t_r", "after", "predicted", "acts t_redo", "done t_e")
+    columns = ("injected", "t_f", "t_r", "t_r - t_f", "predicted", "t_redo", "t_e")
     rows = [
         [
             fault.name,
@@ -119,6 +119,7 @@ def _print_faults(faults: Sequence[FaultRecord]) -> None:
         for fault in faults
     ]
     print_table([Column("fault [s]"), *(Column(title, right=True) for title in columns)], rows)
+    say("t_f it happened, t_r it was seen, t_redo the robot responded, t_e the step was done", "dim")
 
 
 def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
@@ -188,7 +189,7 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
     """The runs of a sweep, and how predicted and measured delays compare; period: of the slowest camera [s]."""
     say(f"{step.skill} {_objects(step.parameters)} in {workspace}: {text} at {len(runs)} instants")
     say()
-    columns = ("slip at", "t_f", "seen t_r", "after", "predicted", "done t_e")
+    columns = ("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e")
     print_table(
         [*(Column(title, right=True) for title in columns), Column("outcome")],
         [
@@ -202,6 +203,7 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
             for run in runs
         ],
     )
+    say("t_f it happened, t_r it was seen, t_e the step was done, all in s", "dim")
     predictable = [
         run.fault for run in runs if run.fault.predicted_delay is not None and run.fault.happened is not None
     ]
