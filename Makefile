@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank run test check bench pictures calibrate format clean
+.PHONY: all rank run test check bench trials pictures calibrate format clean
 
 all: .venv/installed
 
@@ -39,6 +39,9 @@ pictures: all
 
 calibrate: all
 	$(BIN)/python -m tests.runtime.simulation.detector_limits
+
+trials: all
+	$(BIN)/python -m tests.trials
 
 format: all
 	$(BIN)/ruff format .

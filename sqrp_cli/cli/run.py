@@ -74,7 +74,7 @@ def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
         message = "there is no driver for a real robot yet"
         raise InputError(Problem("no-driver", message, mend=f"sqrp run {path} --sim"))
     check_simulator()
-    return Simulation(program, workspace, _LazyReplanner(workspace), seed)
+    return Simulation(program, workspace, LazyReplanner(workspace), seed)
 
 
 def open_program(path: Path) -> tuple[Program, Workspace]:
@@ -90,14 +90,15 @@ def open_program(path: Path) -> tuple[Program, Workspace]:
     return program, workspace
 
 
-class _LazyReplanner:
-    """Loads what planning needs when a step has to be planned again."""
+class LazyReplanner:
+    """A replanner that loads what planning needs when a step has to be planned again."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
         self._planner: StepReplanner | None = None
 
     def replan(self, step: Step, world: World) -> Step | None:
+        """As `program.Replanner` says."""
         from sqrp_cli.programming.cell import Cell
         from sqrp_cli.programming.retry import StepReplanner
 

@@ -13,7 +13,7 @@ T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 
 
 def judge(formulas, changes, seen=None) -> Judge:
-    atoms = {atom: ALWAYS if seen is None else seen for atom in changes}
+    atoms = dict.fromkeys(changes, ALWAYS if seen is None else seen)
     return Judge(FixedExpectation(step(formulas, atoms), changes), 0.1)
 
 
@@ -28,7 +28,7 @@ def first_alarm(found: Judge, values, end: float = 10.0) -> tuple[float, Alarm] 
 
 def test_what_goes_as_it_should_raises_no_alarm() -> None:
     found = judge([formula("always[1, 9] held")], {"held": [(0, True)]})
-    assert first_alarm(found, lambda t: {"held": T}) is None
+    assert first_alarm(found, lambda _: {"held": T}) is None
 
 
 def test_a_fault_is_seen_at_once() -> None:
@@ -73,7 +73,7 @@ def test_a_change_that_the_motion_brings_late_is_waited_for() -> None:
     found = judge([formula("always[1, 9] (not there)", settle=0.5)], {"there": [(0, True), (2, False)]})
     assert first_alarm(found, lambda t: {"there": T if t < 2.25 else F}) is None
     found = judge([formula("always[1, 9] (not there)", settle=0.5)], {"there": [(0, True), (2, False)]})
-    t, _ = first_alarm(found, lambda t: {"there": T})
+    t, _ = first_alarm(found, lambda _: {"there": T})
     assert 2.45 < t < 2.65
 
 

@@ -53,7 +53,7 @@ LEAST_PIXELS = 4.0
 class _Place:
     """A box in which an object may be, with what the image shows there.
 
-    share: of the outline that was judged. filled: share of its visible part that has the object's colour. shift: of
+    share: of the outline that was judged, without what parts that the box encloses hide of it. filled: share of its visible part that has the object's colour. shift: of
     the patch of colour from where it would be if the object were there [pixels]; None without a patch.
     """
 
@@ -205,7 +205,9 @@ class _Glance:
         background |= behind & backdrop.robot_colored(self._image, crop)
         visible = silhouette & ~front
         judged = visible & (own | (background & ~colored[crop]))
-        share = float(judged.sum()) / outline.area
+        enclosed = silhouette & dilated(self._robot.mask(shape, origin, outline.depth, links=box.encloses), 1)
+        askable = max(outline.area - float(enclosed.sum()), LEAST_PIXELS**2)
+        share = float(judged.sum()) / askable
         if not visible.any():
             return _Place(outline, 0.0, 0.0, None)
         patch = dilated(silhouette, margin // 2) & ~front & own
