@@ -3,7 +3,7 @@
 precision: every feasible candidate without a fault: what was predicted to be seen must be seen.
 sweep:     slips at COUNT instants of the lift, in the best and in the worst candidate: delays against predictions.
 calm:      COUNT runs of the best candidate without a fault and with other seeds: none may raise an alarm.
-failures:  COUNT runs with a camera lost, frozen or late or a perception process killed at a random time: each must stop.
+failures:  COUNT runs in which, at a random time, a camera is lost, frozen or late or perception killed: each must stop.
 """
 
 from __future__ import annotations
@@ -132,9 +132,7 @@ def failures(count: int) -> bool:
         fine += good
         latest, standing = max(latest, told), max(standing, stood)
         print(f"{fault.text:26} {report.outcome} told {told:.2f} s, stood {stood:.2f} s: {report.reason}", flush=True)
-    print(
-        f"{fine} of {count} stopped, told so {latest:.2f} s after the failure at most, standing after {standing:.2f} s"
-    )
+    print(f"{fine} of {count} stopped: told so at most {latest:.2f} s after the failure, standing {standing:.2f} s")
     return fine == count
 
 

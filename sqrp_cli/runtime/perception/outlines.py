@@ -74,9 +74,10 @@ class Silhouette:
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """A part of a link: corners of its p convex pieces, (p, n, 2), the depth of each one's middle [m], and the rectangles around.
+    """A part of a link as p convex pieces.
 
-    hull: around all of them.
+    corners: of the pieces, (p, n, 2). depths: of their middles [m]. low, high: of the rectangles around them [pixels],
+    (p, 2). hull: around all of them.
     """
 
     link: str

@@ -53,8 +53,9 @@ LEAST_PIXELS = 4.0
 class _Place:
     """A box in which an object may be, with what the image shows there.
 
-    share: of the outline that was judged, without what parts that the box encloses hide of it. filled: share of its visible part that has the object's colour. shift: of
-    the patch of colour from where it would be if the object were there [pixels]; None without a patch.
+    share: of the outline that was judged, without what parts that the box encloses hide of it. filled: share of its
+    visible part that has the object's colour. shift: of the patch of colour from where it would be if the object were
+    there [pixels]; None without a patch.
     """
 
     outline: Outline | None
