@@ -7,7 +7,8 @@ formulas with their times and responses, where to look, which camera covers what
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import shlex
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
@@ -19,10 +20,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.source import read_document
+from sqrp_cli.knowledge.source import Document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.program_check import Flaw, flaws, flaws_in
 from sqrp_cli.trajectory import Trajectory
 
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
@@ -184,6 +187,12 @@ class Step(_Record):
     before: ProgramWorld
     after: ProgramWorld
 
+    @property
+    def short_task(self) -> str:
+        """The skill and the objects that it was done with, such as `pickup g2`: a task of just this."""
+        objects = (value for value in self.parameters.values() if value in self.before.objects)
+        return " ".join([self.skill, *map(str, objects)])
+
 
 class Program(_Record):
     """Steps for one workspace.
@@ -216,8 +225,20 @@ def pose_rows(X: Array) -> Pose:
 
 
 def load_program(path: Path) -> Program:
-    """Read and validate a program file. Raises InputError with the place of what is wrong."""
-    return validate(read_document(path), Program)
+    """Read and validate a program file. Raises InputError with the place of what is wrong, see `program_check`."""
+    document = read_document(path)
+    program = validate(document, Program)
+    problems = _problems(document, flaws(program))
+    for number, step in enumerate(program.steps):
+        for index, formula in enumerate(step.formulas):
+            parse_formula(formula.formula, document.value_place(("steps", number, "formulas", index, "formula")))
+    if problems:
+        raise InputError(*problems)
+    return program
+
+
+def _problems(document: Document, found: Iterable[Flaw]) -> list[Problem]:
+    return [document.problem(flaw.code, flaw.at, flaw.message) for flaw in found]
 
 
 def save_program(program: Program, path: Path) -> None:
@@ -238,15 +259,31 @@ def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Pr
 
 def check_program(program: Program, path: Path, workspace: Workspace) -> None:
     """Raises InputError if a program was made for another workspace, or for one that has changed since."""
-    made_for = Path(os.path.normpath(path.absolute().parent / program.workspace))
+    made_for = workspace_path(program, path)
     if made_for != workspace.path:
         message = f"this program was made for {made_for}, not for {workspace.path}"
         raise InputError(Problem("other-workspace", message, Place(path)))
     if program.digest != workspace.digest:
-        first = program.steps[0].task if program.steps else "TASK"
-        message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
-        mend = f'rm {path} && sqrp rank {workspace.path.parent} "{first}" --program {path}'
-        raise InputError(Problem("stale-program", message, Place(path), mend=mend))
+        raise InputError(stale(program, path, workspace))
+    if any(flaws_in(program, workspace)):
+        raise InputError(*_problems(read_document(path), flaws_in(program, workspace)))
+
+
+def workspace_path(program: Program, path: Path) -> Path:
+    """The workspace file that a program at `path` was made for."""
+    return Path(os.path.normpath(path.absolute().parent / program.workspace))
+
+
+def stale(program: Program, path: Path, workspace: Workspace) -> Problem:
+    """The problem of a program whose workspace has changed, with the commands that make its steps anew."""
+    message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
+    tasks = [step.short_task for step in program.steps] or ["TASK"]
+    again = (f"sqrp rank {_quoted(workspace.path.parent)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
+    return Problem("stale-program", message, Place(path), mend=" && ".join([f"rm {_quoted(path)}", *again]))
+
+
+def _quoted(word: object) -> str:
+    return shlex.quote(str(word))
 
 
 def _atom(text: str) -> Atom:
