@@ -211,6 +211,10 @@ class Program(_Record):
         """The program with one more step at its end."""
         return self.model_copy(update={"steps": (*self.steps, step)})
 
+    def without_last_step(self) -> Program:
+        """The program without its last step, of which there must be one."""
+        return self.model_copy(update={"steps": self.steps[:-1]})
+
 
 class Replanner(Protocol):
     """Plans a step again from another world, for a retry; the runtime is given one and knows nothing of planning."""

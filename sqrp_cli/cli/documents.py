@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from sqrp_cli.cli.json_text import SCHEMA as SCHEMA
+from sqrp_cli.cli.json_text import Document as Document
+from sqrp_cli.cli.json_text import as_text as as_text
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.assessment import Assessment
@@ -16,16 +17,6 @@ from sqrp_cli.programming.ranking import Criterion, Ranked, winners
 from sqrp_cli.programming.robustness import DRAWS, Calibration
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.suggestion import Suggestion
-
-Document = dict[str, Any]
-
-SCHEMA = 1
-"""Version of the documents' fields."""
-
-
-def as_text(document: Document) -> str:
-    """A document as one line of JSON. Raises ValueError if a figure is not finite."""
-    return json.dumps(document, ensure_ascii=False, allow_nan=False)
 
 
 def header(workspace: Workspace, task: str | None = None) -> Document:
