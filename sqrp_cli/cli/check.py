@@ -13,8 +13,6 @@ from sqrp_cli.cli.options import After, Jobs, Json, WorkspacePath, job_count
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sqrp_cli.logic.planner import Planner
     from sqrp_cli.programming.dependency_check import Feasibility
     from sqrp_cli.programming.suggestion import SuggestedStep, Suggestion
@@ -42,7 +40,7 @@ def command(
 
     With a task, say which of its candidates can be done, why the others cannot, and what would have to be done first.
     """
-    from sqrp_cli.cli.console import note, say_raw
+    from sqrp_cli.cli.console import note, say, say_raw
     from sqrp_cli.cli.documents import as_text, check_document
 
     if task is None and (program is not None or planner is not None):
@@ -59,13 +57,15 @@ def command(
         say_raw(as_text(check_document(checked.name, task, checked.found, checked.problems)))
     else:
         _print(workspace, task, checked)
+        if task is not None and checked.suggested and program is None:
+            say(f"\nTo write this as a program: sqrp check {shlex.join([str(workspace), task])} --program FILE")
     if any(problem.severity == "error" for problem in checked.problems):
         return ExitCode.BAD_INPUT
     if program is not None:
         if not checked.suggested:
-            note(f"there is nothing that could be done, so {program} was not written")
+            note(f"there is nothing that could be done, so {program} was left as it was")
             return ExitCode.NONE_FEASIBLE
-        note(f"{', then '.join(step.task for step in checked.suggested)}: now the last of {program}")
+        note(f"{', then '.join(step.task for step in checked.suggested)}: now at the end of {program}")
         return ExitCode.OK
     if task is not None and not any(feasibility.feasible for feasibility in checked.found):
         return ExitCode.NONE_FEASIBLE
@@ -87,7 +87,7 @@ def _check(
 ) -> _Checked:
     """Check everything, and write the program if one is asked for and there is something to do."""
     from sqrp_cli.cli.console import progress
-    from sqrp_cli.cli.session import ChosenStep, Session, add_steps, world_before
+    from sqrp_cli.cli.session import Session, add_steps, chosen_steps, world_before
     from sqrp_cli.knowledge.lint import lint
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.logic.planner import find_plan
@@ -110,10 +110,7 @@ def _check(
     planned = program is not None or not any(feasibility.feasible for feasibility in found)
     suggested = best_suggestion(found, suggester) if planned else ()
     if program is not None and suggested:
-        steps = [
-            ChosenStep(step.task, step.assessment, step.world) for step in suggested if step.assessment and step.world
-        ]
-        add_steps(session.cell, steps, Adaptive(), program)
+        add_steps(session.cell, chosen_steps(suggested), Adaptive(), program)
     return _Checked(workspace.name, problems, tuple(found), suggested)
 
 
@@ -125,6 +122,7 @@ def _planner(name: str) -> Planner:
 
 def _print(workspace: Path, task: str | None, checked: _Checked) -> None:
     from sqrp_cli.cli.console import Column, plain, print_problems, print_table, say
+    from sqrp_cli.cli.suggestion_table import print_suggested
 
     problems, found = checked.problems, checked.found
     print_problems(problems)
@@ -151,8 +149,7 @@ def _print(workspace: Path, task: str | None, checked: _Checked) -> None:
         [Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows
     )
     if checked.suggested and not feasible:
-        _print_suggested(checked.suggested)
-        say(f"\nTo write this as a program: sqrp check {shlex.join([str(workspace), task])} --program FILE")
+        print_suggested(checked.suggested)
 
 
 def _plan_in_words(suggestion: Suggestion) -> str:
@@ -163,16 +160,3 @@ def _plan_in_words(suggestion: Suggestion) -> str:
         return suggestion.explanation
     then = "after that" if failing is suggestion.last else "but"
     return f"{suggestion.explanation}, {then} {failing.task} cannot be done: {'; '.join(failing.reasons)}"
-
-
-def _print_suggested(suggested: Sequence[SuggestedStep]) -> None:
-    from sqrp_cli.cli.console import Column, percentage, print_table, say
-
-    say("\nIt can be done in these steps, each in its best way:\n")
-    columns = [Column("#"), Column("step"), Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
-    rows = [
-        (str(number), step.task, percentage(found.q_eoi), percentage(found.q_avg), f"{found.time:.2f}")
-        for number, step in enumerate(suggested, 1)
-        if (found := step.assessment)
-    ]
-    print_table([*columns, Column("time [s]", right=True)], rows)

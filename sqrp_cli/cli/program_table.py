@@ -67,8 +67,10 @@ def _worst(step: Step) -> Styled:
 def _print_tool(program: Program) -> None:
     commands = tool_commands(program)
     if commands:
-        listed = "; ".join(f"{command} from {command.start:.2f} s to {command.end:.2f} s" for command in commands)
-        say(f"The tool has to {listed}.")
+        say("\nWhat the tool has to do:\n")
+        columns = [Column("step"), Column("tool"), *(Column(title, right=True) for title in ("from [s]", "to [s]"))]
+        print_table(columns, [(str(c.step), str(c), f"{c.start:.2f}", f"{c.end:.2f}") for c in commands])
+        say()
 
 
 def program_document(program: Program, file: Path, *, stale: bool) -> Document:

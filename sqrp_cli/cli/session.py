@@ -17,6 +17,7 @@ from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.robustness import Calibration
 from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.programming.task import Task, read_task
 
 
@@ -81,6 +82,11 @@ class ChosenStep:
     task: str
     assessment: Assessment
     world: World
+
+
+def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:
+    """The steps of a suggestion, all of which are feasible."""
+    return [ChosenStep(step.task, step.assessment, step.world) for step in suggested if step.assessment and step.world]
 
 
 def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path) -> Program:

@@ -49,9 +49,7 @@ def _environment() -> Any:  # noqa: ANN401 - the library has no types
         from unified_planning.environment import get_environment
     except ImportError as error:
         message, mend = "other planners need the extra `planners`", "pip install unified-planning up-fast-downward"
-        raise InputError(
-            Problem("missing-extra", message, mend=mend)
-        ) from error
+        raise InputError(Problem("missing-extra", message, mend=mend)) from error
     environment = get_environment()
     environment.credits_stream = None
     return environment
