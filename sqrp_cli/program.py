@@ -15,11 +15,13 @@ from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
 from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.knowledge.entries import Entry
 from sqrp_cli.knowledge.source import Document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import Workspace, World
@@ -38,25 +40,21 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PathNumbers(_Record):
+class PathNumbers(Entry):
     """`trajectory.Path` as numbers."""
 
     breaks: Numbers
     coefficients: tuple[tuple[Numbers, ...], ...]
 
 
-class LawNumbers(_Record):
+class LawNumbers(Entry):
     """`trajectory.PiecewiseCubic` as numbers."""
 
     breaks: Numbers
     coefficients: tuple[Numbers, ...]
 
 
-class TrajectoryNumbers(_Record):
+class TrajectoryNumbers(Entry):
     """`trajectory.Trajectory` as numbers."""
 
     path: PathNumbers
@@ -66,9 +64,9 @@ class TrajectoryNumbers(_Record):
     def _consistent(self) -> TrajectoryNumbers:
         for breaks, pieces in ((self.path.breaks, self.path.coefficients), (self.law.breaks, self.law.coefficients)):
             if len(breaks) != len(pieces) + 1 or any(b < a for a, b in pairwise(breaks)):
-                raise ValueError("breaks must rise and be one more than there are pieces")
+                raise PydanticCustomError("program-motion", "breaks must rise and be one more than there are pieces")
         if len({len(row) for piece in self.path.coefficients for row in piece}) != 1:
-            raise ValueError("every coefficient must have one number per joint")
+            raise PydanticCustomError("program-motion", "every coefficient must have one number per joint")
         return self
 
     @property
@@ -77,7 +75,7 @@ class TrajectoryNumbers(_Record):
         return Trajectory.from_numbers(self.model_dump())
 
 
-class ProgramPrimitive(_Record):
+class ProgramPrimitive(Entry):
     """A primitive action with its time [s] from the start of the step; held: the object in the tool all through it."""
 
     name: str
@@ -88,7 +86,7 @@ class ProgramPrimitive(_Record):
     trajectory: TrajectoryNumbers
 
 
-class ProgramResponse(_Record):
+class ProgramResponse(Entry):
     """What to do when a formula is violated, or a fault is seen; when: what must be seen before a retry."""
 
     action: Literal["stop", "retry", "continue"]
@@ -96,7 +94,7 @@ class ProgramResponse(_Record):
     when: str | None = None
 
 
-class ProgramFormula(_Record):
+class ProgramFormula(Entry):
     """A formula about objects with all times in seconds from the start of the step.
 
     fault: its name if it describes one.
@@ -108,7 +106,7 @@ class ProgramFormula(_Record):
     response: ProgramResponse
 
 
-class ProgramBox(_Record):
+class ProgramBox(Entry):
     """A box to look at: full extents [m], pose in a link of the robot, an object, `world` or `OBJECT@start`."""
 
     name: str
@@ -120,7 +118,7 @@ class ProgramBox(_Record):
     encloses: tuple[str, ...]
 
 
-class ProgramTarget(_Record):
+class ProgramTarget(Entry):
     """What decides an atom: so many cameras must each see all boxes. seen: from when to when each camera does [s]."""
 
     cameras: int
@@ -128,7 +126,7 @@ class ProgramTarget(_Record):
     seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
 
 
-class ProgramFault(_Record):
+class ProgramFault(Entry):
     """What a fault was predicted to cost; see `programming.faults.FaultMetrics`."""
 
     delay_mean: Seconds
@@ -138,7 +136,7 @@ class ProgramFault(_Record):
     expected_time: Seconds
 
 
-class ProgramWorld(_Record):
+class ProgramWorld(Entry):
     """A world: facts, poses of objects, what is held at which pose in the tool frame, and joint positions."""
 
     facts: tuple[str, ...]
@@ -170,7 +168,7 @@ class ProgramWorld(_Record):
         )
 
 
-class Step(_Record):
+class Step(Entry):
     """One candidate that was chosen: a skill with all its parameters."""
 
     task: str
@@ -194,7 +192,7 @@ class Step(_Record):
         return " ".join([self.skill, *map(str, objects)])
 
 
-class Program(_Record):
+class Program(Entry):
     """Steps for one workspace.
 
     sqrp_program: version of the file's fields. workspace: its file, relative to the program's. digest: of the workspace
@@ -231,6 +229,9 @@ def pose_rows(X: Array) -> Pose:
 def load_program(path: Path) -> Program:
     """Read and validate a program file. Raises InputError with the place of what is wrong, see `program_check`."""
     document = read_document(path)
+    if "sqrp_program" not in document.data:
+        message = "this is no program: it lacks the key `sqrp_program`"
+        raise InputError(Problem("no-program", message, Place(path), mend="sqrp rank WORKSPACE TASK --program FILE"))
     program = validate(document, Program)
     problems = _problems(document, flaws(program))
     for number, step in enumerate(program.steps):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
@@ -25,6 +26,9 @@ LARGEST_JUMPS = (1e-6, 1e-4, 1e-2)
 
 LARGEST_SKEW = 1e-6
 """By how much the axes of a pose may deviate from unit length and right angles."""
+
+_NAME = r"[A-Za-z_][\w-]*"
+_FACT = re.compile(rf"{_NAME}(\({_NAME}(, *{_NAME})*\))?")
 
 Keys = tuple[str | int, ...]
 
@@ -108,6 +112,9 @@ def _world_flaws(world: ProgramWorld, at: Keys, joints: Sequence[str]) -> Iterat
     elif unknown:
         message = f"there is no joint `{unknown[0]}`; {expected_names(unknown[0], joints)}"
         yield Flaw("program-joints", (*at, "joints", unknown[0]), message)
+    for index, fact in enumerate(world.facts):
+        if not _FACT.fullmatch(fact):
+            yield Flaw("program-fact", (*at, "facts", index), f"found `{fact}`, expected a fact such as `hold(g1)`")
     for name, rows in world.objects.items():
         yield from _pose_flaws(rows, (*at, "objects", name))
     if (world.held is None) != (world.held_pose is None):

@@ -136,6 +136,24 @@ def _read_tabletop() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
+def laying(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tabletop with a skill that lays down what was picked up."""
+    cell = _read_tabletop()
+    cell["skills"].append(str(ROOT / "tests" / "cases" / "lay"))
+    folder = tmp_path_factory.mktemp("laying")
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def holding(laying: Path) -> Path:
+    """A program after which the tool holds g2."""
+    path = laying / "holding.yaml"
+    assert _call("rank", laying, "pickup g2", "--program", path).code == 0
+    return path
+
+
+@pytest.fixture(scope="session")
 def harsh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tabletop made hard to see.
 
