@@ -45,7 +45,7 @@ class Flaw:
 def flaws(program: Program) -> Iterator[Flaw]:
     """What is wrong with a program in itself, from its first line to its last."""
     if not program.joints or len(set(program.joints)) < len(program.joints):
-        yield Flaw("program-joints", ("joints",), "expected the name of every joint of the arm, each once")
+        yield Flaw("program-joints", ("joints",), "expected the name of every joint that moves, each once")
         return
     for number, step in enumerate(program.steps):
         at: Keys = ("steps", number)

@@ -33,7 +33,7 @@ def make_program(path: Path) -> ExitCode:
     """
     workspace = open_workspace(path)
     cell = Cell.load(workspace)
-    dialog = _Dialog(cell, None, new_program(workspace, cell.model.arm, Path()))
+    dialog = _Dialog(cell, None, new_program(workspace, cell.model.joints, Path()))
     say(f"A program for {workspace.name}. Enter without an answer takes what is in brackets.\n")
     try:
         dialog.ask_for_file()
@@ -80,7 +80,7 @@ class _Dialog:
     def _take(self, file: Path) -> None:
         check_writable(file)
         if not file.exists():
-            self.file, self.program = file, new_program(self.cell.workspace, self.cell.model.arm, file)
+            self.file, self.program = file, new_program(self.cell.workspace, self.cell.model.joints, file)
             return
         program = load_program(file)
         check_program(program, file, self.cell.workspace)
