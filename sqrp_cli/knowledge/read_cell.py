@@ -93,7 +93,7 @@ class CellReader:
             place = self.document.value_place((*path, "calibration"))
             calibration = packages.resolve(entry.calibration, self.document.path.parent, self.roots, place)
             intrinsics, calibration_document = read_calibration(calibration)
-            self.digest.add(f"cameras.{name}.calibration", calibration_document.content)
+            self.digest.add(f"cameras.{name}.calibration", calibration, calibration_document.content)
         else:
             assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             intrinsics = image_intrinsics(self.document, (*path, "image"), entry.image)
