@@ -29,7 +29,8 @@ class BlindSpan:
     @property
     def words(self) -> str:
         """The cause in a few words."""
-        return f"{self.cause.words}{f' ({self.by})' if self.cause is Cause.OUT_OF_IMAGE else f' by {self.by}' if self.by else ''}"
+        pattern = "{} by {}" if self.cause is Cause.HIDDEN else "{} ({})" if self.by else "{}"
+        return pattern.format(self.cause.words, self.by)
 
 
 @dataclass(frozen=True)

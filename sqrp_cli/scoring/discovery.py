@@ -21,7 +21,7 @@ def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
         if Path(pattern).exists() or not glob.has_magic(pattern):
             matches = [Path(pattern)]
         else:
-            matches = [Path(match) for match in sorted(glob.glob(pattern, recursive=True))]
+            matches = [Path(match) for match in sorted(glob.glob(pattern, recursive=True))]  # noqa: PTH207
         files = [file for match in matches for file in _files(match)]
         if not files:
             # A single path that does not exist is explained by whoever reads workspaces.

@@ -47,17 +47,22 @@ def content_digest(workspace: Workspace, skill: str) -> str:
     That is what the workspace file says, except for its tasks with their thresholds, comments and layout; and the
     content of every file that it names, except for other skills.
     """
-    values = [
-        (path, value)
-        for path, value in workspace.values.items()
-        if not path.startswith(("tasks.", "skills.", "robot.package_roots.")) and path.split(".")[-1] not in _FILE_KEYS
-    ]
+    values = [(path, value) for path, value in workspace.values.items() if says_something(path)]
     files = [
         (role, file.digest)
         for role, file in sorted(workspace.files.items())
         if role != "workspace" and (not role.startswith("skills.") or role.startswith(f"skills.{skill}."))
     ]
     return _digest([values, files])
+
+
+def says_something(path: str) -> bool:
+    """Whether a value of a workspace file matters by itself.
+
+    It does not where it belongs to a task, or names a file, whose content is what matters.
+    """
+    lists = ("tasks.", "skills.", "robot.package_roots.")
+    return not path.startswith(lists) and path.rpartition(".")[-1] not in _FILE_KEYS
 
 
 def candidate_key(content: str, candidate: Candidate, sampling: Sampling, *, coverage: bool) -> str:

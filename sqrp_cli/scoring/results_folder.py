@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
@@ -10,6 +12,16 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
 
 LOCK = ".lock"
+
+
+@contextmanager
+def results_in(folder: Path | None) -> Iterator[Results]:
+    """Results in a folder, or in memory only; other runs may use the folder afterwards. Raises as `Results`."""
+    results = Results(folder)
+    try:
+        yield results
+    finally:
+        results.close()
 
 
 class Results:
@@ -78,5 +90,6 @@ def _locked(folder: Path) -> IO[str]:
         if error.errno not in (errno.EACCES, errno.EAGAIN):
             raise
         message = "another `sqrp score` is writing to this folder"
-        raise InputError(Problem("folder-in-use", message, Place(folder), mend="wait for it, or name another")) from error
+        mend = "wait for it, or name another folder"
+        raise InputError(Problem("folder-in-use", message, Place(folder), mend=mend)) from error
     return file

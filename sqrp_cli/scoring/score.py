@@ -85,9 +85,7 @@ def _task_score(cell: ScoredCell, task: ScoredTask, computer: Computer) -> TaskS
     first = ranking[0].assessment
     why_none = f"{first.candidate.name}: {first.reasons[0]}" if best is None else ""
     reasons = shortcomings(None if best is None else best.assessment, task.thresholds, why_none)
-    return TaskScore(
-        cell.name, task.text, "failed" if reasons else "passed", best, ways, reasons, content=task.content
-    )
+    return TaskScore(cell.name, task.text, "failed" if reasons else "passed", best, ways, reasons, content=task.content)
 
 
 def _sentences(problems: Sequence[Problem]) -> tuple[str, ...]:

@@ -38,9 +38,15 @@ def _materialized(path: Path, digest: str, content: bytes) -> Path:
     folder = Path(tempfile.gettempdir()) / f"sqrp-files-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     place = folder / f"{digest}{path.suffix}"
-    if not place.is_file() or hashlib.sha256(place.read_bytes()).hexdigest() != digest:
-        write_atomically(place, content)
+    if place not in _checked:
+        if not place.is_file() or hashlib.sha256(place.read_bytes()).hexdigest() != digest:
+            write_atomically(place, content)
+        _checked.add(place)
     return place
+
+
+_checked: set[Path] = set()
+"""Files whose content this process has seen to be right."""
 
 
 def _translated(problem: Problem, places: Mapping[Path, Path]) -> Problem:
@@ -50,5 +56,6 @@ def _translated(problem: Problem, places: Mapping[Path, Path]) -> Problem:
         message = message.replace(str(local), str(original))
     place = problem.place
     if place is not None:
-        place = next((replace(place, file=original) for original, local in places.items() if local == place.file), place)
+        originals = [original for original, local in places.items() if local == place.file]
+        place = replace(place, file=originals[0]) if originals else place
     return replace(problem, message=message, place=place)

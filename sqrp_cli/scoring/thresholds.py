@@ -11,8 +11,8 @@ from sqrp_cli.programming.assessment import Assessment
 def shortcomings(best: Assessment | None, thresholds: Thresholds, why_none: str) -> tuple[str, ...]:
     """One sentence for each expectation that is not met; none if all are.
 
-    best: the first in the ranking; None if no candidate is feasible, and then `why_none` says why. A task is expected to
-    be feasible unless its thresholds say otherwise.
+    best: the first in the ranking; None if no candidate is feasible, and then `why_none` says why. A task is expected
+    to be feasible unless its thresholds say otherwise.
     """
     if best is None:
         return () if thresholds.feasible is False else (f"no candidate can be done: {why_none}",)
