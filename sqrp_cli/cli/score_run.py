@@ -64,7 +64,8 @@ class ScoreRun:
         """Score all and compare with a baseline if there is one."""
         known = None if baseline is None else load_baseline(baseline)
         report = score_cells(self.cells, self.computer, progress)
-        note(f"{self.computer.computed} candidates computed")
+        candidates = sum(len(task.task.candidates) for cell in self.cells for task in cell.tasks if task.task)
+        note(f"{self.computer.computed} of {candidates} candidates were computed, the others were known")
         if report.interrupted or known is None:
             return report
         return compare_with(report, self.cells, known, allowance, self._lookup, progress)

@@ -16,8 +16,11 @@ def print_report(report: Report) -> None:
     if report.results:
         print_results(report.results)
     for result in report.results:
-        for reason in result.score.reasons:
-            say(joined(["\n", (result.score.status, _STYLES[result.score.status]), f" {_name(result)}: {reason}"]))
+        score = result.score
+        for reason in score.reasons:
+            named = score.task is None or reason.startswith(score.task)
+            where = score.workspace if named else _name(result)
+            say(joined(["\n", (score.status, _STYLES[score.status]), f" {where}: {reason}"]))
     print_comparison(report)
     say()
     say(verdict(report))
@@ -59,14 +62,14 @@ def print_difference(report: Report) -> None:
         say(f"  {change}")
     ways = [(result, change) for result in report.results if result.comparison for change in result.comparison.ways]
     say("\nWhat that does:" if ways else "\nNo task gets better or worse.")
-    for result, change in ways:
-        mark = ("worse ", "red") if change.worse else ("better", "green")
-        say(joined(["  ", mark, f"  {result.score.task} for {change}"]))
+    for result, way in ways:
+        mark = ("worse ", "red") if way.worse else ("better", "green")
+        say(joined(["  ", mark, f"  {result.score.task} for {way}"]))
     for result in report.results:
         if result.comparison and result.comparison.verdict == "new":
             say(joined(["  ", ("new   ", "yellow"), f"  {result.score.task}"]))
-        for way in result.comparison.gone if result.comparison else ():
-            say(joined(["  ", ("gone  ", "yellow"), f"  {result.score.task} for {way}"]))
+        for name in result.comparison.gone if result.comparison else ():
+            say(joined(["  ", ("gone  ", "yellow"), f"  {result.score.task} for {name}"]))
     for _, task in report.vanished:
         say(joined(["  ", ("gone  ", "yellow"), f"  {task}"]))
 

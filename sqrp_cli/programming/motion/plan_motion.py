@@ -17,7 +17,8 @@ from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.branch_search import Station, fastest_sequence
-from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.collision import CollisionScene, finger_positions
+from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import (
     GroundPrimitive,
     GroundSkill,
@@ -36,7 +37,7 @@ MAX_REASONS = 5
 class TimedPrimitive:
     """A primitive action with its place in time.
 
-    start, end: [s] from the start of the motion. trajectory: of the arm joints, from 0 to end - start.
+    start, end: [s] from the start of the motion. trajectory: of the driven joints, from 0 to end - start.
     held: the object in the tool all through it (grasp attaches and release detaches at `end`), with its pose in the
     tool frame `X_TO`, shape (4, 4); None if there is none. X_WO: where the objects that are not held rest.
     """
@@ -52,9 +53,10 @@ class TimedPrimitive:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How the arm moves through a skill.
+    """How arm and fingers move through a skill.
 
-    joint_names: the arm joints, in the order of all joint positions. primitives: without gaps, in order.
+    joint_names: the driven joints, in the order of all joint positions: those of the arm, then those of the fingers.
+    primitives: without gaps, in order.
     final: the world afterwards, with the facts of before; X_WO of a held object is its pose then.
     """
 
@@ -155,7 +157,8 @@ class _Planner:
 
         @cache
         def tied_is_free(i: int, branch: _Branch) -> bool:
-            return all(self._is_free(sections[i].first + k, t) for k, t in enumerate(branch.trajectories))
+            tied = [(sections[i].first + k, t) for k, t in enumerate(branch.trajectories)]
+            return all(self._is_free(k, t) and self._fingers_are_free(k, t) for k, t in tied)
 
         def works(i: int, previous: int, chosen: int) -> bool:
             if not tied_is_free(i, options[i][chosen][0]):
@@ -263,6 +266,16 @@ class _Planner:
             self._failures.append((index, f"{contact} at {100 * share:.0f} % of {self._skill.primitives[index].name}"))
         return contact is None
 
+    def _fingers_are_free(self, index: int, trajectory: Trajectory) -> bool:
+        """Whether the fingers touch nothing as they move during a primitive; notes what they do."""
+        primitive = self._skill.primitives[index]
+        if primitive.fingers is None:
+            return True
+        contact = self._scenes[index].check_fingers(_end(trajectory), _end(primitive.fingers))
+        if contact is not None:
+            self._failures.append((index, f"{contact} as the fingers move in {primitive.name}"))
+        return contact is None
+
     def _move_limits(self, move: GroundPrimitive | None) -> MotionLimits:
         share = 1.0 if move is None else move.speed
         return replace(self._limits, velocity=share * self._limits.velocity)
@@ -284,16 +297,17 @@ class _Planner:
         for primitive, trajectory in zip(self._skill.primitives, trajectories, strict=True):
             world, end = primitive.world, start + trajectory.duration
             resting = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
-            primitives.append(TimedPrimitive(primitive.name, start, end, trajectory, world.held, world.X_TO, resting))
+            all_joints = with_fingers(self._model, trajectory, primitive.fingers, finger_positions(self._model, world))
+            primitives.append(TimedPrimitive(primitive.name, start, end, all_joints, world.held, world.X_TO, resting))
             start = end
-        return Motion(self._model.arm, tuple(primitives), self._final(q))
+        return Motion(self._model.joints, tuple(primitives), self._final(q))
 
     def _final(self, q: Array) -> World:
         world = self._skill.final
         X_WO = dict(world.X_WO)
         if world.held is not None and world.X_TO is not None:
             X_WO[world.held] = self._model.tool_pose(q) @ world.X_TO
-        return replace(world, X_WO=X_WO, joints=dict(zip(self._model.arm, q.tolist(), strict=True)))
+        return replace(world, X_WO=X_WO, joints={**world.joints, **dict(zip(self._model.arm, q.tolist(), strict=True))})
 
 
 def _sections(primitives: Sequence[GroundPrimitive]) -> list[_Section]:

@@ -17,22 +17,23 @@ INSTANTS = 65
 def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     """Stop and move-back times from `start` [s] to the end of a motion.
 
-    Stopping: every joint comes to rest as soon as its acceleration and jerk limits allow; the slowest counts. Moving
-    back: a joint move from where the joints then are to where they were at the start of the motion.
+    Stopping: every joint of the arm comes to rest as soon as its acceleration and jerk limits allow; the slowest
+    counts. Moving back: a joint move from where the joints then are to where they were at the start of the motion.
     """
     limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
     t = np.linspace(min(start, motion.time), motion.time, INSTANTS)
-    q, velocity, acceleration = (np.empty((INSTANTS, len(model.arm))) for _ in range(3))
+    n = len(model.arm)
+    q, velocity, acceleration = (np.empty((INSTANTS, n)) for _ in range(3))
     of_instant = np.searchsorted([primitive.end for primitive in motion.primitives[:-1]], t)
     for index in np.unique(of_instant).tolist():
         rows = np.flatnonzero(of_instant == index)
         primitive = motion.primitives[index]
         local = t[rows] - primitive.start
-        q[rows] = primitive.trajectory.positions(local)
-        velocity[rows] = primitive.trajectory.derivatives(local, 1)
-        acceleration[rows] = primitive.trajectory.derivatives(local, 2)
+        q[rows] = primitive.trajectory.positions(local)[:, :n]
+        velocity[rows] = primitive.trajectory.derivatives(local, 1)[:, :n]
+        acceleration[rows] = primitive.trajectory.derivatives(local, 2)[:, :n]
     stopping, displacement = stop(velocity, acceleration, limits)
-    q_start = motion.positions(0, np.zeros(1))
+    q_start = motion.positions(0, np.zeros(1))[:, :n]
     back = joint_move_duration(q + displacement, q_start, limits)
     return Recovery(t, stopping.max(axis=1) + back)
 
