@@ -36,9 +36,9 @@ def test_the_readme_shows_what_the_command_prints(command: str, output: str) -> 
     assert printed(command) == output
 
 
-def test_the_readme_shows_the_three_main_commands() -> None:
+def test_the_readme_shows_the_main_commands() -> None:
     shown = {command.split()[1] for command, _ in blocks()}
-    assert shown == {"rank", "explain", "check"}
+    assert shown == {"rank", "explain", "check", "score"}
 
 
 if __name__ == "__main__":

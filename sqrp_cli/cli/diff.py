@@ -41,11 +41,11 @@ def command(
     sampling = read_sampling(samples, dt, tolerance)
     old, new = read_version(before), read_version(after)
     with results_in(out) as results, open_workers(job_count(jobs), cluster) as workers:
-        report = difference(old, new, workers, results, sampling, allow, progress)
+        findings = difference(old, new, workers, results, sampling, allow, progress)
     if as_json:
-        say_raw(as_text(score_document(report)))
+        say_raw(as_text(score_document(findings)))
     else:
-        print_difference(report)
-    if report.interrupted:
+        print_difference(findings)
+    if findings.interrupted:
         return ExitCode.INTERRUPTED
-    return ExitCode.OK if report.passed else ExitCode.NONE_FEASIBLE
+    return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE

@@ -11,7 +11,7 @@ from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Tolerance,
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
-    from sqrp_cli.scoring.report import Report
+    from sqrp_cli.scoring.findings import Findings
 
 NAME = "score"
 
@@ -69,25 +69,25 @@ def command(
     outputs = Outputs(junit, summary, save_baseline)
     outputs.check()
     with ScoreRun.open(paths, read_sampling(samples, dt, tolerance), job_count(jobs), cluster, out) as run:
-        report = run.report(baseline, allow)
-        if not report.interrupted:
-            run.write(report, outputs)
-    return show(report, as_json=as_json)
+        findings = run.findings(baseline, allow)
+        if not findings.interrupted:
+            run.write(findings, outputs)
+    return show(findings, as_json=as_json)
 
 
-def show(report: Report, *, as_json: bool) -> ExitCode:
-    """Print a report; returns the exit code that it stands for."""
+def show(findings: Findings, *, as_json: bool) -> ExitCode:
+    """Print what was found; returns the exit code that it stands for."""
     from sqrp_cli.cli.console import say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.score_document import score_document
     from sqrp_cli.cli.score_table import print_report
 
     if as_json:
-        say_raw(as_text(score_document(report)))
+        say_raw(as_text(score_document(findings)))
     else:
-        print_report(report)
-    if report.interrupted:
+        print_report(findings)
+    if findings.interrupted:
         return ExitCode.INTERRUPTED
-    if report.count("error"):
+    if findings.count("error"):
         return ExitCode.BAD_INPUT
-    return ExitCode.OK if report.passed else ExitCode.NONE_FEASIBLE
+    return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE

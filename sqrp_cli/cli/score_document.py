@@ -5,18 +5,18 @@ from __future__ import annotations
 from sqrp_cli.cli.documents import SCHEMA, Document, candidate_document
 from sqrp_cli.scoring.changes import Change
 from sqrp_cli.scoring.comparison import Comparison, Loss, WayChange
-from sqrp_cli.scoring.report import Report, Result
+from sqrp_cli.scoring.findings import Findings, Result
 
 
-def score_document(report: Report) -> Document:
+def score_document(findings: Findings) -> Document:
     """Every result; the same bytes for the same workspaces, however and wherever they were computed."""
     return {
         "schema": SCHEMA,
-        "results": [result_document(result) for result in report.results],
-        "changes": {name: [_change(change) for change in changes] for name, changes in report.changes.items()},
-        "vanished": [{"workspace": workspace, "task": task} for workspace, task in report.vanished],
-        **({"interrupted": True} if report.interrupted else {}),
-        "passed": report.passed,
+        "results": [result_document(result) for result in findings.results],
+        "changes": {name: [_change(change) for change in changes] for name, changes in findings.changes.items()},
+        "vanished": [{"workspace": workspace, "task": task} for workspace, task in findings.vanished],
+        **({"interrupted": True} if findings.interrupted else {}),
+        "passed": findings.passed,
     }
 
 

@@ -14,8 +14,8 @@ from sqrp_cli.scoring.baseline import baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
 from sqrp_cli.scoring.compute import Computer
 from sqrp_cli.scoring.discovery import find_workspaces
+from sqrp_cli.scoring.findings import CoverageLookup, Findings, compare_with, score_cells
 from sqrp_cli.scoring.junit import write_junit
-from sqrp_cli.scoring.report import CoverageLookup, Report, compare_with, score_cells
 from sqrp_cli.scoring.results_folder import results_in
 from sqrp_cli.scoring.summary import write_summary
 from sqrp_cli.scoring.workers import open_workers
@@ -60,24 +60,24 @@ class ScoreRun:
             with open_workers(jobs, cluster) as workers:
                 yield cls(cells, Computer(workers, results, sampling))
 
-    def report(self, baseline: Path | None, allowance: float) -> Report:
+    def findings(self, baseline: Path | None, allowance: float) -> Findings:
         """Score all and compare with a baseline if there is one."""
         known = None if baseline is None else load_baseline(baseline)
-        report = score_cells(self.cells, self.computer, progress)
+        findings = score_cells(self.cells, self.computer, progress)
         candidates = sum(len(task.task.candidates) for cell in self.cells for task in cell.tasks if task.task)
         note(f"{self.computer.computed} of {candidates} candidates were computed, the others were known")
-        if report.interrupted or known is None:
-            return report
-        return compare_with(report, self.cells, known, allowance, self._lookup, progress)
+        if findings.interrupted or known is None:
+            return findings
+        return compare_with(findings, self.cells, known, allowance, self._lookup, progress)
 
-    def write(self, report: Report, outputs: Outputs) -> None:
+    def write(self, findings: Findings, outputs: Outputs) -> None:
         """Write the files that were asked for."""
         if outputs.junit is not None:
-            write_junit(report, outputs.junit)
+            write_junit(findings, outputs.junit)
         if outputs.summary is not None:
-            write_summary(report, outputs.summary)
+            write_summary(findings, outputs.summary)
         if outputs.baseline is not None:
-            scores = [result.score for result in report.results]
+            scores = [result.score for result in findings.results]
             self._lookup.prepare([(score, way) for score in scores for way in score.ways.values()], progress)
             save_baseline(baseline_of(self.cells, scores, self._lookup), outputs.baseline)
 

@@ -5,25 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sqrp_cli.cli.console import Column, Styled, joined, plain, print_table, say
-from sqrp_cli.scoring.report import Report, Result, listed
+from sqrp_cli.scoring.findings import Findings, Result, listed
 from sqrp_cli.scoring.thresholds import worst_delay
 
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 
 
-def print_report(report: Report) -> None:
+def print_report(findings: Findings) -> None:
     """The table with a row per task, then a sentence for everything that is not as it should be."""
-    if report.results:
-        print_results(report.results)
-    for result in report.results:
+    if findings.results:
+        print_results(findings.results)
+    for result in findings.results:
         score = result.score
         for reason in score.reasons:
             named = score.task is None or reason.startswith(score.task)
             where = score.workspace if named else _name(result)
             say(joined(["\n", (score.status, _STYLES[score.status]), f" {where}: {reason}"]))
-    print_comparison(report)
+    print_comparison(findings)
     say()
-    say(verdict(report))
+    say(verdict(findings))
 
 
 def print_results(results: Sequence[Result]) -> None:
@@ -33,9 +33,9 @@ def print_results(results: Sequence[Result]) -> None:
     print_table([*columns, Column("")], [_row(result) for result in results])
 
 
-def print_comparison(report: Report) -> None:
+def print_comparison(findings: Findings) -> None:
     """Improvements, new and vanished tasks, and what changed where nothing got worse."""
-    for result in report.results:
+    for result in findings.results:
         comparison = result.comparison
         if comparison is None:
             continue
@@ -46,39 +46,39 @@ def print_comparison(report: Report) -> None:
             say(joined(["\n", ("new", "yellow"), f" {_name(result)} is not in the baseline"]))
         for way in comparison.gone:
             say(joined(["\n", ("gone", "yellow"), f" {_name(result)} for {way}: there is no such way any more"]))
-    for workspace, task in report.vanished:
+    for workspace, task in findings.vanished:
         say(joined(["\n", ("vanished", "yellow"), f" {workspace}, {task} is only in the baseline"]))
-    worse = {result.score.workspace for result in report.results if result.comparison and result.comparison.ways}
-    for workspace, changes in report.changes.items():
+    worse = {result.score.workspace for result in findings.results if result.comparison and result.comparison.ways}
+    for workspace, changes in findings.changes.items():
         if changes and workspace not in worse:
             say(joined(["\n", ("changed", "dim"), f" {workspace}, with no effect: {listed(changes)}"]))
 
 
-def print_difference(report: Report) -> None:
+def print_difference(findings: Findings) -> None:
     """What differs between two versions, and what that does to every way of doing a task."""
-    changes = [change for changes in report.changes.values() for change in changes]
+    changes = [change for changes in findings.changes.values() for change in changes]
     say("What differs in the workspace:" if changes else "Nothing that matters differs in the workspace.")
     for change in changes:
         say(f"  {change}")
-    ways = [(result, change) for result in report.results if result.comparison for change in result.comparison.ways]
+    ways = [(result, change) for result in findings.results if result.comparison for change in result.comparison.ways]
     say("\nWhat that does:" if ways else "\nNo task gets better or worse.")
     for result, way in ways:
         mark = ("worse ", "red") if way.worse else ("better", "green")
         say(joined(["  ", mark, f"  {result.score.task} for {way}"]))
-    for result in report.results:
+    for result in findings.results:
         if result.comparison and result.comparison.verdict == "new":
             say(joined(["  ", ("new   ", "yellow"), f"  {result.score.task}"]))
         for name in result.comparison.gone if result.comparison else ():
             say(joined(["  ", ("gone  ", "yellow"), f"  {result.score.task} for {name}"]))
-    for _, task in report.vanished:
+    for _, task in findings.vanished:
         say(joined(["  ", ("gone  ", "yellow"), f"  {task}"]))
 
 
-def verdict(report: Report) -> str:
+def verdict(findings: Findings) -> str:
     """The sentence that ends a run."""
-    counts = [f"{report.count('passed')} of {len(report.results)} tasks passed"]
-    counts += [f"{report.count('failed')} failed"] if report.count("failed") else []
-    errors = report.count("error")
+    counts = [f"{findings.count('passed')} of {len(findings.results)} tasks passed"]
+    counts += [f"{findings.count('failed')} failed"] if findings.count("failed") else []
+    errors = findings.count("error")
     counts += [f"{errors} could not be scored"] if errors else []
     return ", ".join(counts) + "."
 

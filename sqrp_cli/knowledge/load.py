@@ -68,7 +68,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         digest=digest.hexdigest(),
         files=digest.files,
         values=document.leaves,
-        warnings=tuple(robot_reader.warnings),
+        warnings=(*robot_reader.warnings, *cell.warnings),
         places=document.places,
     )
 

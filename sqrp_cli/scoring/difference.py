@@ -11,7 +11,7 @@ from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.scoring.baseline import baseline_of
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
 from sqrp_cli.scoring.compute import Computer
-from sqrp_cli.scoring.report import CoverageLookup, Progress, Report, compare_with, score_cells
+from sqrp_cli.scoring.findings import CoverageLookup, Findings, Progress, compare_with, score_cells
 from sqrp_cli.scoring.results_folder import Results
 from sqrp_cli.scoring.score import TaskScore
 from sqrp_cli.scoring.workers import Workers
@@ -35,7 +35,7 @@ def difference(
     sampling: Sampling,
     allowance: float,
     progress: Progress,
-) -> Report:
+) -> Findings:
     """How the tasks of `after` compare with those of `before`; allowance: see `compare`.
 
     Raises InputError where results cannot be kept, or candidates cannot be computed.

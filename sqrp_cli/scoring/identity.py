@@ -19,7 +19,7 @@ _COMPUTING = ("geometry.py", "trajectory.py", "knowledge", "logic", "programming
 _LIBRARIES = ("numpy", "pin", "coal", "ruckig", "ompl", "eaik")
 """Libraries that figures depend on."""
 
-_FILE_KEYS = frozenset({"urdf", "srdf", "mesh", "calibration"})
+_FILE_KEYS = frozenset({"urdf", "srdf", "mesh", "calibration", "hand_eye"})
 """Keys of a workspace file that name other files, whose content counts and not where they are."""
 
 

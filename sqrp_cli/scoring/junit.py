@@ -9,18 +9,18 @@ from pathlib import Path
 from xml.etree import ElementTree as Xml
 
 from sqrp_cli.files import write_atomically
-from sqrp_cli.scoring.report import Report, Result
+from sqrp_cli.scoring.findings import Findings, Result
 
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def write_junit(report: Report, path: Path) -> None:
+def write_junit(findings: Findings, path: Path) -> None:
     """A test suite per workspace, a test case per task. Raises InputError where the file cannot be written.
 
     A task that is not good enough, or worse than its baseline, is a `failure`; what cannot be scored is an `error`.
     """
-    root = Xml.Element("testsuites", {"name": "sqrp score", **_counts(report.results)})
-    for workspace, group in groupby(report.results, key=lambda result: result.score.workspace):
+    root = Xml.Element("testsuites", {"name": "sqrp score", **_counts(findings.results)})
+    for workspace, group in groupby(findings.results, key=lambda result: result.score.workspace):
         results = list(group)
         suite = Xml.SubElement(root, "testsuite", {"name": _text(workspace), **_counts(results)})
         for result in results:

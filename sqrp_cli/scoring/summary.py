@@ -5,34 +5,34 @@ from __future__ import annotations
 from pathlib import Path
 
 from sqrp_cli.files import write_atomically
-from sqrp_cli.scoring.report import Report, Result, listed
+from sqrp_cli.scoring.findings import Findings, Result, listed
 from sqrp_cli.scoring.thresholds import worst_delay
 
 
-def write_summary(report: Report, path: Path) -> None:
+def write_summary(findings: Findings, path: Path) -> None:
     """What needs attention first, then the table of all tasks. Raises InputError where the file cannot be written."""
-    counts = ", ".join(f"{report.count(status)} {status}" for status in ("passed", "failed", "error"))
+    counts = ", ".join(f"{findings.count(status)} {status}" for status in ("passed", "failed", "error"))
     lines = [
-        f"## SQRP: {'passed' if report.passed else 'not passed'}",
+        f"## SQRP: {'passed' if findings.passed else 'not passed'}",
         "",
-        f"{len(report.results)} tasks: {counts}",
+        f"{len(findings.results)} tasks: {counts}",
         "",
     ]
-    for result in report.results:
+    for result in findings.results:
         lines += [f"- **{result.score.status}** {_name(result)}: {_text(reason)}" for reason in result.score.reasons]
-    lines += [f"- **vanished** {_text(workspace)}, {_text(task)}" for workspace, task in report.vanished]
-    for result in report.results:
+    lines += [f"- **vanished** {_text(workspace)}, {_text(task)}" for workspace, task in findings.vanished]
+    for result in findings.results:
         comparison = result.comparison
         if comparison is not None and comparison.verdict == "new":
             lines.append(f"- **new** {_name(result)}")
         ways = comparison.ways if comparison is not None else ()
         lines += [f"- **improved** {_name(result)} for {_text(str(way))}" for way in ways if not way.worse]
     lines += [
-        f"- changed in {_text(name)}: {_text(listed(changes))}" for name, changes in report.changes.items() if changes
+        f"- changed in {_text(name)}: {_text(listed(changes))}" for name, changes in findings.changes.items() if changes
     ]
     lines += ["", "| workspace | task | best | Q_eoi % | Q_avg % | time s | seen after s | result |"]
     lines += ["|---|---|---|---:|---:|---:|---:|---|"]
-    lines += [_row(result) for result in report.results]
+    lines += [_row(result) for result in findings.results]
     write_atomically(path, "\n".join(lines) + "\n")
 
 

@@ -31,7 +31,7 @@ class Result:
 
 
 @dataclass(frozen=True, eq=False)
-class Report:
+class Findings:
     """What a run found.
 
     changes: by workspace, since the baseline. vanished: workspace and text of tasks that only the baseline has.
@@ -52,7 +52,7 @@ class Report:
         return not self.interrupted and all(result.score.status == "passed" for result in self.results)
 
 
-def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progress) -> Report:
+def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progress) -> Findings:
     """Score every task; at Ctrl-C those that are finished. Raises InputError where results cannot be kept."""
     total = sum(len(task.task.candidates) for cell in cells for task in cell.tasks if task.task is not None)
     try:
@@ -60,8 +60,8 @@ def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progr
             scores = score(cells, computer, advance)
     except KeyboardInterrupt:
         finished = (result for cell in cells for result in scores_of(cell, computer))
-        return Report(tuple(Result(result, None) for result in finished), interrupted=True)
-    return Report(tuple(Result(result, None) for result in scores))
+        return Findings(tuple(Result(result, None) for result in finished), interrupted=True)
+    return Findings(tuple(Result(result, None) for result in scores))
 
 
 class CoverageLookup:
@@ -88,14 +88,14 @@ class CoverageLookup:
 
 
 def compare_with(
-    report: Report,
+    findings: Findings,
     cells: Sequence[ScoredCell],
     baseline: Baseline,
     allowance: float,
     lookup: CoverageLookup,
     progress: Progress,
-) -> Report:
-    """The report with every task compared with its baseline; a task that got worse has failed.
+) -> Findings:
+    """The findings with every task compared with its baseline; a task that got worse has failed.
 
     allowance: see `compare`. Raises InputError where results cannot be kept.
     """
@@ -109,7 +109,7 @@ def compare_with(
         for cell in cells
         if cell.workspace is not None and cell.name in baseline.workspaces
     }
-    scores = [result.score for result in report.results]
+    scores = [result.score for result in findings.results]
     pairs = [(one, records.get((one.workspace, one.task or ""))) for one in scores]
     lookup.prepare(
         [
@@ -125,7 +125,7 @@ def compare_with(
     names = {cell.name: [task.text for task in cell.tasks] for cell in cells if cell.workspace is not None}
     unreadable = {cell.name for cell in cells if cell.workspace is None}
     gone = tuple((workspace, task) for workspace, task in vanished(baseline, names) if workspace not in unreadable)
-    return replace(report, results=tuple(results), changes=changes, vanished=gone)
+    return replace(findings, results=tuple(results), changes=changes, vanished=gone)
 
 
 def _compared(
