@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import After, Json, WorkspacePath
+from sqrp_cli.cli.options import After, Json, Seed, WorkspacePath
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ def command(
         str | None, typer.Argument(metavar="TASK", help='Check this task as well, such as "pickup green".')
     ] = None,
     after: After = None,
+    seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
     """Validate a workspace, and a task in it.
@@ -35,7 +36,7 @@ def command(
     from sqrp_cli.cli.documents import as_text, check_document
 
     try:
-        name, problems, found = _check(workspace, task, after)
+        name, problems, found = _check(workspace, task, after, seed)
     except InputError as error:
         if not as_json:
             raise
@@ -53,7 +54,7 @@ def command(
 
 
 def _check(
-    path: Path, task: str | None, after: Path | None
+    path: Path, task: str | None, after: Path | None, seed: int
 ) -> tuple[str, tuple[Problem, ...], tuple[Feasibility, ...]]:
     """Name of the workspace, its findings, and the candidates of the task with their verdicts."""
     from sqrp_cli.cli.console import progress
@@ -67,7 +68,7 @@ def _check(
     problems = (*workspace.warnings, *lint(workspace))
     if task is None or any(problem.severity == "error" for problem in problems):
         return workspace.name, problems, ()
-    session = Session.begin(workspace, task, after, Adaptive())
+    session = Session.begin(workspace, task, after, Adaptive(), seed=seed)
     found = []
     with progress(f"Checking {task}", len(session.task.candidates)) as advance:
         for candidate in session.task.candidates:
@@ -104,3 +105,6 @@ def _print(
     print_table(
         [Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows
     )
+    around = [f"{feasibility.candidate.name}: {way}" for feasibility in found for way in feasibility.ways_around]
+    if around:
+        say("\n" + "\n".join(around))

@@ -12,6 +12,7 @@ from sqrp_cli.cli.options import (
     Json,
     SampleCount,
     SampleStep,
+    Seed,
     TaskText,
     Tolerance,
     WorkspacePath,
@@ -42,6 +43,7 @@ def command(
     tolerance: Tolerance = None,
     after: After = None,
     jobs: Jobs = None,
+    seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
     """Explain how well a way of doing a task is seen.
@@ -61,7 +63,7 @@ def command(
         raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
     choice = choose or "best"
     sampling = read_sampling(samples, dt, tolerance)
-    session = Session.begin(open_workspace(workspace), task, after, sampling)
+    session = Session.begin(open_workspace(workspace), task, after, sampling, seed=seed)
     check_choice(session.task, choice)
     with progress(f"Assessing {task}", len(session.task.candidates)) as advance:
         assessments = []

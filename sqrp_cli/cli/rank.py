@@ -70,7 +70,9 @@ def command(
     criterion = _criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
     before = _world_before(after, program)
-    session = Session.begin(open_workspace(workspace), task, before, sampling, read_calibration(calibration, seed))
+    session = Session.begin(
+        open_workspace(workspace), task, before, sampling, read_calibration(calibration, seed), seed
+    )
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))
     if not assessments:

@@ -16,7 +16,8 @@ from sqrp_cli.programming.task import Candidate
 class Feasibility:
     """Whether a candidate can be done.
 
-    reasons: why not, most useful first. time: of its motion [s], None if infeasible. suggestion: how to establish its
+    reasons: why not, most useful first. time: of its motion [s], None if infeasible. ways_around: what goes around
+    what, such as `a1 goes around wall`, where the direct move is blocked. suggestion: how to establish its
     precondition.
     """
 
@@ -25,6 +26,7 @@ class Feasibility:
     reasons: tuple[str, ...]
     time: float | None
     suggestion: Suggestion
+    ways_around: tuple[str, ...] = ()
 
 
 def check_candidate(cell: Cell, candidate: Candidate, world: World) -> Feasibility:
@@ -33,4 +35,4 @@ def check_candidate(cell: Cell, candidate: Candidate, world: World) -> Feasibili
     motion = feasible_motion(cell, candidate, world)
     if isinstance(motion, Infeasible):
         return Feasibility(candidate, feasible=False, reasons=motion.reasons, time=None, suggestion=suggestion)
-    return Feasibility(candidate, feasible=True, reasons=(), time=motion.time, suggestion=suggestion)
+    return Feasibility(candidate, True, (), motion.time, suggestion, motion.ways_around)

@@ -120,8 +120,12 @@ class BlindStretch:
 def verdict(cell: Cell, study: Study) -> str:
     """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
 
-    Stretches within the events of interest come first.
+    Stretches within the events of interest come first. Moves that go around something are named at the end.
     """
+    return " ".join([_on_coverage(cell, study), *(f"{way}." for way in study.motion.ways_around)])
+
+
+def _on_coverage(cell: Cell, study: Study) -> str:
     timeline = study.timeline
     blind = timeline.monitored & ~timeline.covered
     interesting = blind & timeline.interesting

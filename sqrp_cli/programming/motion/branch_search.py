@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -12,6 +13,12 @@ from sqrp_cli.geometry import Array
 
 TIE_DECIMALS = 6
 """Total times that agree to so many decimals of a second are ties; joint values are compared as coarsely."""
+
+WAY_PENALTY = 1e5
+"""What a way around counts in addition to the time of the direct move [s]: more than any motion takes."""
+
+Question = tuple[int, int, int]
+"""Whether something works: index of a station, of a branch of the one before (-1 for none), and of its own branch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +86,53 @@ def fastest_sequence(
             return entry.chosen
         push_next(successors(entry.spent, entry.chosen, entry.key))
     return None
+
+
+def sequence_with_fewest_ways(
+    stations: Sequence[Station],
+    move_durations: Sequence[Array],
+    works: Callable[[int, int, int], bool],
+    way_works: Callable[[int, int, int], bool],
+) -> tuple[int, ...] | None:
+    """As `fastest_sequence`, where moves that do not work may be replaced by ways around: as few as possible.
+
+    Among sequences with equally many ways, that with the shortest time as if its ways were direct.
+    way_works(i, previous, branch): whether there is a way where `works` says no. It is asked only if no sequence works
+    without ways, once for each question; False where it is not the move that does not work.
+    """
+    direct, way = cache(works), cache(way_works)
+    blocked: frozenset[Question] = frozenset()
+    while True:
+        found, newly_blocked = _attempt(stations, move_durations, direct, way, blocked)
+        ways = 0 if found is None else sum((i, *found[i - 1 : i + 1]) in blocked for i in range(1, len(found)))
+        if not newly_blocked or (found is not None and ways == 0):
+            return found
+        blocked |= newly_blocked
+
+
+def _attempt(
+    stations: Sequence[Station],
+    move_durations: Sequence[Array],
+    direct: Callable[[int, int, int], bool],
+    way: Callable[[int, int, int], bool],
+    blocked: frozenset[Question],
+) -> tuple[tuple[int, ...] | None, frozenset[Question]]:
+    """The best sequence with ways for the moves of `blocked` alone, and what else was found not to work."""
+    durations = [array.copy() for array in move_durations]
+    for i, previous, chosen in blocked:
+        durations[i - 1][previous, chosen] += WAY_PENALTY
+    newly_blocked: set[Question] = set()
+
+    def works(i: int, previous: int, chosen: int) -> bool:
+        if direct(i, previous, chosen):
+            return True
+        if (i, previous, chosen) in blocked:
+            return way(i, previous, chosen)
+        if i > 0:
+            newly_blocked.add((i, previous, chosen))
+        return False
+
+    return fastest_sequence(stations, durations, works), frozenset(newly_blocked)
 
 
 @dataclass(frozen=True)
