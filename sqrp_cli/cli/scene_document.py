@@ -40,6 +40,10 @@ def scene_document(cell: Cell) -> Document:
                 for name, limits in robot.limits.items()
             },
             "home": model.joint_values(model.home),
+            "fingers": None
+            if robot.fingers is None
+            else {"open": dict(robot.fingers.open), "closed": dict(robot.fingers.closed)},
+            "markers": {link: {"id": marker.id, "side": marker.side} for link, marker in robot.markers.items()},
             "geometry": robot.geometry,
         },
         "cameras": {name: _camera(cell, camera) for name, camera in workspace.cameras.items()},

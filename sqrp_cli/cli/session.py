@@ -65,6 +65,6 @@ def add_step(session: Session, assessment: Assessment, path: Path) -> None:
         raise ValueError(f"{assessment.candidate.name} is infeasible: {found.reasons[0]}")
     cameras = tuple(camera.name for camera in cell.observer.cameras)
     step = make_step(session.task.text, found, assessment, cameras)
-    program = load_program(path) if path.exists() else new_program(session.workspace, cell.model.arm, path)
+    program = load_program(path) if path.exists() else new_program(session.workspace, cell.model.joints, path)
     check_program(program, path, session.workspace)
     save_program(program.with_step(step), path)

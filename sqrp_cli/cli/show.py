@@ -8,6 +8,7 @@ from sqrp_cli.cli.options import Json, WorkspacePath
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
+    from sqrp_cli.knowledge.robot import Robot
     from sqrp_cli.programming.cell import Cell
 
 NAME = "show"
@@ -53,6 +54,7 @@ def _print_scene(cell: Cell) -> None:
         [Column("joint [deg, s]"), *(Column(title, right=True) for title in ("min", "max", "v", "a", "j", "home"))],
         joints,
     )
+    _print_hand(robot)
     say()
     cameras = [
         (
@@ -77,6 +79,21 @@ def _print_scene(cell: Cell) -> None:
     say(f"\nskills  {', '.join(workspace.skills)}")
     say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
     say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
+
+
+def _print_hand(robot: Robot) -> None:
+    """The fingers and the markers on links, where there are any."""
+    from sqrp_cli.cli.console import say
+
+    if robot.fingers is not None:
+        joints = (
+            f"{name} {1000 * opened:.0f} mm open, {1000 * robot.fingers.closed[name]:.0f} mm closed"
+            for name, opened in robot.fingers.open.items()
+        )
+        say(f"\nfingers  {'; '.join(joints)}")
+    if robot.markers:
+        markers = (f"{link} (id {m.id}, {1000 * m.side:.0f} mm)" for link, m in robot.markers.items())
+        say(f"markers  {', '.join(markers)}")
 
 
 def _numbers(values: object) -> str:

@@ -12,7 +12,7 @@ from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge import packages, units
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.read_cell import add_mesh
-from sqrp_cli.knowledge.robot import JointLimits, Robot, Tool
+from sqrp_cli.knowledge.robot import Fingers, JointLimits, Marker, Robot, Tool
 from sqrp_cli.knowledge.scene import Mesh
 from sqrp_cli.knowledge.source import Document, KeyPath
 from sqrp_cli.knowledge.srdf import SrdfModel, read_srdf
@@ -86,6 +86,8 @@ class RobotReader:
             limits=self._limits(joints),
             geometry=self.entry.geometry,
             disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
+            fingers=self._fingers(joints, arm),
+            markers=self._markers(),
         )
 
     def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
@@ -141,36 +143,80 @@ class RobotReader:
 
     def _home(self, arm: Sequence[UrdfJoint]) -> dict[str, float]:
         path = ("robot", "home")
-        home = self.entry.home
-        if not arm:
+        positions = self._positions(self.entry.home, arm, path, "no joint that moves the tool frame") if arm else None
+        if positions is None:
             return {}
-        if isinstance(home, str):
-            states = self.srdf.states if self.srdf else {}
-            if home not in states:
-                expected = expected_names(home, states)
-                self._report("unknown-state", path, f"found `{home}`, which is no named state of an SRDF; {expected}")
-                return {}
-            positions = dict(states[home])
-        else:
-            positions = self._positions(home, arm)
         missing = [joint.name for joint in arm if joint.name not in positions]
-        if missing and len(positions) == len(home):
+        if missing:
             names = ", ".join(f"`{name}`" for name in missing)
             self._report("missing-joint", path, f"lacks a position for {names}")
-        for joint in arm:
+        return positions
+
+    def _fingers(self, joints: Sequence[UrdfJoint], arm: Sequence[UrdfJoint]) -> Fingers | None:
+        entry = self.entry.fingers
+        if entry is None:
+            return None
+        driven = [joint for joint in joints if joint.mimic is None and joint not in arm]
+        what = "no joint outside the arm that moves by itself"
+        path = ("robot", "fingers")
+        opened = self._positions(entry.open, driven, (*path, "open"), what)
+        closed = self._positions(entry.closed, driven, (*path, "closed"), what)
+        if opened is None or closed is None:
+            return None
+        if not opened or opened.keys() != closed.keys():
+            names = ", ".join(f"`{name}`" for name in sorted(opened.keys() ^ closed.keys()))
+            message = f"`open` and `closed` must name the same joints; only one of them has {names or 'any joint'}"
+            self._report("missing-joint", path, message)
+        if opened == closed:
+            self._report("wrong-value", (*path, "closed"), "the fingers are where they are when open, so nothing moves")
+        return Fingers(opened, {name: closed[name] for name in opened if name in closed})
+
+    def _markers(self) -> dict[str, Marker]:
+        ids: dict[int, str] = {}
+        for link, marker in self.entry.markers.items():
+            path = ("robot", "markers", link)
+            if link not in self.links:
+                self._report(
+                    "unknown-link", path, f"found `{link}`, which is no link; {expected_names(link, self.links)}"
+                )
+            if ids.setdefault(marker.id, link) != link:
+                self._report("repeated-value", (*path, "id"), f"`{ids[marker.id]}` has the marker {marker.id} too")
+        return {link: Marker(marker.id, marker.side) for link, marker in self.entry.markers.items()}
+
+    def _positions(
+        self, entry: Mapping[str, Quantity] | str, joints: Sequence[UrdfJoint], path: KeyPath, what: str
+    ) -> dict[str, float] | None:
+        """Positions within limits of those joints that an entry names, in their order; None if a name is wrong.
+
+        what: what a joint is that is not among them. Of a state of the SRDF, those of other joints are left out.
+        """
+        if isinstance(entry, str):
+            states = self.srdf.states if self.srdf else {}
+            if entry not in states:
+                expected = expected_names(entry, states)
+                self._report("unknown-state", path, f"found `{entry}`, which is no named state of an SRDF; {expected}")
+                return None
+            positions = dict(states[entry])
+        else:
+            positions = self._quantities(entry, joints, path, what)
+            if len(positions) < len(entry):
+                return None
+        for joint in joints:
             position = positions.get(joint.name, joint.lower)
             if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
                 message = f"{position:.4g} is outside the joint's limits, {joint.lower:.4g} to {joint.upper:.4g}"
                 self._report("outside-limits", (*path, joint.name), message)
-        return {joint.name: positions[joint.name] for joint in arm if joint.name in positions}
+        return {joint.name: positions[joint.name] for joint in joints if joint.name in positions}
 
-    def _positions(self, entries: Mapping[str, Quantity], arm: Sequence[UrdfJoint]) -> dict[str, float]:
-        joints = {joint.name: joint for joint in arm}
+    def _quantities(
+        self, entries: Mapping[str, Quantity], known: Sequence[UrdfJoint], path_to: KeyPath, what: str
+    ) -> dict[str, float]:
+        joints = {joint.name: joint for joint in known}
         positions = {}
         for name, quantity in entries.items():
-            path = ("robot", "home", name)
+            path = (*path_to, name)
             if name not in joints:
-                message = f"found `{name}`, which is no joint that moves the tool frame; {expected_names(name, joints)}"
+                message = f"found `{name}`, which is {what}; {expected_names(name, joints)}"
                 self._report("unknown-joint", path, message)
                 continue
             dimension = units.LENGTH if joints[name].type == "prismatic" else units.ANGLE

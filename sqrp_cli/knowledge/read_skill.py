@@ -131,7 +131,9 @@ class _SkillReader:
             case skill_file.GraspWaypointEntry():
                 self._known(entry.object, self.objects, "skill parameter", (*path, "object"))
                 side = setting(entry.side, setting_kind.SIDE, (*path, "side"))
-                return GraspWaypoint(entry.object, side, setting(entry.yaw, setting_kind.YAW, (*path, "yaw")))
+                yaw = setting(entry.yaw, setting_kind.YAW, (*path, "yaw"))
+                depth = setting(entry.depth, setting_kind.DISTANCE, (*path, "depth"))
+                return GraspWaypoint(entry.object, side, yaw, depth)
             case skill_file.RetreatWaypointEntry():
                 return RetreatWaypoint(entry.origin, setting(entry.retreat, setting_kind.DISTANCE, (*path, "retreat")))
             case skill_file.RaiseWaypointEntry():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -35,6 +35,25 @@ class Tool:
     X_LT: Array
 
 
+@dataclass(frozen=True)
+class Fingers:
+    """The fingers of a gripper: where the joints that drive them are when it is open and when it is closed [rad or m].
+
+    Both name the same joints. Joints that mimic them follow; on the way between the two, all move in step.
+    """
+
+    open: Mapping[str, float]
+    closed: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Marker:
+    """An ArUco marker on a link: square, around the origin of the link's frame, facing along its z axis; side [m]."""
+
+    id: int
+    side: float
+
+
 @dataclass(frozen=True, eq=False)
 class Robot:
     """The robot of a cell.
@@ -47,6 +66,7 @@ class Robot:
     limits: of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say).
     geometry: which geometry of the links is solid and opaque; a link without collision geometry uses its visual one.
     disabled_pairs: pairs of links whose contact is not checked, each pair in alphabetical order.
+    fingers: of its gripper, None if it has none that move. markers: on links, by the link's name.
     """
 
     urdf: Path
@@ -59,3 +79,5 @@ class Robot:
     limits: Mapping[str, JointLimits]
     geometry: Geometry
     disabled_pairs: frozenset[tuple[str, str]]
+    fingers: Fingers | None = None
+    markers: Mapping[str, Marker] = field(default_factory=dict)

@@ -45,12 +45,14 @@ class GraspWaypoint:
 
     object: the skill parameter that names the object. side: the outward axis of that side in the object's frame, one of
     `+x -x +y -y +z -z`. yaw: turn of the tool about its z axis [rad]; at yaw 0 the tool's x axis lies along the
-    object's x axis (y axis for the sides +x and -x).
+    object's x axis (y axis for the sides +x and -x). depth: how far the tool frame goes into the object from there, for
+    fingers [m].
     """
 
     object: str
     side: Setting
     yaw: Setting
+    depth: Setting = 0.0
 
 
 @dataclass(frozen=True)

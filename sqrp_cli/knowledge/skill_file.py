@@ -86,6 +86,9 @@ class GraspWaypointEntry(Entry):
     object: Name = Field(description="The skill parameter that names the object.")
     side: SettingEntry = Field(description="Outward axis of that side: +x, -x, +y, -y, +z or -z.")
     yaw: SettingEntry = Field(default=Quantity(0.0, None), description="Turn of the tool about its z axis.")
+    depth: SettingEntry = Field(
+        default=Quantity(0.0, None), description="How far the tool frame goes into the object, between fingers."
+    )
 
 
 class RetreatWaypointEntry(Entry):

@@ -42,7 +42,7 @@ class World:
 
     facts: the atoms that hold; every other one is false. X_WO: pose of each object whose place is known.
     held: the object in the tool, with its pose in the tool frame `X_TO`; None if it is empty.
-    joints: position of every arm joint [rad or m].
+    joints: position of every joint that is driven, those of the arm and of the fingers [rad or m].
     """
 
     facts: frozenset[Atom]
@@ -78,4 +78,5 @@ class Workspace:
     def initial_world(self) -> World:
         """The world before any program has run."""
         X_WO = {name: thing.X_WO for name, thing in self.objects.items() if thing.X_WO is not None}
-        return World(self.state, X_WO, None, None, self.robot.home)
+        fingers = self.robot.fingers.open if self.robot.fingers else {}
+        return World(self.state, X_WO, None, None, {**self.robot.home, **fingers})

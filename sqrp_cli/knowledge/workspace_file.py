@@ -45,6 +45,32 @@ class ToolEntry(Entry):
     pose: Pose = Field(default=Pose(), description="Pose of the tool's root link in that link.")
 
 
+PositionsEntry = Annotated[
+    Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
+]
+"""Positions of joints by name, or the name of a state of the SRDF that has them."""
+
+
+class FingersEntry(Entry):
+    """The fingers of a gripper: closed by `grasp` until they touch the object, opened by `release`."""
+
+    open: PositionsEntry = Field(
+        description="Position of each joint that drives the fingers when they are open, or the name of a state of the "
+        "SRDF. Joints that mimic them follow."
+    )
+    closed: PositionsEntry = Field(description="The same when they are closed with nothing between them.")
+
+
+MarkerId = Annotated[int, Field(strict=True, ge=0, le=1023)]
+
+
+class MarkerEntry(Entry):
+    """An ArUco marker on a link: around the origin of the link's frame, facing along its z axis."""
+
+    id: MarkerId
+    side: Size = Field(description="Side of the printed square.")
+
+
 class LimitsEntry(Entry):
     """Limits of the joints: one value for all of them, or one for each joint by name."""
 
@@ -64,9 +90,11 @@ class RobotEntry(Entry):
     base: Pose = Field(default=Pose(), description="Pose of the robot's root link in the world.")
     tool: ToolEntry | None = Field(default=None, description="A tool on the robot, with a URDF of its own.")
     tool_frame: Text = Field(description="The link that grasps; its z axis points out of the tool, into the object.")
-    home: Annotated[
-        Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
-    ] = Field(description="Position of every joint of the arm by its name, or the name of a state of the SRDF.")
+    home: PositionsEntry = Field(
+        description="Position of every joint of the arm by its name, or the name of a state of the SRDF."
+    )
+    fingers: FingersEntry | None = Field(default=None, description="The fingers of its gripper, if they move.")
+    markers: dict[str, MarkerEntry] = Field(default={}, description="ArUco markers on links, by the link's name.")
     limits: LimitsEntry = Field(default=LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
     geometry: Geometry = Field(
         default="collision", description="The geometry of the links that is solid and hides things."
@@ -199,9 +227,7 @@ class ObjectEntry(Entry):
     ] = Field(description="Pose of the centre of that box in the world, or `unknown`.")
     fixed: bool = Field(default=False, description="Whether it never moves.")
     on: Name | None = Field(default=None, description="The object that it stands on.")
-    marker: Annotated[int, Field(strict=True, ge=0, le=1023)] | None = Field(
-        default=None, description="Id of the ArUco marker on it."
-    )
+    marker: MarkerId | None = Field(default=None, description="Id of the ArUco marker on it.")
     parts: list[PartEntry] = Field(default=[], description="Its solid pieces; default: the box.")
 
 

@@ -46,11 +46,11 @@ def ground_formulas(
 
 
 def on_robot(robot: Robot, model: RobotModel, frame: str, X_FB: Array) -> tuple[str, Array]:
-    """The same pose in the link of the robot that carries the tool, if `frame` is a link of the tool.
+    """The same pose in the link of the robot that carries the tool, if `frame` is a link of the tool that is fixed.
 
-    So that whoever reads the output needs the robot's URDF only.
+    So that whoever reads the output needs the robot's URDF only, and that of the tool only for its fingers.
     """
-    if robot.tool is None or frame not in model.tool_links:
+    if robot.tool is None or frame not in model.tool_links or frame in model.fingers.links:
         return frame, X_FB
     X_WL = model.link_poses(model.home[None])
     return robot.tool.link, inverse(X_WL[robot.tool.link][0]) @ X_WL[frame][0] @ X_FB
@@ -116,7 +116,7 @@ class TargetGrounder:
 
     @property
     def _tool_parts(self) -> tuple[str, ...]:
-        return tuple(part.name for part in self.model.parts if part.parent in self.model.tool_links)
+        return tuple(part.name for part in self.model.parts if part.parent in self.model.hand_links)
 
     def _enclosed(self, spec: BoxSpec, thing: str, binding: Mapping[str, str]) -> frozenset[str]:
         if spec.encloses is None:

@@ -44,12 +44,13 @@ class Stage:
         self._primitive = np.array([piece.primitive for piece in self.pieces])
         self._X_WO = X_WO
         self._carried = frozenset(p.held for p in motion.primitives if p.held is not None)
-        probe = np.stack([model.home, model.home + 0.1 * np.arange(1, len(model.arm) + 1)])
+        home = model.with_fingers(model.home)
+        probe = np.stack([home, home + 0.1 * np.arange(1, len(home) + 1)])
         self._still_links = frozenset(name for name, X_WL in model.link_poses(probe).items() if np.array_equal(*X_WL))
 
     def positions(self, samples: Samples) -> Array:
-        """Positions of the arm joints, shape (m, n)."""
-        q = np.empty((len(samples), len(self.model.arm)))
+        """Positions of the motion's joints, shape (m, n)."""
+        q = np.empty((len(samples), len(self.motion.joint_names)))
         for index, rows in self._by_primitive(samples):
             q[rows] = self.motion.positions(index, samples.t[rows])
         return q

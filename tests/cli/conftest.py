@@ -203,6 +203,22 @@ def watch_shown(watch: Path) -> Outcome:
 
 
 @pytest.fixture(scope="session")
+def gripper() -> Path:
+    """A cell with a gripper of two fingers that carry markers."""
+    return ROOT / "tests" / "cases" / "gripper"
+
+
+@pytest.fixture(scope="session")
+def gripped(gripper: Path) -> Outcome:
+    return _call("explain", gripper, "pickup_two_finger", "--all", "--json", "--samples", 9)
+
+
+@pytest.fixture(scope="session")
+def gripper_shown(gripper: Path) -> Outcome:
+    return _call("show", gripper, "--json")
+
+
+@pytest.fixture(scope="session")
 def scenes(
     explained: Outcome,
     shown: Outcome,
@@ -210,12 +226,15 @@ def scenes(
     harsh_shown: Outcome,
     watched: Outcome,
     watch_shown: Outcome,
+    gripped: Outcome,
+    gripper_shown: Outcome,
 ) -> dict[str, tuple[dict[str, Any], list[dict[str, Any]]]]:
     """Per cell the `show` document and the `explain` documents of its feasible candidates."""
     pairs = {
         "tabletop": (shown, explained),
         "harsh": (harsh_shown, harsh_explained),
         "watch": (watch_shown, watched),
+        "gripper": (gripper_shown, gripped),
     }
     return {
         name: (show.document, [c for c in explain.document["candidates"] if c["feasible"]])

@@ -1,6 +1,6 @@
 """Where boxes are and what a camera's limits say about them, by kinematics and optics of our own.
 
-Only the JSON documents and the URDF that they name are read.
+Only the JSON documents and the URDFs that they name are read.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pytest
 
 Document = dict[str, Any]
 
-CELLS = ("tabletop", "harsh", "watch")
+CELLS = ("tabletop", "harsh", "watch", "gripper")
 SIGNS = np.array(list(product((-0.5, 0.5), repeat=3)))
 EXACT = 1e-9
 LIMITS = ("too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small")
@@ -41,12 +41,21 @@ def numbers(element: ElementTree.Element | None, key: str, default: str) -> np.n
 
 
 class Arm:
-    """Forward kinematics of a URDF."""
+    """Forward kinematics of the URDFs of a robot and, for its fingers, of its tool."""
 
     def __init__(self, robot: Document) -> None:
-        self._root = np.array(robot["base"])
-        self._joints = ElementTree.parse(robot["urdf"]).getroot().findall("joint")  # noqa: S314 - our own files
-        self.links = {link.get("name") for link in ElementTree.parse(robot["urdf"]).getroot().findall("link")}  # noqa: S314
+        arm, *tools = [
+            ElementTree.parse(part["urdf"]).getroot()  # noqa: S314 - our own files
+            for part in (robot, robot["tool"])
+            if part is not None
+        ]
+        self._joints = [joint for root in (arm, *tools) for joint in root.findall("joint")]
+        self.links = {link.get("name") for link in arm.findall("link")}
+        self._tool_links = {link.get("name") for tool in tools for link in tool.findall("link")}
+        children = {joint.find("child").get("link") for joint in self._joints}
+        self._roots = {name: ("", np.array(robot["base"])) for name in self.links - children}
+        for name in self._tool_links - children:
+            self._roots[name] = (robot["tool"]["link"], np.array(robot["tool"]["pose"]))
         self.movable = {j.get("name") for j in self._joints if j.get("type") in ("revolute", "continuous", "prismatic")}
         self.mimics = {
             j.get("name"): (m.get("joint"), float(m.get("multiplier", 1)), float(m.get("offset", 0)))
@@ -62,12 +71,14 @@ class Arm:
         def place(link: str) -> np.ndarray:
             if link not in poses:
                 joint = children.get(link)
-                poses[link] = (
-                    self._root if joint is None else place(joint.find("parent").get("link")) @ self._step(joint, q)
-                )
+                if joint is not None:
+                    poses[link] = place(joint.find("parent").get("link")) @ self._step(joint, q)
+                else:
+                    carrier, X = self._roots[link]
+                    poses[link] = place(carrier) @ X if carrier else X
             return poses[link]
 
-        for link in self.links:
+        for link in self.links | self._tool_links:
             place(link)
         return poses
 

@@ -22,15 +22,33 @@ from sqrp_cli.programming.arm.joint_tree import JointTree
 
 
 @dataclass(frozen=True, eq=False)
-class RobotModel:
-    """A robot with its tool, placed in the world, that moves with the joints of its arm.
+class FingerModel:
+    """The fingers of a gripper; without any, f is 0.
 
-    The arm's joints are the movable ones from the robot's root to the tool frame, n of them. Joints off that way rest
-    at their home position, else at 0 or at the limit nearest to it; joints that mimic another one follow it.
+    joints: names of those that drive them, f of them. open, closed: their positions [rad or m], (f,). velocity,
+    acceleration, jerk: their limits [rad or m, and s], (f,). links: all that these joints move.
+    """
+
+    joints: tuple[str, ...]
+    open: Array
+    closed: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+    links: frozenset[str]
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
+
+    The arm's joints are the movable ones from the robot's root to the tool frame, n of them. Joints that are neither
+    theirs nor the fingers' rest at 0 or at the limit nearest to it; joints that mimic another one follow it.
 
     arm: names of the arm's joints, from the root outwards. turns: which of them turn, (n,); the others slide.
     lower, upper, velocity, acceleration, jerk: their limits [rad or m, and s], (n,).
     home: their positions at the start of a program, (n,).
+    fingers: those of its gripper.
     links: every link of robot and tool. tool_links: those of the tool. tool_frame: the link that grasps.
     parts: the solid parts of robot and tool.
     adjacent_pairs: pairs of links with parts, each in alphabetical order, that are rigidly connected or meet at a
@@ -45,6 +63,7 @@ class RobotModel:
     acceleration: Array
     jerk: Array
     home: Array
+    fingers: FingerModel
     links: tuple[str, ...]
     tool_links: frozenset[str]
     tool_frame: str
@@ -75,10 +94,13 @@ class RobotModel:
         if not arm:
             message = f"no joint moves the tool frame `{robot.tool_frame}`"
             raise InputError(Problem("no-arm", message, Place(robot.urdf)))
-        couplings = Couplings.of(tree.joints, arm, robot.home)
+        fingers = _fingers(robot, tree)
+        index_of = {joint.name: index for index, joint in enumerate(tree.joints)}
+        rest = {**robot.home, **dict(zip(fingers.joints, fingers.open.tolist(), strict=True))}
+        couplings = Couplings.of(tree.joints, [*arm, *(index_of[name] for name in fingers.joints)], rest)
         limits = [_limits(robot, tree.joints[index]) for index in arm]
         parts = tuple(part for model in (urdf, tool) if model for part in _parts(model, robot))
-        chain_tree, chain_couplings = tree.along(chain), couplings.along(chain)
+        chain_tree, chain_couplings = tree.along(chain), Couplings.of(tree.joints, arm, rest).along(chain)
         return RobotModel(
             arm=tuple(tree.joints[index].name for index in arm),
             turns=tree.turns[arm],
@@ -88,6 +110,7 @@ class RobotModel:
             acceleration=read_only([limit.acceleration for limit in limits]),
             jerk=read_only([limit.jerk for limit in limits]),
             home=read_only([_rest(tree.joints[index], robot.home) for index in arm]),
+            fingers=fingers,
             links=tuple(tree.mounts),
             tool_links=frozenset(tool.links if tool else ()),
             tool_frame=robot.tool_frame,
@@ -100,9 +123,32 @@ class RobotModel:
             _pinocchio=PinocchioChain(chain_tree, chain_couplings, tree.mounts[robot.tool_frame].X_JL),
         )
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that are driven: those of the arm, then those of the fingers; n + f of them."""
+        return (*self.arm, *self.fingers.joints)
+
+    @property
+    def hand_links(self) -> frozenset[str]:
+        """The links that may touch what they grasp: those of the tool, and the fingers of a robot that has its own."""
+        return self.tool_links | self.fingers.links
+
+    def with_fingers(self, q: Array, fingers: Array | None = None) -> Array:
+        """Positions of all driven joints, shape (..., n + f), from those of the arm, (..., n), unless q has all.
+
+        fingers: their positions, shape (f,); open by default.
+        """
+        if q.shape[-1] == len(self.joints):
+            return q
+        added = self.fingers.open if fingers is None else fingers
+        return np.concatenate([q, np.broadcast_to(added, (*q.shape[:-1], len(added)))], axis=-1)
+
     def link_poses(self, q: Array) -> Mapping[str, Array]:
-        """World pose X_WL of every link, shape (m, 4, 4) each, at arm positions of shape (m, n)."""
-        X_WJ = self._tree.poses(self._couplings.positions(q))
+        """World pose X_WL of every link, shape (m, 4, 4) each, at m positions of the driven joints, shape (m, n + f).
+
+        With those of the arm alone, shape (m, n), the fingers are open.
+        """
+        X_WJ = self._tree.poses(self._couplings.positions(self.with_fingers(q)))
         mounts = self._tree.mounts.values()
         moved = [mount for mount in mounts if mount.joint >= 0]
         X_WL = X_WJ[:, [mount.joint for mount in moved]] @ np.stack([mount.X_JL for mount in moved])
@@ -142,28 +188,28 @@ class RobotModel:
         return origins
 
     def joint_values(self, q: Array) -> dict[str, float]:
-        """Position [rad or m] of every movable joint of robot and tool, at arm positions of shape (n,)."""
-        positions = self._couplings.positions(q).tolist()
+        """Position [rad or m] of every movable joint of robot and tool, at positions as `link_poses` takes them."""
+        positions = self._couplings.positions(self.with_fingers(q)).tolist()
         return {joint.name: value for joint, value in zip(self._tree.joints, positions, strict=True)}
 
 
 @dataclass(frozen=True, eq=False)
 class Couplings:
-    """How N joints follow the n joints of the arm: q @ ratios.T + offsets; shapes (N, n) and (N,)."""
+    """How N joints follow the n that are driven: q @ ratios.T + offsets; shapes (N, n) and (N,)."""
 
     ratios: Array
     offsets: Array
 
     @staticmethod
-    def of(joints: Sequence[UrdfJoint], arm: Sequence[int], home: Mapping[str, float]) -> Couplings:
-        """Couplings of all joints of a robot to those of its arm, given by index."""
-        ratios = np.zeros((len(joints), len(arm)))
+    def of(joints: Sequence[UrdfJoint], driven: Sequence[int], rest: Mapping[str, float]) -> Couplings:
+        """Couplings of all joints of a robot to those that are driven, given by index; the others are at rest."""
+        ratios = np.zeros((len(joints), len(driven)))
         offsets = np.zeros(len(joints))
-        ratios[arm, range(len(arm))] = 1.0
+        ratios[driven, range(len(driven))] = 1.0
         rows = {joint.name: row for row, joint in enumerate(joints)}
         for row, joint in enumerate(joints):
-            if joint.mimic is None and row not in arm:
-                offsets[row] = _rest(joint, home)
+            if joint.mimic is None and row not in driven:
+                offsets[row] = _rest(joint, rest)
         for row, joint in enumerate(joints):
             if joint.mimic is not None:
                 leader = rows[joint.mimic.joint]
@@ -176,7 +222,7 @@ class Couplings:
         return Couplings(self.ratios[list(chain)], self.offsets[list(chain)])
 
     def positions(self, q: Array) -> Array:
-        """Positions of the joints, shape (..., N), at arm positions of shape (..., n)."""
+        """Positions of the joints, shape (..., N), at positions of those that are driven, shape (..., n)."""
         positions: Array = q @ self.ratios.T + self.offsets
         return positions
 
@@ -232,6 +278,26 @@ def _parts(urdf: UrdfModel, robot: Robot) -> tuple[Part, ...]:
         return resolve(reference, file.parent, robot.package_roots, Place(file))
 
     return link_parts(urdf, robot.geometry, find)
+
+
+def _fingers(robot: Robot, tree: JointTree) -> FingerModel:
+    index_of = {joint.name: index for index, joint in enumerate(tree.joints)}
+    names = tuple(robot.fingers.open) if robot.fingers else ()
+    driving = {index_of[name] for name in names}
+    for index, joint in enumerate(tree.joints):
+        if joint.mimic is not None and index_of[joint.mimic.joint] in driving:
+            driving.add(index)
+    limits = [_limits(robot, tree.joints[index_of[name]]) for name in names]
+    opened, closed = (robot.fingers.open, robot.fingers.closed) if robot.fingers else ({}, {})
+    return FingerModel(
+        joints=names,
+        open=read_only([opened[name] for name in names]),
+        closed=read_only([closed[name] for name in names]),
+        velocity=read_only([limit.velocity for limit in limits]),
+        acceleration=read_only([limit.acceleration for limit in limits]),
+        jerk=read_only([limit.jerk for limit in limits]),
+        links=frozenset(link for link in tree.mounts if driving.intersection(tree.chain(link))),
+    )
 
 
 def _limits(robot: Robot, joint: UrdfJoint) -> JointLimits:

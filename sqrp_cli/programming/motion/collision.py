@@ -126,6 +126,30 @@ def _may_touch(a: Body, X_WA: Array, b: Body, X_WB: Array) -> bool:
     return bool(apart < a.radius + b.radius + CLEARANCE)
 
 
+def finger_positions(model: RobotModel, world: World) -> Array:
+    """Positions of the joints that drive the fingers in a world, shape (f,)."""
+    fingers = model.fingers
+    return np.array([world.joints[name] for name in fingers.joints])
+
+
+def finger_steps(model: RobotModel, start: Array, end: Array, step: float) -> int:
+    """In how many equal steps the fingers go from start to end, (f,) each, without any point moving by over `step` [m].
+
+    At least 1. Measured at the boxes around the solids, along 33 positions.
+    """
+    share = np.linspace(0.0, 1.0, 33)[:, None]
+    poses = model.link_poses(
+        np.concatenate([np.broadcast_to(model.home, (33, len(model.home))), start + share * (end - start)], axis=1)
+    )
+    corners = [
+        transform(poses[part.parent], load_solid(part).corners)
+        for part in model.parts
+        if part.parent in model.fingers.links
+    ]
+    longest = max((float(np.linalg.norm(np.diff(c, axis=0), axis=-1).max()) for c in corners), default=0.0)
+    return max(1, int(np.ceil(32 * longest / step)))
+
+
 @dataclass(frozen=True, eq=False)
 class _Stretches:
     """Stretches of a path as their middles, with the pairs of bodies that are still open over each.
@@ -165,7 +189,7 @@ class PlacedScene:
         """As `CollisionScene.placed` says."""
         model, depth_of = scene.model, scene.bound.depth
         self._bound = scene.bound
-        self._link_poses = model.link_poses
+        self._model, self._fingers = model, finger_positions(model, world)
         bodies = list(scene.bodies)
         links: list[str | None] = [body.name for body in bodies]
         X_CP = [np.eye(4)] * len(bodies)
@@ -183,7 +207,7 @@ class PlacedScene:
             partners = [
                 (i, scene.clearance.get(body.name, CLEARANCE))
                 for i, body in enumerate(bodies)
-                if body.name not in model.tool_links
+                if body.name not in model.hand_links
             ]
             for body in scene.object_bodies[world.held]:
                 pairs += [(i, len(bodies), clearance) for i, clearance in partners]
@@ -230,6 +254,18 @@ class PlacedScene:
         touching = next(self._near(self._all_open(samples, still, q, np.zeros_like(q))), None)
         return touching is None and self.check_path(path, spare) is None
 
+    def check_fingers(self, q: Array, fingers: Array) -> Contact | None:
+        """The first contact while the fingers move evenly to positions (f,) and the arm stands at q, shape (n,).
+
+        The fingers are tried so often that they move by at most `RESOLUTION` in between.
+        """
+        share = np.linspace(0.0, 1.0, 1 + finger_steps(self._model, self._fingers, fingers, RESOLUTION))
+        positions = self._fingers + share[:, None] * (fingers - self._fingers)
+        still = np.zeros(len(share))
+        q_all = np.concatenate([np.broadcast_to(q, (len(share), len(q))), positions], axis=1)
+        near = self._near(self._all_open(share, still, q_all, np.zeros((len(share), len(q)))))
+        return next((found.contact for found in near), None)
+
     def check_motion(self, trajectory: Trajectory) -> Contact | None:
         """The first contact along a motion; None proves that there is none at any time. See `check_path`."""
         return self.check_path(trajectory.path)
@@ -274,7 +310,7 @@ class PlacedScene:
 
     def _near(self, stretches: _Stretches, resolution: float = RESOLUTION) -> Iterator[_Near]:
         """The combinations that are not proven apart over their stretch, in order."""
-        carriers = self._link_poses(stretches.q)
+        carriers = self._model.link_poses(self._model.with_fingers(stretches.q, self._fingers))
         stretch, pairs = stretches.stretch, stretches.pairs
         inner, outer = self._inner[pairs], self._outer[pairs]
         X_WC = np.empty((len(self._bodies), len(stretches.s), 4, 4))

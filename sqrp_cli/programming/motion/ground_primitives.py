@@ -23,8 +23,10 @@ from sqrp_cli.knowledge.skill import (
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, pair
+from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, finger_positions, pair
+from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
 from sqrp_cli.programming.motion.waypoints import ground_waypoint, needed_objects, setting_number
+from sqrp_cli.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +37,8 @@ class GroundPrimitive:
     home: a joint move to the home configuration; otherwise any joint positions that bring the tool to `X_end` will do.
     speed, acceleration, jerk: of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0.
     hold: how long it stands still [s]; 0 for moves. world: where objects are, and what is held, while it lasts.
-    allowed: pairs of names whose contacts belong to the skill.
+    fingers: how they move meanwhile, None if they stand still. allowed: pairs of names whose contacts belong to the
+    skill.
     """
 
     name: str
@@ -49,12 +52,13 @@ class GroundPrimitive:
     jerk: float
     hold: float
     world: World
+    fingers: Trajectory | None
     allowed: Pairs
 
 
 @dataclass(frozen=True, eq=False)
 class GroundSkill:
-    """The primitives of a skill in one binding, and the world after the last one (its facts and joints as before)."""
+    """The primitives of a skill in one binding, and the world after the last one (facts and arm joints as before)."""
 
     primitives: tuple[GroundPrimitive, ...]
     final: World
@@ -83,11 +87,12 @@ def ground_primitives(
             if unknown:
                 return Infeasible((f"it is not known where `{unknown[0]}` is",))
             X_WT = ground_waypoint(skill.waypoints[to], skill.waypoints, binding, values, objects, world.X_WO)
-        changed = _after(primitive, binding, X_WT, world)
+        changed = _after(primitive, binding, X_WT, world, scene)
         if isinstance(changed, Infeasible):
             return changed
         world = changed
-        grounded.append(_ground(primitive, to, X_start, X_WT, values, during))
+        ground = _ground(primitive, to, X_start, X_WT, values, during)
+        grounded.append(_with_fingers(ground, model, finger_positions(model, during), finger_positions(model, world)))
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
 
 
@@ -116,12 +121,27 @@ def _ground(
             hold = setting_number(primitive.duration, values)
     home = isinstance(primitive, JointMove) and to == HOME
     return GroundPrimitive(
-        primitive.name, type(primitive), to, X_start, X_end, home, speed, acceleration, jerk, hold, world, frozenset()
-    )
+        primitive.name, type(primitive), to, X_start, X_end, home, speed, acceleration, jerk, hold, world, None,
+        frozenset(),
+    )  # fmt: skip
 
 
-def _after(primitive: PrimitiveAction, binding: Mapping[str, str], X_WT: Array, world: World) -> World | Infeasible:
-    """The world after a primitive that ends with the tool at X_WT: grasp attaches, release detaches."""
+def _with_fingers(primitive: GroundPrimitive, model: RobotModel, start: Array, end: Array) -> GroundPrimitive:
+    """The primitive with its fingers moving from start to end, (f,), for as long as it stands still, or longer."""
+    if np.array_equal(start, end):
+        return primitive
+    fingers = move_fingers(model.fingers, start, end, primitive.hold)
+    return replace(primitive, fingers=fingers, hold=fingers.duration)
+
+
+def _after(
+    primitive: PrimitiveAction, binding: Mapping[str, str], X_WT: Array, world: World, scene: CollisionScene
+) -> World | Infeasible:
+    """The world after a primitive that ends with the tool at X_WT.
+
+    Grasp closes the fingers on the object and attaches it, release opens them and detaches it.
+    """
+    fingers = scene.model.fingers
     match primitive:
         case Grasp(name=name, object=parameter):
             grasped = binding[parameter]
@@ -129,11 +149,18 @@ def _after(primitive: PrimitiveAction, binding: Mapping[str, str], X_WT: Array, 
                 return Infeasible((f"the tool still holds `{world.held}`, so `{name}` cannot grasp `{grasped}`",))
             if grasped not in world.X_WO:
                 return Infeasible((f"it is not known where `{grasped}` is",))
-            return replace(world, held=grasped, X_TO=inverse(X_WT) @ world.X_WO[grasped])
+            X_TO = inverse(X_WT) @ world.X_WO[grasped]
+            closed = closed_on(scene, grasped, X_TO, finger_positions(scene.model, world))
+            if isinstance(closed, str):
+                return Infeasible((f"{name}: {closed}",))
+            joints = {**world.joints, **dict(zip(fingers.joints, closed.tolist(), strict=True))}
+            return replace(world, held=grasped, X_TO=X_TO, joints=joints)
         case Release(name=name):
             if world.held is None or world.X_TO is None:
                 return Infeasible((f"the tool holds nothing that `{name}` could release",))
-            return replace(world, X_WO={**world.X_WO, world.held: X_WT @ world.X_TO}, held=None, X_TO=None)
+            joints = {**world.joints, **dict(zip(fingers.joints, fingers.open.tolist(), strict=True))}
+            X_WO = {**world.X_WO, world.held: X_WT @ world.X_TO}
+            return replace(world, X_WO=X_WO, held=None, X_TO=None, joints=joints)
     return world
 
 
@@ -142,7 +169,8 @@ def _with_allowed_contacts(
 ) -> tuple[GroundPrimitive, ...]:
     """The primitives with the contacts that grasps and releases allow, up to the nearest joint moves around them.
 
-    The tool may touch what it takes or leaves; that may touch what carries it.
+    What is taken or left may touch what carries it, and a tool without fingers. Fingers may touch it only while they
+    close on it, hold it (see `CollisionScene.placed`) and open; when open they keep their clearance from it.
     """
     worlds = [*(primitive.world for primitive in primitives), final]
     allowed: list[set[tuple[str, str]]] = [set() for _ in primitives]
@@ -156,9 +184,10 @@ def _with_allowed_contacts(
         if name is None:
             continue
         carriers = scene.supports(name, resting.X_WO[name], resting)
-        contacts = {pair(name, other) for other in (*carriers, *scene.model.tool_links)}
+        contacts = {pair(name, other) for other in carriers}
+        at_tool = {pair(name, link) for link in scene.model.hand_links}
         for k in _without_joint_moves(primitives, i):
-            allowed[k] |= contacts
+            allowed[k] |= contacts | (at_tool if k == i or not scene.model.fingers.joints else set())
     return tuple(replace(p, allowed=frozenset(contacts)) for p, contacts in zip(primitives, allowed, strict=True))
 
 

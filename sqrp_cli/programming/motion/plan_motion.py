@@ -15,9 +15,10 @@ from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.branch_search import Question, Station, sequence_with_fewest_ways
-from sqrp_cli.programming.motion.collision import CollisionScene, Contact
+from sqrp_cli.programming.motion.collision import CollisionScene, Contact, finger_positions
+from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, ground_primitives, start_configuration
-from sqrp_cli.programming.motion.sections import Branch, BranchFinder, Failures, cut_into_sections, near_limits
+from sqrp_cli.programming.motion.sections import Branch, BranchFinder, Failures, cut_into_sections, end_of, near_limits
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.programming.motion.way_around import find_way
 from sqrp_cli.trajectory import Trajectory
@@ -36,7 +37,7 @@ MOST_TRIES = 1500
 class TimedPrimitive:
     """A primitive action with its place in time.
 
-    start, end: [s] from the start of the motion. trajectory: of the arm joints, from 0 to end - start.
+    start, end: [s] from the start of the motion. trajectory: of the driven joints, from 0 to end - start.
     held: the object in the tool all through it (grasp attaches and release detaches at `end`), with its pose in the
     tool frame `X_TO`, shape (4, 4); None if there is none. X_WO: where the objects that are not held rest.
     around: the link or object that it goes around, None if it is direct.
@@ -54,9 +55,10 @@ class TimedPrimitive:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How the arm moves through a skill.
+    """How arm and fingers move through a skill.
 
-    joint_names: the arm joints, in the order of all joint positions. primitives: without gaps, in order.
+    joint_names: the driven joints, in the order of all joint positions: those of the arm, then those of the fingers.
+    primitives: without gaps, in order.
     final: the world afterwards, with the facts of before; X_WO of a held object is its pose then.
     """
 
@@ -139,7 +141,8 @@ class _Planner:
 
         @cache
         def tied_is_free(i: int, branch: Branch) -> bool:
-            return all(self._contact(sections[i].first + k, t) is None for k, t in enumerate(branch.trajectories))
+            tied = [(sections[i].first + k, t) for k, t in enumerate(branch.trajectories)]
+            return all(self._contact(k, t) is None and self._fingers_are_free(k, t) for k, t in tied)
 
         moves: dict[Question, _Move] = {}
         blocked: dict[Question, Contact] = {}
@@ -184,6 +187,16 @@ class _Planner:
             self._failures.note(index, f"{contact} at {100 * share:.0f} % of {self._skill.primitives[index].name}")
         return contact
 
+    def _fingers_are_free(self, index: int, trajectory: Trajectory) -> bool:
+        """Whether the fingers touch nothing as they move during a primitive; notes what they do."""
+        primitive = self._skill.primitives[index]
+        if primitive.fingers is None:
+            return True
+        contact = self._scenes[index].check_fingers(end_of(trajectory), end_of(primitive.fingers))
+        if contact is not None:
+            self._failures.note(index, f"{contact} as the fingers move in {primitive.name}")
+        return contact is None
+
     def _way_around(self, index: int, q0: Array, q1: Array) -> Trajectory | None:
         """A joint move from q0 to q1 whose direct one is blocked."""
         tries = min(TRIES_PER_WAY, self._tries_left)
@@ -215,21 +228,21 @@ class _Planner:
         primitives, start = [], 0.0
         for primitive, move in zip(self._skill.primitives, done, strict=True):
             world, end = primitive.world, start + move.trajectory.duration
+            fingers = primitive.fingers
+            moving = with_fingers(self._model, move.trajectory, fingers, finger_positions(self._model, world))
             resting = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
             primitives.append(
-                TimedPrimitive(
-                    primitive.name, start, end, move.trajectory, world.held, world.X_TO, resting, move.around
-                )
+                TimedPrimitive(primitive.name, start, end, moving, world.held, world.X_TO, resting, move.around)
             )
             start = end
-        return Motion(self._model.arm, tuple(primitives), self._final(q))
+        return Motion(self._model.joints, tuple(primitives), self._final(q))
 
     def _final(self, q: Array) -> World:
         world = self._skill.final
         X_WO = dict(world.X_WO)
         if world.held is not None and world.X_TO is not None:
             X_WO[world.held] = self._model.tool_pose(q) @ world.X_TO
-        return replace(world, X_WO=X_WO, joints=dict(zip(self._model.arm, q.tolist(), strict=True)))
+        return replace(world, X_WO=X_WO, joints={**world.joints, **dict(zip(self._model.arm, q.tolist(), strict=True))})
 
 
 def _station(ways: Sequence[tuple[Branch, Array]]) -> Station:

@@ -52,7 +52,7 @@ class Branch:
     @cached_property
     def q_end(self) -> Array:
         """Where the last of its trajectories ends, shape (n,)."""
-        return _end(self.trajectories[-1]) if self.trajectories else self.q
+        return end_of(self.trajectories[-1]) if self.trajectories else self.q
 
     @cached_property
     def duration(self) -> float:
@@ -159,7 +159,7 @@ class BranchFinder:
                         self._failures.note(section.first + k, f"{primitive.name}: {reason}")
                     return None
                 trajectories.append(_straight_move(path, line, primitive, self._limits))
-                q = _end(trajectories[-1])
+                q = end_of(trajectories[-1])
             else:
                 trajectories.append(Trajectory.standstill(q, primitive.hold))
         return tuple(trajectories)
@@ -208,6 +208,7 @@ def _straight_move(path: Path, line: ToolLine, primitive: GroundPrimitive, limit
     return Trajectory.standstill(path.positions([0.0])[0], 0.0)
 
 
-def _end(trajectory: Trajectory) -> Array:
+def end_of(trajectory: Trajectory) -> Array:
+    """Joint positions at the end of a trajectory, shape (n,)."""
     q: Array = trajectory.path.positions([1.0])[0]
     return q

@@ -43,7 +43,7 @@ def ground_waypoint(
     waypoints: those that it may refer to. binding: the object that each skill parameter stands for. values: of the
     motion parameters. X_WO: pose of every object that a waypoint may name.
 
-    - grasp: X_WO @ `side_pose`, turned by yaw about the tool's z axis;
+    - grasp: X_WO @ `side_pose`, turned by yaw about the tool's z axis and moved by depth along it;
     - retreat: the other pose, moved by -distance along its own z axis;
     - raise: the other pose, moved by distance along the world's z axis.
     """
@@ -52,10 +52,11 @@ def ground_waypoint(
         return ground_waypoint(waypoints[name], waypoints, binding, values, objects, X_WO)
 
     match waypoint:
-        case GraspWaypoint(object=parameter, side=side, yaw=yaw):
+        case GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
             name = binding[parameter]
             X_OS = side_pose(objects[name].size, str(setting_value(side, values)))
-            return X_WO[name] @ X_OS @ pose(axis_rotation(2, setting_number(yaw, values)))
+            X_ST = pose(axis_rotation(2, setting_number(yaw, values)), (0.0, 0.0, setting_number(depth, values)))
+            return X_WO[name] @ X_OS @ X_ST
         case RetreatWaypoint(waypoint=other, distance=distance):
             return ground(other) @ pose(position=(0.0, 0.0, -setting_number(distance, values)))
         case RaiseWaypoint(waypoint=other, distance=distance):

@@ -1,0 +1,87 @@
+"""Fingers: how far they close on an object, and how they move."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.programming.arm.kinematics import FingerModel, RobotModel
+from sqrp_cli.programming.motion.collision import CollisionScene, finger_steps
+from sqrp_cli.programming.motion.collision_body import distance_within, placement_at
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
+from sqrp_cli.trajectory import Trajectory
+
+CLOSING_STEP = 0.25e-3
+"""Motion of the fingers [m] after which it is looked whether they touch the object."""
+
+TOUCH = 1e-6
+"""Motion of the fingers [m] to which the place where they touch is found."""
+
+
+def closed_on(scene: CollisionScene, name: str, X_TO: Array, start: Array) -> Array | str:
+    """Where the fingers first touch an object as they close from `start`, all in step, shape (f,); or why they do not.
+
+    X_TO: pose of the object in the tool frame, shape (4, 4). Without fingers, f is 0.
+    """
+    model = scene.model
+    closed = model.fingers.closed
+    if not model.fingers.joints:
+        return start
+
+    def touches(share: float) -> bool:
+        return _touching(scene, name, X_TO, start + share * (closed - start))
+
+    if touches(0.0):
+        return f"`{name}` does not fit between the open fingers"
+    steps = finger_steps(model, start, closed, CLOSING_STEP)
+    first = next((k for k in range(1, steps + 1) if touches(k / steps)), None)
+    if first is None:
+        return f"the fingers close without touching `{name}`"
+    apart, touching = (first - 1) / steps, first / steps
+    for _ in range(int(np.ceil(np.log2(CLOSING_STEP / TOUCH)))):
+        middle = 0.5 * (apart + touching)
+        apart, touching = (apart, middle) if touches(middle) else (middle, touching)
+    found: Array = start + apart * (closed - start)
+    return found
+
+
+def _touching(scene: CollisionScene, name: str, X_TO: Array, fingers: Array) -> bool:
+    model = scene.model
+    poses = model.link_poses(model.with_fingers(model.home, fingers)[None])
+    X_TW = inverse(poses[model.tool_frame][0])
+    return any(
+        distance_within(
+            body.geometry,
+            placement_at(X_TW @ poses[body.name][0] @ body.X_PG),
+            other.geometry,
+            placement_at(X_TO @ other.X_PG),
+            0.0,
+        )
+        is not None
+        for body in scene.bodies
+        if body.name in model.fingers.links
+        for other in scene.object_bodies[name]
+    )
+
+
+def move_fingers(fingers: FingerModel, start: Array, end: Array, duration: float) -> Trajectory:
+    """The fingers moving from start to end, (f,) each, in `duration` [s], or longer where their limits ask for it."""
+    fastest = joint_move(start, end, MotionLimits(fingers.velocity, fingers.acceleration, fingers.jerk))
+    if fastest.duration <= 0.0:
+        return Trajectory.standstill(end, duration)
+    return Trajectory(fastest.path, fastest.law.stretched(max(1.0, duration / fastest.duration)))
+
+
+def with_fingers(model: RobotModel, arm: Trajectory, fingers: Trajectory | None, resting: Array) -> Trajectory:
+    """The trajectory of all driven joints: of the arm while the fingers rest, or of the fingers while the arm stands.
+
+    arm: of n joints. fingers: of f joints; None if they stay at `resting`, shape (f,).
+    """
+    if not model.fingers.joints:
+        return arm
+    still, moving = (arm, resting) if fingers is None else (fingers, arm.positions([0.0])[0])
+    coefficients = still.path.coefficients
+    constant = np.zeros((*coefficients.shape[:2], len(moving)))
+    constant[:, 0] = moving
+    both = (coefficients, constant) if fingers is None else (constant, coefficients)
+    return Trajectory(type(still.path)(still.path.breaks, np.concatenate(both, axis=2)), still.law)
