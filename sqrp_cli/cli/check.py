@@ -105,6 +105,6 @@ def _print(
     print_table(
         [Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows
     )
-    around = [f"{feasibility.candidate.name}: {way}" for feasibility in found for way in feasibility.ways_around]
+    around = [f"{one.candidate.name}: {', '.join(one.ways_around)}" for one in found if one.ways_around]
     if around:
         say("\n" + "\n".join(around))

@@ -122,7 +122,8 @@ def verdict(cell: Cell, study: Study) -> str:
 
     Stretches within the events of interest come first. Moves that go around something are named at the end.
     """
-    return " ".join([_on_coverage(cell, study), *(f"{way}." for way in study.motion.ways_around)])
+    ways = ", ".join(study.motion.ways_around)
+    return _on_coverage(cell, study) + (f" On the way {ways}." if ways else "")
 
 
 def _on_coverage(cell: Cell, study: Study) -> str:

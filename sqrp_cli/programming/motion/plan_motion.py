@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.skill import MotionValue, Skill
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.branch_search import Question, Station, sequence_with_fewest_ways
+from sqrp_cli.programming.motion.branch_search import Question, Station, fastest_sequence
 from sqrp_cli.programming.motion.collision import CollisionScene, Contact, finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, ground_primitives, start_configuration
@@ -95,9 +95,9 @@ def plan_motion(
 
     binding: the object that each skill parameter stands for. values: of every motion parameter. world: before it.
     seed: of what is drawn at random: ways around, and redundant joints. Every move keeps its clearance at all times.
-    Joint moves are straight in joint space; only where no combination of branches has direct joint moves alone does
-    one with as few ways around as possible count. Infeasible names, most useful first, what is out of reach, which
-    joint is at its limit, or what hits what and where.
+    Joint moves are straight in joint space; only where no combination of branches has direct joint moves alone are
+    ways around looked for, most promising combination first. Infeasible names, most useful first, what is out of
+    reach, which joint is at its limit, or what hits what and where.
     """
     grounded = ground_primitives(skill, binding, values, objects, world, model, scene)
     if isinstance(grounded, Infeasible):
@@ -150,6 +150,7 @@ class _Planner:
         def ends(i: int, previous: int, chosen: int) -> tuple[Array, Array]:
             return stations[i - 1].q_end[previous], stations[i].q_start[chosen]
 
+        @cache
         def direct_works(i: int, previous: int, chosen: int) -> bool:
             if not tied_is_free(i, options[i][chosen][0]):
                 return False
@@ -173,7 +174,9 @@ class _Planner:
                 moves[i, previous, chosen] = _Move(way, contact.second)
             return way is not None
 
-        chosen = sequence_with_fewest_ways(stations, durations, direct_works, way_works)
+        chosen = fastest_sequence(stations, durations, direct_works)
+        if chosen is None:
+            chosen = fastest_sequence(stations, durations, direct_works, way_works)
         if chosen is None:
             return self._infeasible()
         branches = [ways[k] for ways, k in zip(options, chosen, strict=True)]

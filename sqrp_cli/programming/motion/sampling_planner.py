@@ -48,6 +48,8 @@ def plan_polyline(
     class Validator(base.MotionValidator):  # type: ignore[misc]
         def checkMotion(self, first: base.State, second: base.State) -> bool:
             nonlocal asked
+            if asked >= tries:
+                return False
             asked += 1
             return is_free(joints(first), joints(second))
 
