@@ -74,7 +74,6 @@ def candidate_document(ranked: Ranked) -> Document:
         },
         "states": assessment.states,
         "pareto": ranked.pareto,
-        "ways_around": list(assessment.ways_around),
         "verdict": assessment.verdict,
     }
 
@@ -139,7 +138,6 @@ def check_document(
             {
                 "parameters": feasibility.candidate.parameters,
                 "feasible": feasibility.feasible,
-                "ways_around": list(feasibility.ways_around),
                 "reasons": list(feasibility.reasons),
                 "plan": _plan(feasibility.suggestion),
                 "planning": feasibility.suggestion.outcome,
