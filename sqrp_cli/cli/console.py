@@ -97,6 +97,17 @@ def note(text: str) -> None:
     diagnostics().print(text, style="dim", markup=False, soft_wrap=True)
 
 
+def ask(question: str) -> str:
+    """What the user answers, without blanks around it; raises EOFError if there is no more input.
+
+    An answer that no terminal shows, as from a pipe, is repeated.
+    """
+    answer = input(question).strip()
+    if not sys.stdin.isatty():
+        say_raw(answer)
+    return answer
+
+
 def print_problems(problems: Iterable[Problem]) -> None:
     """Problems on stderr: place, what was found and expected, the line with a caret, and what mends it."""
     console = diagnostics()
@@ -136,8 +147,11 @@ class Step(Protocol):
 
 
 @contextmanager
-def progress(title: str, total: int) -> Iterator[Step]:
-    """Progress on stderr with done/total and time left; it vanishes when done, and log files get none."""
+def progress(title: str, total: int | None) -> Iterator[Step]:
+    """Progress on stderr with done/total and time left; it vanishes when done, and log files get none.
+
+    total: None where it is not known beforehand.
+    """
     console = diagnostics()
     columns = [
         TextColumn("{task.description}"),
