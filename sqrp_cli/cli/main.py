@@ -53,7 +53,7 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run a command; returns its exit code. Every error ends up here."""
     try:
-        result = app(arguments, prog_name="sqrp", standalone_mode=False)
+        result = app(arguments, prog_name="sqrp", standalone_mode=False, obj=arguments)
         return int(result or ExitCode.OK)
     except typer.Exit as leaving:
         return leaving.exit_code
