@@ -32,6 +32,9 @@ bench: all
 pictures: all
 	$(BIN)/python -m tests.pictures
 
+damage: all
+	$(BIN)/python -m tests.damage
+
 format: all
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .

@@ -11,14 +11,46 @@ _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]{2,}")
 _KEY = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(?=\s*[:=])")
 
-_NUMBERS = ("-1", "0", "1e308", "-1e308", "1e999", ".nan", "inf", "1e-300", "99999999999999999999", "1,5", "0x10", "abc", "")
-_VALUES = ("null", "true", "[]", "{}", "[1, 2]", "{a: 1}", "''", "*x", "&x 1", "!!python/object:os.system x", "|", "~", "30 lbs")
+_NUMBERS = (
+    "-1",
+    "0",
+    "1e308",
+    "-1e308",
+    "1e999",
+    ".nan",
+    "inf",
+    "1e-300",
+    "99999999999999999999",
+    "1,5",
+    "0x10",
+    "abc",
+    "",
+)
+_VALUES = (
+    "null",
+    "true",
+    "[]",
+    "{}",
+    "[1, 2]",
+    "{a: 1}",
+    "''",
+    "*x",
+    "&x 1",
+    "!!python/object:os.system x",
+    "|",
+    "~",
+    "30 lbs",
+)
 _CHARACTERS = "{}[]()<>:,'\"-&*#\t\n$é0%@`\0\x07\ufeff"
 
 
 @dataclass(frozen=True)
 class Damage:
-    """What was done to a file: its content afterwards, and the lines concerned, from 1, as they were and as they are."""
+    """What was done to a file.
+
+    content: afterwards. lines: those concerned, from 1, and the line of the key or element that they belong to.
+    words: on these lines, as they were and as they are.
+    """
 
     what: str
     content: bytes
@@ -39,13 +71,25 @@ def damage(content: bytes, random: Random) -> Damage:
 def _concerned(before: bytes, after: bytes) -> tuple[range, frozenset[str]]:
     """The lines of the damaged file that differ, with one around them, and the words on them before and after."""
     old, new = (text.decode("utf-8", errors="replace").split("\n") for text in (before, after))
-    start = next((k for k, pair in enumerate(zip(old, new, strict=False)) if pair[0] != pair[1]), min(len(old), len(new)))
+    start = next(
+        (k for k, pair in enumerate(zip(old, new, strict=False)) if pair[0] != pair[1]), min(len(old), len(new))
+    )
     tail = 0
     while tail < min(len(old), len(new)) - start and old[-1 - tail] == new[-1 - tail]:
         tail += 1
     touched = [*old[start : len(old) - tail], *new[start : len(new) - tail]]
-    words = frozenset(word.lower() for line in touched for word in _WORD.findall(line))
-    return range(max(start, 1), len(new) - tail + 2), words
+    words = frozenset(word.lower() for line in touched for word in (*_WORD.findall(line), *_KEY.findall(line)))
+    return range(min(start, _owner(old, start) + 1), len(new) - tail + 2), words
+
+
+def _owner(lines: list[str], at: int) -> int:
+    """The line above with less indentation than one."""
+
+    def indentation(line: str) -> int:
+        return len(line) - len(line.lstrip(" -"))
+
+    own = indentation(lines[at]) if at < len(lines) else 0
+    return next((k for k in range(at - 1, -1, -1) if lines[k].strip() and indentation(lines[k]) < own), at)
 
 
 def _flip_byte(content: bytes, random: Random) -> bytes:
@@ -129,7 +173,9 @@ def _scale_number(number: str, random: Random) -> str:
 
 def _misspell(word: str, random: Random) -> str:
     at = random.randrange(len(word) - 1)
-    return random.choice([word[:at] + word[at + 1 :], word[: at + 1] + word[at:], word[:at] + word[at + 1] + word[at] + word[at + 2 :]])
+    return random.choice(
+        [word[:at] + word[at + 1 :], word[: at + 1] + word[at:], word[:at] + word[at + 1] + word[at] + word[at + 2 :]]
+    )
 
 
 def _replace_word(_word: str, random: Random) -> str:

@@ -26,6 +26,7 @@ LONGEST = 10.0
 """Time that a command may take on a damaged file [s]."""
 
 _PLACE = re.compile(r":(\d+)(?::\d+)?: ")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{2,}|(?<=`)\w(?=`)")
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def _try(cell: Path, number: int, file: str, done: Damage) -> Trial:
     first = said.split("\nerror: ")[0]
     place = _PLACE.search(first)
     at = int(place[1]) if place else None
-    words = {word.lower() for word in re.findall(r"[A-Za-z_][A-Za-z0-9_]{2,}", first.replace(str(cell), ""))}
+    words = {word.lower() for word in _NAME.findall(first.replace(str(cell), ""))}
     return Trial(
         number=number,
         file=file,
@@ -126,9 +127,10 @@ def report(trials: Sequence[Trial], worst: int) -> str:
     """The rates, and the messages that a user could not do anything with."""
     rejected = [trial for trial in trials if trial.rejected]
     clear = sum(trial.clear for trial in rejected)
+    codes = Counter(trial.code for trial in trials)
     lines = [
-        f"{len(trials)} damages: " + ", ".join(f"exit {code}: {n}" for code, n in sorted(Counter(t.code for t in trials).items())),
-        f"longest: {max(trial.seconds for trial in trials):.1f} s; not sound: {sum(not trial.sound for trial in trials)}",
+        f"{len(trials)} damages: {', '.join(f'exit {code}: {n}' for code, n in sorted(codes.items()))}",
+        f"longest: {max(t.seconds for t in trials):.1f} s; not sound: {sum(not t.sound for t in trials)}",
         f"file and key named: {clear} of {len(rejected)} rejected = {100 * clear / max(len(rejected), 1):.1f} %",
     ]
     for file in KINDS:
@@ -136,6 +138,14 @@ def report(trials: Sequence[Trial], worst: int) -> str:
         lines.append(f"  {file:28} {sum(t.clear for t in of_file):4} of {len(of_file):4}")
     unclear = [trial for trial in trials if not trial.sound] + [trial for trial in rejected if not trial.clear]
     for trial in unclear[:worst]:
-        lines.append(f"--- {trial.number}: {trial.file}, {trial.damage.what}, lines {trial.damage.lines}, exit {trial.code}")
+        where = f"lines {trial.damage.lines.start} to {trial.damage.lines.stop - 1}"
+        lines.append(f"--- {trial.number}: {trial.file}, {trial.damage.what}, {where}, exit {trial.code}")
         lines.append(trial.said.rstrip()[:1200])
     return "\n".join(lines)
+
+
+def passed(trials: Sequence[Trial]) -> bool:
+    """Whether every command ended soundly, and at least 95 % of the rejections name file and key."""
+    rejected = [trial for trial in trials if trial.rejected]
+    clear = sum(trial.clear for trial in rejected)
+    return all(trial.sound for trial in trials) and clear >= 0.95 * len(rejected)
