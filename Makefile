@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank test check bench pictures format clean
+.PHONY: all rank test check bench damage pictures format clean
 
 all: .venv/installed
 
