@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank run test check bench pictures format clean
+.PHONY: all rank run test check bench damage pictures format clean
 
 all: .venv/installed
 
@@ -36,6 +36,9 @@ bench: all
 # The pictures in the README; needs Chromium.
 pictures: all
 	$(BIN)/python -m tests.pictures
+
+damage: all
+	$(BIN)/python -m tests.damage
 
 format: all
 	$(BIN)/ruff format .
