@@ -86,15 +86,13 @@ def command(
         return ExitCode.INTERRUPTED
     ranking = rank(assessments, criterion)
     document = _document(session, assessments, ranking, criterion, interrupted=interrupted)
+    if report is not None and not interrupted:
+        write_report(session, ranking, document, report, context.obj, job_count(jobs))
     if as_json:
         say_raw(as_text(document))
     else:
         print_ranking(session, ranking, criterion)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    if report is not None:
-        write_report(session, ranking, document, report, context.obj, job_count(jobs))
-    return _write_chosen(session, ranking, choose, program)
+    return ExitCode.INTERRUPTED if interrupted else _write_chosen(session, ranking, choose, program)
 
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:

@@ -37,7 +37,7 @@ class ParetoPlot {
       svg('text', { x: 12, y: (box.top + box.bottom) / 2, transform: `rotate(-90 12 ${(box.top + box.bottom) / 2})`, 'text-anchor': 'middle' }, `${label} [%]`));
     const front = feasible.filter((i) => candidates[i].pareto && candidates[i][metric] !== null).sort((a, b) => candidates[a].time - candidates[b].time);
     if (front.length > 1) chart.append(svg('path', { class: 'front', d: 'M' + front.map((i) => `${x(candidates[i].time)} ${y(candidates[i][metric])}`).join('L') }));
-    const crowded = feasible.length > 14;
+    const crowded = feasible.length > 14, taken = feasible.map((i) => [x(candidates[i].time) - 7, y(candidates[i][metric] ?? 0) - 7, 14, 14]);
     for (const i of feasible) {
       const c = candidates[i], [cx, cy] = [x(c.time), y(c[metric] ?? 0)];
       const text = `${names[i]}: ${label} ${percent(c[metric])}, time ${seconds(c.time)}, rank ${c.rank}${c.pareto ? ', Pareto-optimal' : ''}`;
@@ -47,12 +47,20 @@ class ParetoPlot {
       attachTip(dot, () => text);
       chart.append(dot);
       this.dots.set(i, dot);
-      if (!crowded || c.pareto) {
-        const leftwards = cx > box.right - 60;
-        chart.append(svg('text', { class: 'name', x: cx + (leftwards ? -11 : 11), y: cy + 4, 'text-anchor': leftwards ? 'end' : 'start' }, `\u2068${names[i]}${c.pareto ? ' ★' : ''}\u2069`));
-      }
+      if (!crowded || c.pareto) this.name(chart, `${names[i]}${c.pareto ? ' ★' : ''}`, cx, cy, taken, box);
     }
     byId('plot').append(chart);
+  }
+
+  // A name beside its dot, where there is room for it.
+  name(chart, text, cx, cy, taken, box) {
+    const width = 7 * [...text].length + 4;
+    const places = [[cx + 10, cy - 8], [cx - 10 - width, cy - 8], [cx - width / 2, cy - 24], [cx - width / 2, cy + 9]];
+    const free = places.find(([left, top]) => left > box.left && left + width < 478 && top > -2 &&
+      taken.every(([x, y, w, h]) => left + width < x || x + w < left || top + 15 < y || y + h < top));
+    if (!free) return;
+    taken.push([...free, width, 15]);
+    chart.append(svg('text', { class: 'name', x: free[0] + 2, y: free[1] + 12 }, `\u2068${text}\u2069`));
   }
 
   mark(selected) {
