@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sqrp_cli.cli.console import Column, Styled, joined, percentage, plain, print_table, say
+from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say
 from sqrp_cli.cli.documents import percentiles
 from sqrp_cli.cli.session import Session
 from sqrp_cli.programming.assessment import Assessment
@@ -103,12 +103,12 @@ def _print_feasible(feasible: Sequence[Ranked]) -> None:
     print_table(columns, (_row(ranked, differing, faults) for ranked in feasible))
 
 
-def _row(ranked: Ranked, differing: Sequence[str], faults: Sequence[str]) -> list[Styled]:
+def _row(ranked: Ranked, differing: Sequence[str], faults: Sequence[str]) -> list[Cell]:
     assessment = ranked.assessment
     parameters = assessment.candidate.parameters
-    row: list[Styled] = [f"{ranked.rank}{' *' if ranked.pareto else ''}"]
+    row: list[Cell] = [f"{ranked.rank}{' *' if ranked.pareto else ''}"]
     row += [shown(parameters[name]) for name in differing]
-    row += [percentage(assessment.q_eoi), percentage(assessment.q_avg), f"{assessment.time:.2f}"]
+    row += [Share(assessment.q_eoi), Share(assessment.q_avg), f"{assessment.time:.2f}"]
     for fault in faults:
         row += _fault_cells(assessment.faults[fault])
     return row
