@@ -179,6 +179,10 @@ def test_a_candidate_is_chosen_in_table_and_plot_by_mouse_and_by_key(opened, ran
         assert opened.texts("#verdict") == [by_name[name]["verdict"]]
         assert opened.texts("#ranking tr[aria-selected=true] button") == [name]
         assert page.locator("#plot circle[aria-pressed=true]").get_attribute("aria-label").startswith(f"{name}:")
+    page.locator("#plot circle[tabindex='0']").focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press(" ")
+    page.wait_for_function("() => document.querySelector('#name').textContent === 'g5' && sqrp.motion")
     page.locator("#ranking button", has_text="g6").click()
     assert opened.texts("#reasons li") == by_name["g6"]["reasons"]
     assert not page.locator("#study").is_visible()

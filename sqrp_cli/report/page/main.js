@@ -4,12 +4,13 @@ class Page {
   constructor(overview, model) {
     this.overview = overview;
     this.candidates = overview.ranking.candidates;
-    this.names = candidateNames(this.candidates);
+    const differing = differingParameters(this.candidates);
+    this.names = this.candidates.map((c) => candidateName(c, differing));
     this.details = new Map();
     this.time = 0;
     this.head();
     const select = (i) => this.select(i);
-    this.table = new RankingTable(this.candidates, this.names, select);
+    this.table = new RankingTable(this.candidates, this.names, differing, select);
     this.plot = new ParetoPlot(this.candidates, this.names, select);
     this.scene = this.openScene(model);
     this.controls();

@@ -24,7 +24,7 @@ class ParetoPlot {
     const box = { left: 52, right: 462, top: 14, bottom: 258 };
     const x = (t) => box.left + ((t - low + pad) / (high - low + 2 * pad)) * (box.right - box.left);
     const y = (q) => box.bottom - q * (box.bottom - box.top);
-    const chart = svg('svg', { viewBox: '0 0 480 300', role: 'group', 'aria-label': `${label} against time, a dot per candidate; ★ marks Pareto-optimal ones` });
+    const chart = svg('svg', { viewBox: '0 0 480 300', role: 'group', 'aria-label': `${label} against time, a dot per candidate; arrow keys move, Enter chooses; ★ marks Pareto-optimal ones` });
     for (let q = 0; q <= 1; q += 0.25) {
       chart.append(svg('line', { class: 'axis', x1: box.left, x2: box.right, y1: y(q), y2: y(q) }),
         svg('text', { x: box.left - 6, y: y(q) + 4, 'text-anchor': 'end' }, `${100 * q}`));
@@ -38,18 +38,36 @@ class ParetoPlot {
     const front = feasible.filter((i) => candidates[i].pareto && candidates[i][metric] !== null).sort((a, b) => candidates[a].time - candidates[b].time);
     if (front.length > 1) chart.append(svg('path', { class: 'front', d: 'M' + front.map((i) => `${x(candidates[i].time)} ${y(candidates[i][metric])}`).join('L') }));
     const crowded = feasible.length > 14, taken = feasible.map((i) => [x(candidates[i].time) - 7, y(candidates[i][metric] ?? 0) - 7, 14, 14]);
-    for (const i of feasible) {
+    const order = [...feasible].sort((a, b) => candidates[a].pareto - candidates[b].pareto || candidates[a].time - candidates[b].time);
+    for (const i of order) {
       const c = candidates[i], [cx, cy] = [x(c.time), y(c[metric] ?? 0)];
       const text = `${names[i]}: ${label} ${percent(c[metric])}, time ${seconds(c.time)}, rank ${c.rank}${c.pareto ? ', Pareto-optimal' : ''}`;
-      const dot = svg('circle', { class: c.pareto ? 'dot pareto' : 'dot', cx, cy, r: crowded ? 5 : 7, tabindex: '0', role: 'button', 'aria-label': text, 'aria-pressed': 'false' });
+      const dot = svg('circle', { class: c.pareto ? 'dot pareto' : 'dot', cx, cy, r: crowded ? 5 : 7, tabindex: '-1', role: 'button', 'aria-label': text, 'aria-pressed': 'false' });
       dot.addEventListener('click', () => select(i));
-      dot.addEventListener('keydown', (event) => { if (event.key === 'Enter' || event.key === ' ') { event.preventDefault(); select(i); } });
+      dot.addEventListener('keydown', (event) => this.key(event, i, select));
       attachTip(dot, () => text);
       chart.append(dot);
       this.dots.set(i, dot);
       if (!crowded || c.pareto) this.name(chart, `${names[i]}${c.pareto ? ' ★' : ''}`, cx, cy, taken, box);
     }
     byId('plot').append(chart);
+    this.byTime = [...feasible].sort((a, b) => candidates[a].time - candidates[b].time);
+    this.dots.get(this.byTime[0]).setAttribute('tabindex', '0');
+  }
+
+  // One stop of the tab key: arrows go from dot to dot by time, Enter chooses.
+  key(event, i, select) {
+    const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
+    const next = this.dots.get(this.byTime[this.byTime.indexOf(i) + step]);
+    if (event.key === 'Enter' || event.key === ' ') select(i);
+    else if (next) this.reach(next).focus();
+    else return;
+    event.preventDefault();
+  }
+
+  reach(dot) {
+    this.dots.forEach((other) => other.setAttribute('tabindex', other === dot ? '0' : '-1'));
+    return dot;
   }
 
   // A name beside its dot, where there is room for it.
@@ -65,6 +83,7 @@ class ParetoPlot {
 
   mark(selected) {
     this.dots.forEach((dot, i) => dot.setAttribute('aria-pressed', String(i === selected)));
+    if (this.dots.has(selected)) this.reach(this.dots.get(selected));
   }
 }
 

@@ -1,14 +1,18 @@
 // The table of candidates: sorted by a click on a title, filtered by words.
 
 class RankingTable {
-  constructor(candidates, names, select) {
+  constructor(candidates, names, differing, select) {
     this.candidates = candidates;
     this.names = names;
+    this.telling = 1 + differing.length;
     this.sorting = { column: 0, descending: false };
     const faults = [...new Set(candidates.flatMap((c) => Object.keys(c.faults)))];
     this.columns = [
       { title: '#', value: (c) => c.rank ?? Infinity, cell: (c) => this.place(c) },
-      { title: 'candidate', value: (c, i) => names[i], cell: (c, i) => this.button(i, select) },
+      ...differing.map((key, place) => ({
+        title: key, value: (c) => c.parameters[key], number: typeof candidates[0].parameters[key] !== 'string',
+        cell: (c, i) => (place ? named(shownValue(c.parameters[key])) : this.button(i, shownValue(c.parameters[key]), select)),
+      })),
       { title: 'Q_eoi', value: (c) => c.q_eoi, cell: (c) => this.quality(c.q_eoi), most: true },
       { title: 'Q_avg', value: (c) => c.q_avg, cell: (c) => this.quality(c.q_avg), most: true },
       { title: 'time [s]', value: (c) => c.time, cell: (c) => this.figure(c.time), number: true },
@@ -27,9 +31,9 @@ class RankingTable {
   }
 
   cells(c, i) {
-    const shown = c.feasible ? this.columns : this.columns.slice(0, 2);
+    const shown = c.feasible ? this.columns : this.columns.slice(0, this.telling);
     const cells = shown.map((column) => make('td', { class: column.number ? 'number' : null }, column.cell(c, i)));
-    if (!c.feasible) cells.push(make('td', { class: 'faint', colspan: this.columns.length - 2 }, 'infeasible: ', named(c.reasons[0])));
+    if (!c.feasible) cells.push(make('td', { class: 'faint', colspan: this.columns.length - this.telling }, 'infeasible: ', named(c.reasons[0])));
     return cells;
   }
 
@@ -38,8 +42,9 @@ class RankingTable {
     return make('span', {}, String(c.rank), c.pareto ? make('span', { class: 'star', title: 'Pareto-optimal', role: 'img', 'aria-label': ' Pareto-optimal' }, ' ★') : '');
   }
 
-  button(i, select) {
-    return make('button', { type: 'button', onclick: (event) => { event.stopPropagation(); select(i); } }, named(this.names[i]));
+  button(i, text, select) {
+    const choose = (event) => { event.stopPropagation(); select(i); };
+    return make('button', { type: 'button', 'aria-label': this.names[i], onclick: choose }, named(text));
   }
 
   quality(share) {
