@@ -46,19 +46,9 @@ function because(verdict) {
   return verdict.cause === 'out_of_image' ? `${words} (${verdict.by})` : words;
 }
 
-// Names of the parameters in which candidates differ; the first one if they are all the same.
-function differingParameters(candidates) {
-  const keys = Object.keys(candidates[0].parameters);
-  const differing = keys.filter((key) => new Set(candidates.map((c) => c.parameters[key])).size > 1);
-  return differing.length ? differing : keys.slice(0, 1);
-}
+// How an entry fares, in words.
+const placeOf = ({ mark, candidate }) => `${/^\d+$/.test(mark) ? 'rank ' : ''}${mark}${candidate?.pareto ? ', Pareto-optimal' : ''}`;
 
 const shownValue = (value) => (typeof value === 'string' ? value : String(+value.toPrecision(4)));
-
-// The name of a candidate: the values in which it differs from the others, as in the terminal.
-const candidateName = (candidate, differing) => differing.map((key) => {
-  const value = candidate.parameters[key];
-  return typeof value === 'string' ? value : `${key}=${shownValue(value)}`;
-}).join(' ');
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

@@ -13,8 +13,9 @@ function niceStep(span, count) {
 }
 
 class ParetoPlot {
-  constructor(candidates, names, select) {
-    const feasible = candidates.map((c, i) => i).filter((i) => candidates[i].feasible);
+  constructor(entries, select) {
+    const candidates = entries.map((e) => e.candidate), names = entries.map((e) => e.name);
+    const feasible = entries.map((e, i) => i).filter((i) => candidates[i]?.feasible);
     const metric = feasible.some((i) => candidates[i].q_eoi !== null) ? 'q_eoi' : 'q_avg';
     const label = metric === 'q_eoi' ? 'Q_eoi' : 'Q_avg';
     this.dots = new Map();
@@ -41,7 +42,7 @@ class ParetoPlot {
     const order = [...feasible].sort((a, b) => candidates[a].pareto - candidates[b].pareto || candidates[a].time - candidates[b].time);
     for (const i of order) {
       const c = candidates[i], [cx, cy] = [x(c.time), y(c[metric] ?? 0)];
-      const text = `${names[i]}: ${label} ${percent(c[metric])}, time ${seconds(c.time)}, rank ${c.rank}${c.pareto ? ', Pareto-optimal' : ''}`;
+      const text = `${names[i]}: ${label} ${percent(c[metric])}, time ${seconds(c.time)}, ${placeOf(entries[i])}`;
       const dot = svg('circle', { class: c.pareto ? 'dot pareto' : 'dot', cx, cy, r: crowded ? 5 : 7, tabindex: '-1', role: 'button', 'aria-label': text, 'aria-pressed': 'false' });
       dot.addEventListener('click', () => select(i));
       dot.addEventListener('keydown', (event) => this.key(event, i, select));
@@ -81,7 +82,7 @@ class ParetoPlot {
     chart.append(svg('text', { class: 'name', x: free[0] + 2, y: free[1] + 12 }, `\u2068${text}\u2069`));
   }
 
-  mark(selected) {
+  choose(selected) {
     this.dots.forEach((dot, i) => dot.setAttribute('aria-pressed', String(i === selected)));
     if (this.dots.has(selected)) this.reach(this.dots.get(selected));
   }
