@@ -54,7 +54,9 @@ def write_ranking(
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
     title = f"{session.task.text} in {workspace.name}"
-    write_page(PageContent(title, f"{summary(ranking, by)}.", "Candidates", about, entries, [_scene(session.cell)]), path)
+    write_page(
+        PageContent(title, f"{summary(ranking, by)}.", "Candidates", about, entries, [_scene(session.cell)]), path
+    )
     note(f"open {path} in a browser")
 
 
@@ -120,7 +122,9 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> Entry:
     }
     # How the best compares with the others of its task says nothing about the other rows.
     candidate = None if best is None else {**candidate_document(best), "pareto": False}
-    return Entry(", ".join(filter(None, labels.values())), score.status, labels, candidate, score.reasons, scene, detail)
+    return Entry(
+        ", ".join(filter(None, labels.values())), score.status, labels, candidate, score.reasons, scene, detail
+    )
 
 
 def _scene(cell: Cell) -> CellScene:
