@@ -3,13 +3,13 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank run test check bench trials pictures calibrate format clean
+.PHONY: all rank run test check bench damage trials pictures calibrate format clean
 
 all: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ik,robots,sim,report,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ik,robots,sim,report,cluster,planners,dev]'
 	touch $@
 
 rank: all
@@ -42,6 +42,9 @@ calibrate: all
 
 trials: all
 	$(BIN)/python -m tests.trials
+
+damage: all
+	$(BIN)/python -m tests.damage
 
 format: all
 	$(BIN)/ruff format .

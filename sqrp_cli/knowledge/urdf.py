@@ -17,6 +17,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
+from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.robot import Geometry
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 from sqrp_cli.knowledge.xml_file import Element, read_xml
@@ -293,12 +294,12 @@ def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, 
         if joint_type == "continuous":
             return -math.inf, math.inf, None
         raise element.error("missing-limit", f"joint `{name}` is {joint_type} but has no <limit>")
-    velocity = limit.number("velocity", 0.0)
+    velocity = limit.number("velocity", 0.0, NO_LIMIT)
     if velocity < 0.0:
         raise limit.error("wrong-value", f"`velocity` is {velocity:g}, expected a positive number")
     if joint_type == "continuous":
         return -math.inf, math.inf, velocity or None
-    lower, upper = (limit.number(bound, 0.0) for bound in ("lower", "upper"))
+    lower, upper = (limit.number(bound, 0.0, NO_LIMIT) for bound in ("lower", "upper"))
     if lower > upper:
         message = f"joint `{name}` has a lower limit of {lower:g}, above its upper limit of {upper:g}"
         raise limit.error("wrong-value", message)
@@ -317,16 +318,16 @@ def _origin(element: Element) -> Array:
     origin = element.first("origin")
     if origin is None:
         return read_only(np.eye(4))
-    xyz, rpy = (origin.numbers(key, 3, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
+    xyz = origin.numbers("xyz", 3, (0.0, 0.0, 0.0), LARGEST_LENGTH)
+    rpy = origin.numbers("rpy", 3, (0.0, 0.0, 0.0))
     return read_only(pose(rpy_to_matrix(rpy), xyz))
 
 
 def _positive(element: Element, attribute: str, count: int) -> tuple[float, ...]:
-    numbers = element.numbers(attribute, count)
-    if min(numbers) <= 0.0:
-        raise element.error(
-            "wrong-value", f"{element}: `{attribute}` is `{element.text(attribute)}`, expected it above 0"
-        )
+    numbers = element.numbers(attribute, count, most=LARGEST_LENGTH)
+    if min(numbers) < SMALLEST_SIZE:
+        found = f"{element}: `{attribute}` is `{element.text(attribute)}`"
+        raise element.error("wrong-value", f"{found}, expected it above 0, at least {SMALLEST_SIZE:g}")
     return numbers
 
 
