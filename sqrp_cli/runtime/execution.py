@@ -50,7 +50,10 @@ class _Action:
 
 @dataclass(eq=False)
 class _Attempt:
-    """One attempt at a step. start: of its motion on the cell's clock [s], None before it."""
+    """One attempt at a step.
+
+    start: of its motion on the cell's clock [s], None before it. undisturbed: whether it is what the program planned.
+    """
 
     step: Step
     expectation: Expectation
@@ -58,7 +61,7 @@ class _Attempt:
     check: PredictionCheck
     start: float | None = None
     actions: list[_Action] = field(default_factory=list)
-    undisturbed: bool = True
+    undisturbed: bool = False
 
 
 class Execution:
@@ -148,7 +151,7 @@ class Execution:
         expectation = Expectation(step, self._program.joints, self._twin)
         period = max(1.0 / camera.rate for camera in self._workspace.cameras.values())
         check = PredictionCheck(index, expectation, list(self._workspace.cameras))
-        attempt = _Attempt(step, expectation, Judge(expectation, period), check)
+        attempt = _Attempt(step, expectation, Judge(expectation, period), check, undisturbed=first)
         starts = {name: np.array(rows) for name, rows in step.before.objects.items()}
         self._pool.watch(Watchlist(dict(step.targets), starts))
         self._starts = starts
@@ -425,7 +428,6 @@ class Execution:
         self._holding = False
         expectation = Expectation(step, self._program.joints, self._twin)
         attempt = _Attempt(step, expectation, Judge(expectation, 1.0), PredictionCheck(0, expectation, ()))
-        attempt.undisturbed = False
         self._found_at, self._findings = self._now, {}
         self._places.clear()
         until = self._now + LOOK_AGAIN

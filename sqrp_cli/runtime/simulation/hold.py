@@ -116,6 +116,7 @@ class Fingers:
 
     def grasp(self) -> None:
         """Close with a force."""
+        self._model.geom_friction[self._pads] = FRICTION
         for push in self._pushes:
             self._controller.push(push.motor, push.force, push.speed)
 
