@@ -119,7 +119,7 @@ def _print_faults(faults: Sequence[FaultRecord]) -> None:
         for fault in faults
     ]
     print_table([Column("fault [s]"), *(Column(title, right=True) for title in columns)], rows)
-    say("t_f it happened, t_r it was seen, t_redo the robot responded, t_e the step was done", "dim")
+    say("t_f happened, t_r seen, t_redo the robot responded, t_e the step was done", "dim")
 
 
 def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:

@@ -130,6 +130,8 @@ class Execution:
                 break
             if alarm.kind == "fault":
                 self._note_detection(alarm)
+            elif alarm.kind == "violation" and self._open_fault is not None:
+                self._open_fault.detected = self._now
             response = alarm.response
             if response.action != "retry" or tries >= response.retries:
                 more = f" after {tries} retries" if tries else ""

@@ -1,4 +1,4 @@
-"""Whole runs in a small, fast cell: two cameras, few frames, a quick arm; `python -m tests.trials` has the long ones."""
+"""Whole runs in a small, fast cell: two cameras, few frames, a quick arm; `make trials` has the long ones."""
 
 from __future__ import annotations
 

@@ -64,6 +64,20 @@ def test_a_violation_counts_after_the_time_to_settle() -> None:
     assert abs(t - 4.5) < 1e-6
 
 
+def test_a_violation_waits_while_the_rest_of_a_fault_is_out_of_sight() -> None:
+    formulas = [
+        formula("always[1, 9] held", settle=0.5),
+        formula("eventually[2, 6] (not held and there)", "retry", "slip"),
+    ]
+    changes = {"held": [(0, True)], "there": [(0, False)]}
+    for there, kind in ((T, "fault"), (F, "violation")):
+        entry = step(formulas, {"held": ALWAYS, "there": {"cam": [(0.0, 3.0), (7.0, 10.0)]}})
+        found = Judge(FixedExpectation(entry, changes), 0.1)
+        values = lambda t: {"held": F if t > 3.95 else T, "there": F if t < 3.05 else U if t < 6.95 else there}  # noqa: B023, E731
+        t, alarm = first_alarm(found, values)
+        assert (t, alarm.kind) == (7.0, kind)
+
+
 def test_a_contradiction_that_passes_in_time_is_no_violation() -> None:
     found = judge([formula("always[1, 9] held", settle=0.5)], {"held": [(0, True)]})
     assert first_alarm(found, lambda t: {"held": F if 4 < t < 4.35 else T}) is None

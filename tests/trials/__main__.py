@@ -79,16 +79,17 @@ def sweeps(count: int) -> bool:
     fine = True
     ends = {}
     for name, simulation in simulations((BEST, WORST)).items():
-        runs = list(sweep(simulation, "slip@a4", count, lambda: None))
-        faults = [run.fault for run in runs]
+        faults = []
+        for run in sweep(simulation, "slip@a4", count, lambda: None):
+            f = run.fault
+            faults.append(f)
+            times = (
+                f"t_f {_s(f.happened)}  t_r {_s(f.detected)}  delay {_s(f.delay)}  predicted {_s(f.predicted_delay)}"
+            )
+            print(f"  {name} {run.x:6.2f}  {times}  t_e {_s(f.recovered)}  {run.report.reason or ''}", flush=True)
         able = [f for f in faults if f.predicted_delay is not None and f.happened is not None]
         seen = [f for f in able if f.delay is not None]
         close = [f for f in seen if abs((f.delay or 0) - (f.predicted_delay or 0)) <= 0.1 + 1e-9]
-        for run in runs:
-            f = run.fault
-            print(f"  {run.x:6.2f}  t_f {f.happened}  t_r {f.detected}  delay {f.delay}  predicted {f.predicted_delay}")
-            if f.delay is None:
-                print("         ", run.report.reason)
         done = [f.recovered for f in faults if f.recovered is not None]
         ends[name] = sum(done) / len(done) if done else float("nan")
         delay = sum(f.delay or 0.0 for f in seen) / max(len(seen), 1)
@@ -100,6 +101,10 @@ def sweeps(count: int) -> bool:
         fine &= len(seen) == len(able) and len(close) >= 0.9 * len(seen)
     print(f"after a slip, {BEST} is done {ends[WORST] - ends[BEST]:.1f} s before {WORST}")
     return fine
+
+
+def _s(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"
 
 
 def calm(count: int) -> bool:
