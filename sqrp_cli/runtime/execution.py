@@ -15,7 +15,7 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program import Program, ProgramResponse, Replanner, Step
 from sqrp_cli.runtime.evidence import Finding, fuse
-from sqrp_cli.runtime.expectation import Expectation, Situation, holds
+from sqrp_cli.runtime.expectation import Expectation, Situation, holds, values_when_open
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.faults import InjectedFault
 from sqrp_cli.runtime.judge import PATIENCE, Alarm, Judge, condition_value, read_formula
@@ -26,7 +26,7 @@ from sqrp_cli.runtime.playback import Playback
 from sqrp_cli.runtime.prediction_check import PredictionCheck, predicted_delay, word
 from sqrp_cli.runtime.recording import Gallery
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
-from sqrp_cli.runtime.twin import Twin
+from sqrp_cli.runtime.twin import OPEN_SHARE, Twin
 
 LOOK_AGAIN = 2.0
 """How long the robot waits for the condition of a retry to be seen [s]."""
@@ -86,7 +86,8 @@ class Execution:
         self._eyes = Eyes(workspace.cameras.values(), pool)
         q = [program.steps[0].before.joints[name] for name in program.joints]
         limits = [workspace.robot.limits[name] for name in program.joints]
-        self._playback = Playback(program.joints, limits, np.array(q))
+        fingers = workspace.robot.fingers
+        self._playback = Playback(program.joints, limits, np.array(q), fingers.open if fingers else {})
         self._report = RunReport()
         self._latest: dict[str, Sighting] = {}
         self._truths: dict[float, tuple[float | None, dict[str, bool]]] = {}
@@ -155,7 +156,7 @@ class Execution:
         check = PredictionCheck(index, expectation, list(self._workspace.cameras))
         attempt = _Attempt(step, expectation, Judge(expectation, period), check, undisturbed=first)
         starts = {name: np.array(rows) for name, rows in step.before.objects.items()}
-        self._pool.watch(Watchlist(dict(step.targets), starts))
+        self._pool.watch(Watchlist(dict(step.targets), starts, values_when_open(step)))
         self._starts = starts
         self._findings, self._found_at = {}, self._now
         self._latest.clear()
@@ -302,8 +303,13 @@ class Execution:
         if attempt is None:
             return {}
         truth = self._cell.truth()
-        situation = Situation(self._twin.link_poses(truth.joints), truth.X_WO, self._starts, truth.held)
-        return {atom: holds(atom, target, situation) for atom, target in attempt.step.targets.items()}
+        is_open = self._twin.closure(truth.joints) <= OPEN_SHARE
+        situation = Situation(self._twin.link_poses(truth.joints), truth.X_WO, self._starts, truth.held, is_open)
+        when_open = values_when_open(attempt.step)
+        return {
+            atom: holds(atom, target, situation, when_open=when_open[atom])
+            for atom, target in attempt.step.targets.items()
+        }
 
     def _slowest(self) -> float:
         return max(camera.latency for camera in self._workspace.cameras.values())
