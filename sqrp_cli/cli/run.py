@@ -66,7 +66,6 @@ def command(
 
 def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
     """The program with its workspace. Raises InputError where it cannot be run."""
-    from sqrp_cli.runtime.simulated_run import Simulation
     from sqrp_cli.runtime.simulation.requirements import check_simulator
 
     program, workspace = open_program(path)
@@ -74,6 +73,8 @@ def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
         message = "there is no driver for a real robot yet"
         raise InputError(Problem("no-driver", message, mend=f"sqrp run {path} --sim"))
     check_simulator()
+    from sqrp_cli.runtime.simulated_run import Simulation
+
     return Simulation(program, workspace, LazyReplanner(workspace), seed)
 
 

@@ -6,13 +6,15 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cli.console import Column, Show, joined, live, plain, print_table, say
 from sqrp_cli.program import Program, Step
-from sqrp_cli.runtime.audit import AuditReport
 from sqrp_cli.runtime.outcome import Confusion, Disagreement, Event, FaultRecord, Prediction, RunReport
-from sqrp_cli.runtime.simulated_run import SweepRun
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.audit import AuditReport
+    from sqrp_cli.runtime.simulated_run import SweepRun
 
 MOST_DISAGREEMENTS = 8
 """Groups of disagreements that a table lists."""
