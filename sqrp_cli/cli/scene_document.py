@@ -17,6 +17,7 @@ from sqrp_cli.programming.grounding import on_robot
 def scene_document(cell: Cell) -> Document:
     """The resolved scene: what was understood of a workspace."""
     workspace, robot, model = cell.workspace, cell.workspace.robot, cell.model
+    X_WO = cell.initial_world.X_WO
     return {
         **header(workspace),
         "digest": workspace.digest,
@@ -53,8 +54,9 @@ def scene_document(cell: Cell) -> Document:
                 "type": thing.type,
                 "color": thing.color,
                 "size": list(thing.size),
-                "pose": None if thing.X_WO is None else thing.X_WO.tolist(),
+                "pose": X_WO[name].tolist() if name in X_WO else None,
                 "fixed": thing.fixed,
+                "held": thing.X_TO is not None,
             }
             for name, thing in workspace.objects.items()
         },

@@ -50,6 +50,7 @@ class Kind:
 YAW = Kind(units.ANGLE)
 SIDE = Kind(words=SIDES)
 DISTANCE = Kind(units.LENGTH, least=0.0, most=100.0)
+OFFSET_SHARE = Kind(units.SHARE, least=-1.0, most=1.0)
 SPEED_SHARE = Kind(units.SHARE, least=0.001, most=1.0)
 SPEED = Kind(units.SPEED, least=0.0, above=True)
 ACCELERATION = Kind(units.ACCELERATION, least=0.0, above=True)

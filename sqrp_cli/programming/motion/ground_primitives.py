@@ -25,7 +25,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, finger_positions, pair
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
-from sqrp_cli.programming.motion.waypoints import ground_waypoint, needed_objects, setting_number
+from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number
 from sqrp_cli.trajectory import Trajectory
 
 
@@ -76,17 +76,18 @@ def ground_primitives(
     """Follow tool and objects through the skill; infeasible where it is not known where an object is."""
     X_home = model.tool_pose(model.home)
     X_WT = model.tool_pose(start_configuration(model, world))
+    X_TO: dict[str, Array] = {}
     grounded: list[GroundPrimitive] = []
     for primitive in skill.primitives:
         X_start, during = X_WT, world
+        if world.held is not None and world.X_TO is not None:
+            X_TO[world.held] = world.X_TO
         to = primitive.to if isinstance(primitive, JointMove | StraightMove) else None
-        if to == HOME:
-            X_WT = X_home
-        elif to is not None:
-            unknown = sorted(needed_objects(to, skill.waypoints, binding) - world.X_WO.keys())
-            if unknown:
-                return Infeasible((f"it is not known where `{unknown[0]}` is",))
-            X_WT = ground_waypoint(skill.waypoints[to], skill.waypoints, binding, values, objects, world.X_WO)
+        if to is not None:
+            waypoints = WaypointGrounder(skill.waypoints, binding, values, objects, X_home, world.X_WO, X_TO)
+            if (missing := waypoints.missing(to)) is not None:
+                return Infeasible((f"{primitive.name}: {missing}",))
+            X_WT = waypoints.pose(to)
         changed = _after(primitive, binding, X_WT, world, scene)
         if isinstance(changed, Infeasible):
             return changed
