@@ -112,13 +112,12 @@ def print_problems(problems: Iterable[Problem]) -> None:
             console.print(Text.assemble(("  to mend it: ", "dim"), problem.mend), soft_wrap=True)
 
 
-def percentage(share: float | None) -> Text:
-    """A share as a bar and a number: green from 90 %, red below 50 %."""
+def percentage(share: float | None, *, with_bar: bool = True) -> Text:
+    """A share as a bar, where there is room for one, and a number: green from 90 %, red below 50 %."""
     if share is None:
-        return Text("-".rjust(BAR_WIDTH + 6), style="dim")
+        return Text("-".rjust(BAR_WIDTH + 6 if with_bar else 6), style="dim")
     style = "green" if share >= 0.9 else "yellow" if share >= 0.5 else "red"
-    filled = bar(share)
-    return Text.assemble((filled, style), (f"{100 * share:6.1f}", style))
+    return Text.assemble((bar(share) if with_bar else "", style), (f"{100 * share:6.1f}", style))
 
 
 def bar(share: float) -> str:

@@ -14,7 +14,10 @@ from sqrp_cli.programming.faults import FaultMetrics
 from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
 from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.task import Candidate, shown
+from sqrp_cli.programming.task import Candidate, in_words
+
+MOST_BESIDE_BARS = 2
+"""Columns of parameters beside which there is room for bars in 80 columns."""
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
@@ -91,35 +94,41 @@ def _span(values: Sequence[float | None]) -> str:
 def _print_feasible(feasible: Sequence[Ranked]) -> None:
     differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
     faults = list(feasible[0].assessment.faults)
+    with_bars = len(differing) <= MOST_BESIDE_BARS
     columns = [Column("#")]
     columns += [Column(name) for name in differing]
     columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
-    for fault in faults:
+    if faults:
+        title = faults[0] if len(faults) == 1 else "fault"
         columns += [
-            Column(f"{fault}\nseen [s]", right=True),
+            Column(f"{title}\nseen [s]", right=True),
             Column("at\nworst", right=True),
             Column("all\ndone", right=True),
         ]
-    print_table(columns, (_row(ranked, differing, faults) for ranked in feasible))
+    print_table(columns, (_row(ranked, differing, with_bars=with_bars) for ranked in feasible))
+    if len(faults) > 1:
+        say(plain(f"The last columns are about the worst of the faults {', '.join(faults)}.", "dim"))
 
 
-def _row(ranked: Ranked, differing: Sequence[str], faults: Sequence[str]) -> list[Styled]:
+def _row(ranked: Ranked, differing: Sequence[str], *, with_bars: bool) -> list[Styled]:
     assessment = ranked.assessment
-    parameters = assessment.candidate.parameters
+    candidate = assessment.candidate
+    parameters = in_words(candidate.skill, candidate.parameters)
     row: list[Styled] = [f"{ranked.rank}{' *' if ranked.pareto else ''}"]
-    row += [shown(parameters[name]) for name in differing]
-    row += [percentage(assessment.q_eoi), percentage(assessment.q_avg), f"{assessment.time:.2f}"]
-    for fault in faults:
-        row += _fault_cells(assessment.faults[fault])
-    return row
+    row += [parameters[name] for name in differing]
+    row += [percentage(share, with_bar=with_bars) for share in (assessment.q_eoi, assessment.q_avg)]
+    return [*row, f"{assessment.time:.2f}", *_fault_cells(list(assessment.faults.values()))]
 
 
-def _fault_cells(fault: FaultMetrics) -> list[Styled]:
-    style = "red" if fault.unseen > 0 else ""
+def _fault_cells(faults: Sequence[FaultMetrics]) -> list[Styled]:
+    """Delays and all done of the worst fault in each; none without faults."""
+    if not faults:
+        return []
+    style = "red" if any(fault.unseen > 0 for fault in faults) else ""
     return [
-        plain(f"{fault.delay_mean:.2f}", style),
-        plain(f"{fault.delay_worst:.2f}", style),
-        f"{fault.expected_time:.1f}",
+        plain(f"{max(fault.delay_mean for fault in faults):.2f}", style),
+        plain(f"{max(fault.delay_worst for fault in faults):.2f}", style),
+        f"{max(fault.expected_time for fault in faults):.1f}",
     ]
 
 

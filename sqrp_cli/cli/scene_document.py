@@ -44,6 +44,7 @@ def scene_document(cell: Cell) -> Document:
             "fingers": None
             if robot.fingers is None
             else {"open": dict(robot.fingers.open), "closed": dict(robot.fingers.closed)},
+            "held": workspace.initial_world.held,
             "markers": {link: {"id": marker.id, "side": marker.side} for link, marker in robot.markers.items()},
             "geometry": robot.geometry,
         },
@@ -56,7 +57,6 @@ def scene_document(cell: Cell) -> Document:
                 "size": list(thing.size),
                 "pose": X_WO[name].tolist() if name in X_WO else None,
                 "fixed": thing.fixed,
-                "held": thing.X_TO is not None,
             }
             for name, thing in workspace.objects.items()
         },

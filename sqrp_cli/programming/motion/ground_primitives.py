@@ -86,7 +86,7 @@ def ground_primitives(
         if to is not None:
             waypoints = WaypointGrounder(skill.waypoints, binding, values, objects, X_home, world.X_WO, X_TO)
             if (missing := waypoints.missing(to)) is not None:
-                return Infeasible((f"{primitive.name}: {missing}",))
+                return Infeasible((missing,))
             X_WT = waypoints.pose(to)
         changed = _after(primitive, binding, X_WT, world, scene)
         if isinstance(changed, Infeasible):
