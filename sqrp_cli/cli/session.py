@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.program import check_program, load_program, new_program, save_program
-from sqrp_cli.programming.assessment import Assessment, study
+from sqrp_cli.programming.assessment import Assessment, Study, study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.program_update import make_step
+from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.robustness import Calibration
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.programming.verdict import verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +56,17 @@ def _world_after(path: Path, cell: Cell) -> World:
     program = load_program(path)
     check_program(program, path, cell.workspace)
     return program.steps[-1].after.world if program.steps else cell.initial_world
+
+
+def explain(session: Session, ranked: Ranked) -> tuple[Ranked, Study | None]:
+    """A candidate with the study of every camera's verdicts and the figures of that; no study if it is infeasible."""
+    if ranked.rank is None:
+        return ranked, None
+    cell, assignment = session.cell, session.assignment
+    found = study(cell, ranked.assessment.candidate, assignment.world, assignment.sampling, full=True)
+    if isinstance(found, Infeasible):
+        raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
+    return replace(ranked, assessment=found.assessment(verdict(cell, found))), found
 
 
 def add_step(session: Session, assessment: Assessment, path: Path) -> None:

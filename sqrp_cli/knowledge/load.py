@@ -65,7 +65,7 @@ def load_workspace(path: Path) -> Workspace:
         tasks=tasks,
         padding=file.padding,
         digest=digest.hexdigest(),
-        warnings=tuple(robot_reader.warnings),
+        warnings=(*robot_reader.warnings, *cell.warnings),
         places=document.places,
     )
 

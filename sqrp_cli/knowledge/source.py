@@ -30,6 +30,8 @@ KeyPath = tuple[str | int, ...]
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN|Nan)")
+_CLOSING = re.compile(r"\n---\s*\Z")
+"""The line that ROS prints after each message, which YAML takes for the beginning of another document."""
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 _SYNTAX_HINTS = {
@@ -170,7 +172,7 @@ def _decode(path: Path, content: bytes) -> str:
         raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
     if text.startswith("%YAML:"):  # OpenCV's header, which YAML itself does not know
         text = "#" + text[1:]
-    return text
+    return _CLOSING.sub("\n", text)
 
 
 class _DepthLimitedLoader(yaml.SafeLoader):

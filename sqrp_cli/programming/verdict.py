@@ -126,14 +126,14 @@ def verdict(cell: Cell, study: Study) -> str:
     blind = timeline.monitored & ~timeline.covered
     interesting = blind & timeline.interesting
     t = timeline.samples.t
-    stretches = list(_stretches(interesting if interesting.any() else blind))
-    if not stretches:
+    candidates = list(stretches(interesting if interesting.any() else blind))
+    if not candidates:
         return _NOTHING_MISSING
-    stretch = explain_stretch(cell, study, max(stretches, key=lambda rows: t[rows[-1]] - t[rows[0]]))
+    stretch = explain_stretch(cell, study, max(candidates, key=lambda rows: t[rows[-1]] - t[rows[0]]))
     return f"{stretch}. It would help to {stretch.advice}."
 
 
-def _stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
+def stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
     """Runs of neighbouring samples for which `blind` holds; pieces that share an instant are neighbours."""
     rows = np.flatnonzero(blind)
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))

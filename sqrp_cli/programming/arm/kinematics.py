@@ -177,6 +177,11 @@ class RobotModel:
         return X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios
 
     @property
+    def tree(self) -> JointTree:
+        """Every joint and link of robot and tool."""
+        return self._tree
+
+    @property
     def joints_move_alone(self) -> bool:
         """Whether no joint on the way to the tool frame follows another one."""
         return len(self._chain.joints) == len(self.arm)
