@@ -16,8 +16,8 @@ from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.task import Candidate, in_words
 
-MOST_BESIDE_BARS = 2
-"""Columns of parameters beside which there is room for bars in 80 columns."""
+BESIDE_BARS = 15
+"""Width that is left for the parameters in 80 columns if the qualities have bars."""
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
@@ -94,7 +94,11 @@ def _span(values: Sequence[float | None]) -> str:
 def _print_feasible(feasible: Sequence[Ranked]) -> None:
     differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
     faults = list(feasible[0].assessment.faults)
-    with_bars = len(differing) <= MOST_BESIDE_BARS
+    values = [
+        in_words(ranked.assessment.candidate.skill, ranked.assessment.candidate.parameters) for ranked in feasible
+    ]
+    widths = [max(len(name), *(len(words[name]) for words in values)) + 2 for name in differing]
+    with_bars = sum(widths) <= BESIDE_BARS
     columns = [Column("#")]
     columns += [Column(name) for name in differing]
     columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
@@ -105,17 +109,18 @@ def _print_feasible(feasible: Sequence[Ranked]) -> None:
             Column("at\nworst", right=True),
             Column("all\ndone", right=True),
         ]
-    print_table(columns, (_row(ranked, differing, with_bars=with_bars) for ranked in feasible))
+    rows = [
+        _row(ranked, [words[name] for name in differing], with_bars=with_bars)
+        for ranked, words in zip(feasible, values, strict=True)
+    ]
+    print_table(columns, rows)
     if len(faults) > 1:
         say(plain(f"The last columns are about the worst of the faults {', '.join(faults)}.", "dim"))
 
 
-def _row(ranked: Ranked, differing: Sequence[str], *, with_bars: bool) -> list[Styled]:
+def _row(ranked: Ranked, parameters: Sequence[str], *, with_bars: bool) -> list[Styled]:
     assessment = ranked.assessment
-    candidate = assessment.candidate
-    parameters = in_words(candidate.skill, candidate.parameters)
-    row: list[Styled] = [f"{ranked.rank}{' *' if ranked.pareto else ''}"]
-    row += [parameters[name] for name in differing]
+    row: list[Styled] = [f"{ranked.rank}{' *' if ranked.pareto else ''}", *parameters]
     row += [percentage(share, with_bar=with_bars) for share in (assessment.q_eoi, assessment.q_avg)]
     return [*row, f"{assessment.time:.2f}", *_fault_cells(list(assessment.faults.values()))]
 

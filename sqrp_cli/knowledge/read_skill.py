@@ -180,8 +180,15 @@ class _SkillReader:
         match entry:
             case skill_file.JointMoveEntry():
                 self._known(entry.joint_move, [*self.file.waypoints, HOME], "waypoint", (*path, "joint_move"))
-                speed = setting(entry.speed, setting_kind.SPEED_SHARE, (*path, "speed"))
-                return JointMove(entry.name, entry.joint_move, speed)
+                return JointMove(
+                    entry.name,
+                    entry.joint_move,
+                    setting(entry.speed, setting_kind.SPEED_SHARE, (*path, "speed")),
+                    setting(entry.elbow, setting_kind.ELBOW, (*path, "elbow")),
+                    setting(entry.shoulder, setting_kind.SHOULDER, (*path, "shoulder")),
+                    setting(entry.wrist, setting_kind.WRIST, (*path, "wrist")),
+                    setting(entry.via, setting_kind.VIA, (*path, "via")),
+                )
             case skill_file.StraightMoveEntry():
                 self._known(entry.straight_move, self.file.waypoints, "waypoint", (*path, "straight_move"))
                 return StraightMove(

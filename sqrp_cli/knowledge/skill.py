@@ -110,11 +110,19 @@ HOME = "home"
 
 @dataclass(frozen=True)
 class JointMove:
-    """All joints move together to a waypoint; speed is a share of the joints' velocity limits, in (0, 1]."""
+    """All joints move together to a waypoint; speed is a share of the joints' velocity limits, in (0, 1].
+
+    elbow, shoulder, wrist: which branch of inverse kinematics it ends in, or `any`; see `programming.arm.branches`.
+    via: `direct`, or `home` for a stop at the home configuration on the way.
+    """
 
     name: str
     to: str
     speed: Setting
+    elbow: Setting = "any"
+    shoulder: Setting = "any"
+    wrist: Setting = "any"
+    via: Setting = "direct"
 
 
 @dataclass(frozen=True)

@@ -148,6 +148,10 @@ class JointMoveEntry(Entry):
     name: Name
     joint_move: Name = Field(description="The waypoint to go to; `home` is the robot's home configuration.")
     speed: SettingEntry = Field(default=Quantity(1.0, None), description="Share of the joints' velocity limits.")
+    elbow: SettingEntry = Field(default="any", description="How the arm is bent at the end: up, down or any.")
+    shoulder: SettingEntry = Field(default="any", description="On which side the shoulder is: left, right or any.")
+    wrist: SettingEntry = Field(default="any", description="no_flip: bent as at home; flip or any.")
+    via: SettingEntry = Field(default="direct", description="direct, or home: with a stop at home on the way.")
 
 
 class StraightMoveEntry(Entry):

@@ -13,6 +13,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import JointMove, MotionValue, Skill, StraightMove
 from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.programming.arm.branches import chosen_branches
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
@@ -151,7 +152,7 @@ class _Planner:
                 return self._infeasible()
         stations = [_station(ways) for ways in options]
         durations = [
-            joint_move_duration(before.q_end[:, None], after.q_start[None], self._move_limits(section.move))
+            self._move_durations(before.q_end[:, None], after.q_start[None], section.move)
             for before, after, section in zip(stations[:-1], stations[1:], sections[1:], strict=True)
         ]
 
@@ -167,7 +168,7 @@ class _Planner:
             if move is None:
                 return True
             ends = stations[i - 1].q_end[previous], stations[i].q_start[chosen]
-            return self._is_free(sections[i].first - 1, joint_move(*ends, self._move_limits(move)))
+            return self._is_free(sections[i].first - 1, self._move(*ends, move))
 
         chosen = fastest_sequence(stations, durations, works)
         if chosen is None:
@@ -183,9 +184,11 @@ class _Planner:
             configurations = [self._model.home]
         else:
             solutions = all_solutions(self._model, move.X_end)
-            configurations = list(solutions.solutions)
+            wanted = chosen_branches(self._model, solutions.solutions, move.branches)
+            configurations = list(solutions.solutions[wanted])
             if not configurations:
-                self._failures.append((section.first - 1, f"{move.name} to `{move.to}`: {solutions.reason}"))
+                reason = solutions.reason or f"only in other ways than {move.branches}"
+                self._failures.append((section.first - 1, f"{move.name} to `{move.to}`: {reason}"))
         branches = []
         lost = False
         for q in self._clear_ends(section, configurations):
@@ -276,6 +279,20 @@ class _Planner:
             self._failures.append((index, f"{contact} as the fingers move in {primitive.name}"))
         return contact is None
 
+    def _move_durations(self, q0: Array, q1: Array, move: GroundPrimitive | None) -> Array:
+        """Durations [s] of joint moves from q0 to q1, shapes (..., n) that broadcast."""
+        limits = self._move_limits(move)
+        if move is None or not move.via_home:
+            return joint_move_duration(q0, q1, limits)
+        home = self._model.home
+        return joint_move_duration(q0, home, limits) + joint_move_duration(home, q1, limits)
+
+    def _move(self, q0: Array, q1: Array, move: GroundPrimitive) -> Trajectory:
+        limits = self._move_limits(move)
+        if not move.via_home:
+            return joint_move(q0, q1, limits)
+        return joint_move(q0, self._model.home, limits).followed_by(joint_move(self._model.home, q1, limits))
+
     def _move_limits(self, move: GroundPrimitive | None) -> MotionLimits:
         share = 1.0 if move is None else move.speed
         return replace(self._limits, velocity=share * self._limits.velocity)
@@ -290,7 +307,7 @@ class _Planner:
         trajectories = []
         for section, (branch, turn) in zip(sections, chosen, strict=True):
             if section.move is not None:
-                trajectories.append(joint_move(q, branch.q + turn, self._move_limits(section.move)))
+                trajectories.append(self._move(q, branch.q + turn, section.move))
             trajectories += [Trajectory(t.path.shifted(turn), t.law) for t in branch.trajectories]
             q = branch.q_end + turn
         primitives, start = [], 0.0

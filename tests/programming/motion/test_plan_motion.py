@@ -37,7 +37,9 @@ from sqrp_cli.programming.motion.straight_line import ToolLine, straight_line
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples, time_path
 from sqrp_cli.trajectory import Path
 
-VALUES = {"approach_yaw": 0.3, "lift": 0.1, "speed": 1.0}
+VALUES = {
+    "approach_yaw": 0.3, "lift": 0.1, "speed": 1.0, "elbow": "any", "shoulder": "any", "wrist": "any", "via": "direct",
+}  # fmt: skip
 PLACED = pose(axis_rotation(0, np.pi), (0.35, 0.35, 0.041))
 """The tool frame pointing down, where a cube held by its top stands 1 mm above the table."""
 
