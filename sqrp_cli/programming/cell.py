@@ -15,15 +15,16 @@ from sqrp_cli.programming.solids import load_solids
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """What all candidates of a workspace share; made once."""
+    """What all candidates of a workspace share; made once. seed: of what planning draws at random."""
 
     workspace: Workspace
     model: RobotModel
     collision: CollisionScene
     observer: Observer
+    seed: int = 0
 
     @classmethod
-    def load(cls, workspace: Workspace) -> Cell:
+    def load(cls, workspace: Workspace, seed: int = 0) -> Cell:
         """Read the robot and every mesh. Raises InputError for a URDF or mesh that cannot be used."""
         model = RobotModel.load(workspace.robot)
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
@@ -33,6 +34,7 @@ class Cell:
             model,
             CollisionScene(model, objects, workspace.robot.disabled_pairs, workspace.padding),
             Observer(tuple(workspace.cameras.values()), load_solids(parts)),
+            seed,
         )
 
     @property
