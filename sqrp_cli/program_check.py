@@ -57,11 +57,9 @@ def flaws(program: Program) -> Iterator[Flaw]:
 
 def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
     """Names in a program that its workspace does not know."""
-    if set(program.joints) != set(workspace.robot.home):
-        expected = ", ".join(workspace.robot.home)
-        yield Flaw(
-            "program-joints", ("joints",), f"these are not the joints of the workspace's arm; expected {expected}"
-        )
+    if set(program.joints) != set(driven := workspace.initial_world.joints):
+        message = f"these are not the joints of the workspace's arm and fingers; expected {', '.join(driven)}"
+        yield Flaw("program-joints", ("joints",), message)
     known: dict[str, Mapping[str, object]] = {
         "skill": workspace.skills,
         "object": workspace.objects,

@@ -50,9 +50,7 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
     for ranked in feasible:
         if ranked.assessment.ways_around:
             say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
-    for ranked in ranking:
-        if ranked.rank is None:
-            say(joined([("infeasible ", "red"), f"{ranked.assessment.candidate.name}: {ranked.assessment.reasons[0]}"]))
+    _print_infeasible([ranked.assessment for ranked in ranking if ranked.rank is None])
     if feasible:
         say()
         say(_praise(feasible, by))
@@ -65,6 +63,17 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
                 "dim",
             )
         )
+
+
+def _print_infeasible(assessments: Sequence[Assessment]) -> None:
+    """A line for each reason, with the ways of doing it with the same objects that have it in common."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for assessment in assessments:
+        objects = " ".join(assessment.candidate.objects.values())
+        groups.setdefault((objects, assessment.reasons[0]), []).append(assessment.candidate.name)
+    for (objects, reason), names in groups.items():
+        who = names[0] if len(names) == 1 else f"{objects}, {len(names)} ways"
+        say(joined([("infeasible ", "red"), f"{who}: {reason}"]))
 
 
 def _print_calibration(session: Session, feasible: Sequence[Ranked], by: Criterion) -> None:
