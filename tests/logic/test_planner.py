@@ -2,127 +2,16 @@ from __future__ import annotations
 
 import contextlib
 import random
-from collections.abc import Mapping
-from itertools import pairwise, product
-from pathlib import Path
+from itertools import pairwise
 from time import perf_counter
 
 import pytest
 
 from sqrp_cli.logic.literal import Atom, Literal
-from sqrp_cli.logic.pddl import (
-    Condition,
-    Conjunction,
-    Constant,
-    Disjunction,
-    Domain,
-    Equal,
-    ForAll,
-    Holds,
-    Negation,
-    Term,
-    parse_domain,
-)
-from sqrp_cli.logic.planner import AlreadySatisfied, Budget, GaveUp, Plan, PlanningResult, ProvenImpossible, find_plan
+from sqrp_cli.logic.pddl import Condition, Conjunction, Constant, Holds
+from sqrp_cli.logic.planner import AlreadySatisfied, Budget, GaveUp, Plan, ProvenImpossible, find_plan
 from sqrp_cli.logic.planning_task import Step
-
-Facts = frozenset[tuple[str, ...]]
-Objects = Mapping[str, frozenset[str]]
-
-
-class Simulator:
-    """What a domain's actions do, worked out from the definition of PDDL on tuples of words."""
-
-    def __init__(self, domain: Domain, objects: Objects) -> None:
-        self.domain = domain
-        self.objects = {name: {above for t in types for above in self.up(t)} for name, types in objects.items()}
-
-    def up(self, type_name: str | None) -> set[str]:
-        found = {"object"}
-        while type_name is not None and type_name not in found:
-            found.add(type_name)
-            type_name = self.domain.types.get(type_name)
-        return found
-
-    def of_type(self, type_name: str) -> list[str]:
-        return [name for name, types in self.objects.items() if type_name in types]
-
-    def true(self, condition: Condition, names: Mapping[str, str], facts: Facts) -> bool:
-        def name(term: Term) -> str:
-            return term.name if isinstance(term, Constant) else names[term.name]
-
-        if isinstance(condition, Holds):
-            return (condition.predicate, *map(name, condition.terms)) in facts
-        if isinstance(condition, Equal):
-            return name(condition.left) == name(condition.right)
-        if isinstance(condition, Negation):
-            return not self.true(condition.part, names, facts)
-        if isinstance(condition, Conjunction | Disjunction):
-            parts = [self.true(part, names, facts) for part in condition.parts]
-            return all(parts) if isinstance(condition, Conjunction) else any(parts)
-        choices = product(*(self.of_type(variable.type) for variable in condition.variables))
-        keys = [variable.name for variable in condition.variables]
-        found = [
-            self.true(condition.body, {**names, **dict(zip(keys, choice, strict=True))}, facts) for choice in choices
-        ]
-        return all(found) if isinstance(condition, ForAll) else any(found)
-
-    def act(self, step: Step, facts: Facts) -> Facts:
-        action = self.domain.actions[step.action]
-        names = dict(zip([parameter.name for parameter in action.parameters], step.arguments, strict=True))
-        assert all(names[p.name] in self.of_type(p.type) for p in action.parameters)
-        assert self.true(action.precondition, names, facts), f"{step} is not possible"
-
-        def changed(changes: tuple[Holds, ...]) -> Facts:
-            return frozenset(
-                (c.predicate, *(names.get(t.name, t.name) if not isinstance(t, Constant) else t.name for t in c.terms))
-                for c in changes
-            )
-
-        return (facts - changed(action.effect.deletes)) | changed(action.effect.adds)
-
-    def steps(self) -> list[Step]:
-        return [
-            Step(action.name, chosen)
-            for action in self.domain.actions.values()
-            for chosen in product(*(self.of_type(parameter.type) for parameter in action.parameters))
-        ]
-
-    def solvable(self, facts: Facts, goal: Condition) -> bool:
-        """By looking at every state that can be reached."""
-        seen, waiting = {facts}, [facts]
-        while waiting:
-            state = waiting.pop()
-            if self.true(goal, {}, state):
-                return True
-            for step in self.steps():
-                try:
-                    following = self.act(step, state)
-                except AssertionError:
-                    continue
-                if following not in seen:
-                    seen.add(following)
-                    waiting.append(following)
-        return False
-
-
-def read(text: str) -> Domain:
-    return parse_domain(text, Path("domain.pddl"))
-
-
-def words(facts: frozenset[Atom]) -> Facts:
-    return frozenset((atom.predicate, *atom.arguments) for atom in facts)
-
-
-def assert_reaches(
-    result: PlanningResult, domain: Domain, objects: Objects, facts: frozenset[Atom], goal: Condition
-) -> None:
-    assert isinstance(result, Plan)
-    simulator, state = Simulator(domain, objects), words(facts)
-    for step in result.steps:
-        state = simulator.act(step, state)
-    assert simulator.true(goal, {}, state)
-
+from tests.logic.planning import Objects, Simulator, assert_reaches, atom, goal_of, random_problem, read, words
 
 CELL = read("""(define (domain cell)
   (:requirements :typing :negative-preconditions :universal-preconditions :existential-preconditions :equality
@@ -137,20 +26,6 @@ CELL = read("""(define (domain cell)
     :parameters (?x - movable ?t - tray)
     :precondition (and (hold ?x) (forall (?y - movable) (not (on ?y ?t))) (not (reserved ?t)))
     :effect (and (on ?x ?t) (hand_empty) (not (hold ?x)))))""")
-
-
-def atom(text: str) -> Atom:
-    name, *arguments = text.split()
-    return Atom(name, tuple(arguments))
-
-
-def goal_of(*texts: str) -> Condition:
-    parts: list[Condition] = []
-    for text in texts:
-        wanted = atom(text.removeprefix("not "))
-        use = Holds(wanted.predicate, tuple(map(Constant, wanted.arguments)))
-        parts.append(Negation(use) if text.startswith("not ") else use)
-    return Conjunction(tuple(parts))
 
 
 def cell(cubes: int, trays: int) -> tuple[Objects, frozenset[Atom]]:
@@ -325,56 +200,11 @@ def test_no_step_of_a_plan_can_be_left_out(seed: int) -> None:
         assert not simulator.true(goal, {}, state)
 
 
-def random_domain(rng: random.Random) -> Domain:
-    predicates = {"p": 1, "q": 1, "r": 2, "s": 0}
-
-    def use(variables: list[str]) -> str:
-        name = rng.choice(list(predicates))
-        return f"({' '.join([name, *rng.choices(variables, k=predicates[name])])})"
-
-    def condition(variables: list[str], depth: int) -> str:
-        kind = rng.choice(
-            ["atom", "atom", "not", "not", "or", "forall", "exists", "equal"] if depth else ["atom", "not"]
-        )
-        match kind:
-            case "atom":
-                return use(variables)
-            case "not":
-                return f"(not {use(variables)})"
-            case "or":
-                return f"(or {condition(variables, depth - 1)} {condition(variables, depth - 1)})"
-            case "equal":
-                return rng.choice(["(not (= {} {}))", "(= {} {})"]).format(*rng.choices(variables, k=2))
-        return f"({kind} (?z{depth}) {condition([*variables, f'?z{depth}'], depth - 1)})"
-
-    actions = []
-    for number in range(rng.randint(2, 4)):
-        variables = ["?x", "?y"][: rng.randint(1, 2)]
-        needs = " ".join(condition(variables, 2) for _ in range(rng.randint(1, 3)))
-        changes = {use(variables): rng.random() < 0.5 for _ in range(rng.randint(1, 3))}
-        effect = " ".join(change if positive else f"(not {change})" for change, positive in changes.items())
-        parameters = " ".join(variables)
-        actions.append(
-            f"(:action a{number} :parameters ({parameters}) :precondition (and {needs}) :effect (and {effect}))"
-        )
-    requirements = ":negative-preconditions :equality :disjunctive-preconditions :quantified-preconditions"
-    head = f"(define (domain random) (:requirements {requirements}) (:predicates (p ?x) (q ?x) (r ?x ?y) (s))"
-    return read(f"{head}\n" + "\n".join(actions) + ")")
-
-
 def test_solvable_and_impossible_agree_with_looking_at_every_state() -> None:
     outcomes = {True: 0, False: 0}
-    objects = {"m": frozenset({"object"}), "n": frozenset({"object"})}
-    atoms = [Atom("s"), *(Atom(name, (x,)) for name in "pq" for x in "mn")]
-    atoms += [Atom("r", (x, y)) for x in "mn" for y in "mn"]
     for seed in range(300):
-        rng = random.Random(seed)  # noqa: S311
-        domain = random_domain(rng)
-        facts = frozenset(rng.sample(atoms, rng.randint(0, 5)))
-        goal_atoms = rng.sample(atoms, rng.randint(2, 4))
-        goal = goal_of(
-            *((" ".join(["not "] * rng.randint(0, 1)) + " ".join([a.predicate, *a.arguments])) for a in goal_atoms)
-        )
+        problem = random_problem(seed)
+        domain, objects, facts, goal = problem.domain, problem.objects, problem.facts, problem.goal
         solvable = Simulator(domain, objects).solvable(words(facts), goal)
         result = find_plan(domain, objects, facts, goal, {})
         outcomes[solvable] += 1
