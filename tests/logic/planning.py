@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 
 from sqrp_cli.logic.literal import Atom
@@ -135,6 +135,38 @@ def goal_of(*texts: str) -> Condition:
         use = Holds(wanted.predicate, tuple(map(Constant, wanted.arguments)))
         parts.append(Negation(use) if text.startswith("not ") else use)
     return Conjunction(tuple(parts))
+
+
+TOWERS = read("""(define (domain towers)
+  (:requirements :typing :negative-preconditions)
+  (:types cube)
+  (:predicates (on ?a ?b - cube) (on_table ?a - cube) (hold ?a - cube) (hand_full) (covered ?a - cube))
+  (:action pick :parameters (?a - cube)
+    :precondition (and (on_table ?a) (not (covered ?a)) (not (hand_full)))
+    :effect (and (hold ?a) (hand_full) (not (on_table ?a))))
+  (:action place :parameters (?a - cube)
+    :precondition (hold ?a)
+    :effect (and (on_table ?a) (not (hand_full)) (not (hold ?a))))
+  (:action stack :parameters (?a ?b - cube)
+    :precondition (and (hold ?a) (not (covered ?b)) (not (hold ?b)))
+    :effect (and (on ?a ?b) (covered ?b) (not (hand_full)) (not (hold ?a))))
+  (:action unstack :parameters (?a ?b - cube)
+    :precondition (and (on ?a ?b) (not (covered ?a)) (not (hand_full)))
+    :effect (and (hold ?a) (hand_full) (not (covered ?b)) (not (on ?a ?b)))))""")
+
+
+def towers(*stacks: str) -> frozenset[Atom]:
+    """Facts of towers of cubes a, b, c, ..., each written from the bottom up."""
+    facts = {Atom("on_table", (stack[0],)) for stack in stacks}
+    for stack in stacks:
+        for below, above in pairwise(stack):
+            facts |= {Atom("on", (above, below)), Atom("covered", (below,))}
+    return frozenset(facts)
+
+
+def goal_towers(*stacks: str) -> Condition:
+    uses = sorted(fact for fact in towers(*stacks) if fact.predicate != "covered")
+    return Conjunction(tuple(Holds(fact.predicate, tuple(map(Constant, fact.arguments))) for fact in uses))
 
 
 def random_domain(rng: random.Random) -> str:

@@ -5,7 +5,9 @@ Fast Downward takes 0.2 s a problem, so the suite asks it about a few; `make pla
 
 from __future__ import annotations
 
+import contextlib
 import os
+from pathlib import Path
 
 import pytest
 
@@ -30,7 +32,7 @@ def pddl(problem: Problem) -> str:
     return f"(define (problem p) (:domain random) (:objects {objects}) (:init {facts}) (:goal (and {goal})))"
 
 
-def by_fast_downward(problem: Problem) -> Plan | None:
+def by_fast_downward(problem: Problem, folder: Path) -> Plan | None:
     """Its plan, None if there is none; the text is read by unified-planning, nothing of it by us."""
     from unified_planning.engines import PlanGenerationResultStatus as Status
     from unified_planning.environment import Environment
@@ -40,7 +42,7 @@ def by_fast_downward(problem: Problem) -> Plan | None:
     environment.credits_stream = None
     environment.error_used_name = False
     read = PDDLReader(environment).parse_problem_string(problem.text, pddl(problem))
-    with environment.factory.OneshotPlanner(name="fast-downward") as planner:
+    with environment.factory.OneshotPlanner(name="fast-downward") as planner, contextlib.chdir(folder):
         result = planner.solve(read, timeout=60)
     if result.plan is None:
         assert result.status in (Status.UNSOLVABLE_PROVEN, Status.UNSOLVABLE_INCOMPLETELY), result.status
@@ -49,10 +51,10 @@ def by_fast_downward(problem: Problem) -> Plan | None:
 
 
 @pytest.mark.parametrize("seed", range(PROBLEMS))
-def test_fast_downward_solves_the_same_random_problems_with_negation(seed: int) -> None:
+def test_fast_downward_solves_the_same_random_problems_with_negation(seed: int, tmp_path: Path) -> None:
     problem = random_problem(seed)
     domain, objects, facts, goal = problem.domain, problem.objects, problem.facts, problem.goal
-    ours, theirs = find_plan(domain, objects, facts, goal, {}), by_fast_downward(problem)
+    ours, theirs = find_plan(domain, objects, facts, goal, {}), by_fast_downward(problem, tmp_path)
     if theirs is None:
         assert isinstance(ours, ProvenImpossible)
         return
