@@ -43,7 +43,7 @@ def test_the_readme_shows_what_the_command_prints(command: str, output: str) -> 
 
 def test_the_readme_shows_the_main_commands() -> None:
     shown = {command.split("&&")[-1].split()[1] for command, _ in blocks()}
-    assert shown >= {"rank", "explain", "check", "program"}
+    assert shown >= {"rank", "explain", "check", "program", "score"}
 
 
 if __name__ == "__main__":

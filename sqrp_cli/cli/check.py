@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import After, Jobs, Json, WorkspacePath, job_count
+from sqrp_cli.cli.options import After, Jobs, Json, Seed, WorkspacePath, job_count
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ def command(
         str | None, typer.Option("--planner", metavar="NAME", help="Plan with this engine of unified-planning.")
     ] = None,
     jobs: Jobs = None,
+    seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
     """Validate a workspace, and a task in it.
@@ -47,7 +48,7 @@ def command(
         option = "--program" if program is not None else "--planner"
         raise InputError(Problem("bad-option", f"{option} is about a task, which is missing"))
     try:
-        checked = _check(workspace, task, after, program, planner, job_count(jobs))
+        checked = _check(workspace, task, after, program, planner, job_count(jobs), seed)
     except InputError as error:
         if not as_json:
             raise
@@ -83,7 +84,7 @@ class _Checked:
 
 
 def _check(
-    path: Path, task: str | None, after: Path | None, program: Path | None, planner: str | None, jobs: int
+    path: Path, task: str | None, after: Path | None, program: Path | None, planner: str | None, jobs: int, seed: int
 ) -> _Checked:
     """Check everything, and write the program if one is asked for and there is something to do."""
     from sqrp_cli.cli.console import progress
@@ -99,7 +100,7 @@ def _check(
     problems = (*workspace.warnings, *lint(workspace))
     if task is None or any(problem.severity == "error" for problem in problems):
         return _Checked(workspace.name, problems)
-    session = Session.begin(workspace, task, world_before(after, program), Adaptive())
+    session = Session.begin(workspace, task, world_before(after, program), Adaptive(), seed=seed)
     world = session.assignment.world
     suggester = Suggester(session.cell, world, _planner(planner) if planner else find_plan, jobs)
     found = []
@@ -148,6 +149,9 @@ def _print(workspace: Path, task: str | None, checked: _Checked) -> None:
     print_table(
         [Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows
     )
+    around = [f"{one.candidate.name}: {', '.join(one.ways_around)}" for one in found if one.ways_around]
+    if around:
+        say("\n" + "\n".join(around))
     if checked.suggested and not feasible:
         print_suggested(checked.suggested)
 

@@ -140,10 +140,10 @@ def bar(share: float) -> str:
 
 
 class Step(Protocol):
-    """Called when one more part of the work is done."""
+    """Called when more parts of the work are done."""
 
-    def __call__(self) -> None:
-        """Count one."""
+    def __call__(self, count: int = 1) -> None:
+        """Count them."""
 
 
 @contextmanager
@@ -161,7 +161,7 @@ def progress(title: str, total: int | None) -> Iterator[Step]:
     ]
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         task = bars.add_task(title, total=total)
-        yield lambda: bars.advance(task)
+        yield lambda count=1: bars.advance(task, count)
 
 
 def plain(text: str, style: str = "") -> Text:

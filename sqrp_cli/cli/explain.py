@@ -13,6 +13,7 @@ from sqrp_cli.cli.options import (
     Json,
     SampleCount,
     SampleStep,
+    Seed,
     TaskText,
     Tolerance,
     WorkspacePath,
@@ -46,6 +47,7 @@ def command(
     after: After = None,
     images: Images = None,
     jobs: Jobs = None,
+    seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
     """Explain how well a way of doing a task is seen.
@@ -68,7 +70,7 @@ def command(
     if images is not None:
         check_pictures(images)
     sampling = read_sampling(samples, dt, tolerance)
-    session = Session.begin(open_workspace(workspace), task, after, sampling)
+    session = Session.begin(open_workspace(workspace), task, after, sampling, seed=seed)
     check_choice(session.task, choice)
     with progress(f"Assessing {task}", len(session.task.candidates)) as advance:
         assessments = []

@@ -79,7 +79,8 @@ def command(
     before = world_before(after, program)
     if report is not None:
         check_report(report)
-    session = Session.begin(open_workspace(workspace), task, before, sampling, read_calibration(calibration, seed))
+    drawn = read_calibration(calibration, seed)
+    session = Session.begin(open_workspace(workspace), task, before, sampling, drawn, seed)
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))
     if not assessments:

@@ -44,15 +44,17 @@ class Session:
         before: Path | None,
         sampling: Sampling,
         calibration: Calibration | None = None,
+        seed: int = 0,
     ) -> Session:
         """Read the task, load the cell and find the world to start from.
 
-        before: a program whose final world that is; the workspace's own state by default. Raises InputError for input
+        before: a program whose final world that is; the workspace's own state by default. seed: of all that planning
+        draws at random. Raises InputError for input
         that cannot be used.
         """
         read = read_task(task, workspace)
         world = workspace.initial_world if before is None else _world_after(before, workspace)
-        return cls(workspace, read, Assignment(Cell.load(workspace), world, sampling, calibration))
+        return cls(workspace, read, Assignment(Cell.load(workspace, seed), world, sampling, calibration))
 
 
 def _world_after(path: Path, workspace: Workspace) -> World:

@@ -92,7 +92,7 @@ class CellReader:
             place = self.document.value_place((*path, "calibration"))
             calibration = packages.resolve(entry.calibration, self.document.path.parent, self.roots, place)
             intrinsics, calibration_document = read_calibration(calibration)
-            self.digest.add(f"cameras.{name}.calibration", calibration_document.content)
+            self.digest.add(f"cameras.{name}.calibration", calibration, calibration_document.content)
         else:
             assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             intrinsics = image_intrinsics(self.document, (*path, "image"), entry.image)
@@ -121,7 +121,7 @@ class CellReader:
             seen = self.document.value_place((*path, "hand_eye"))
             file = packages.resolve(entry.hand_eye, self.document.path.parent, self.roots, seen)
             found, document = read_hand_eye(file)
-            self.digest.add(".".join(map(str, (*path, "hand_eye"))), document.content)
+            self.digest.add(".".join(map(str, (*path, "hand_eye"))), document.path, document.content)
             frame, X_FC, place = entry.frame or found.frame, found.X_FC, found.place
             mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
             if "convention" not in entry.model_fields_set:

@@ -18,7 +18,8 @@ from sqrp_cli.programming.task import Candidate
 class Feasibility:
     """Whether a candidate can be done.
 
-    reasons: why not, most useful first. time: of its motion [s], None if infeasible. suggestion: how to establish its
+    reasons: why not, most useful first. time: of its motion [s], None if infeasible. ways_around: what goes around
+    what, such as `a1 goes around wall`, where the direct move is blocked. suggestion: how to establish its
     precondition.
     """
 
@@ -27,6 +28,7 @@ class Feasibility:
     reasons: tuple[str, ...]
     time: float | None
     suggestion: Suggestion
+    ways_around: tuple[str, ...] = ()
 
 
 def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
@@ -35,7 +37,7 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     motion = feasible_motion(suggester.cell, candidate, suggester.world)
     if isinstance(motion, Infeasible):
         return Feasibility(candidate, feasible=False, reasons=motion.reasons, time=None, suggestion=suggestion)
-    return Feasibility(candidate, feasible=True, reasons=(), time=motion.time, suggestion=suggestion)
+    return Feasibility(candidate, True, (), motion.time, suggestion, motion.ways_around)
 
 
 def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[SuggestedStep, ...]:

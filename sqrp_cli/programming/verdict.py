@@ -120,8 +120,13 @@ class BlindStretch:
 def verdict(cell: Cell, study: Study) -> str:
     """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
 
-    Stretches within the events of interest come first.
+    Stretches within the events of interest come first. Moves that go around something are named at the end.
     """
+    ways = ", ".join(study.motion.ways_around)
+    return _on_coverage(cell, study) + (f" On the way {ways}." if ways else "")
+
+
+def _on_coverage(cell: Cell, study: Study) -> str:
     timeline = study.timeline
     blind = timeline.monitored & ~timeline.covered
     interesting = blind & timeline.interesting
