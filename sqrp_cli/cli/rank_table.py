@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sqrp_cli.cli.console import Column, Styled, joined, percentage, plain, print_table, say
+from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say
 from sqrp_cli.cli.documents import percentiles
 from sqrp_cli.cli.session import Session
 from sqrp_cli.programming.assessment import Assessment
@@ -15,9 +15,6 @@ from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, wi
 from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.task import Candidate, in_words
-
-BESIDE_BARS = 15
-"""Width that is left for the parameters in 80 columns if the qualities have bars."""
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
@@ -40,9 +37,7 @@ _CRITERION_WORDS: dict[Criterion, str] = {
 def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) -> None:
     """The table with a row per feasible candidate, the infeasible ones with reasons, and what to make of it."""
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
-    counts = f"{len(feasible)} of {len(ranking)} candidates can be done"
-    order = f", {_CRITERION_WORDS[by]}" if len(feasible) > 1 else ""
-    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {counts}{order}\n"]))
+    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {summary(ranking, by)}\n"]))
     if feasible:
         _print_feasible(feasible)
     if feasible:
@@ -59,10 +54,17 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
             say(f"Last is {last.candidate.name}: {last.verdict}")
         say(
             plain(
-                f"* none is better in all of Q_eoi, Q_avg and time. {_accuracy(session.assignment.sampling, feasible)}",
+                f"* none is better in all of Q_eoi, Q_avg and time. {accuracy(session.assignment.sampling, feasible)}",
                 "dim",
             )
         )
+
+
+def summary(ranking: Sequence[Ranked], by: Criterion) -> str:
+    """How many candidates can be done, and how they are ordered."""
+    feasible = sum(ranked.rank is not None for ranked in ranking)
+    order = f", {_CRITERION_WORDS[by]}" if feasible > 1 else ""
+    return f"{feasible} of {len(ranking)} candidates can be done{order}"
 
 
 def _print_infeasible(assessments: Sequence[Assessment]) -> None:
@@ -109,8 +111,6 @@ def _print_feasible(feasible: Sequence[Ranked]) -> None:
     values = [
         in_words(ranked.assessment.candidate.skill, ranked.assessment.candidate.parameters) for ranked in feasible
     ]
-    widths = [max(len(name), *(len(words[name]) for words in values)) + 2 for name in differing]
-    with_bars = sum(widths) <= BESIDE_BARS
     columns = [Column("#")]
     columns += [Column(name) for name in differing]
     columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
@@ -121,20 +121,17 @@ def _print_feasible(feasible: Sequence[Ranked]) -> None:
             Column("at\nworst", right=True),
             Column("all\ndone", right=True),
         ]
-    rows = [
-        _row(ranked, [words[name] for name in differing], with_bars=with_bars)
-        for ranked, words in zip(feasible, values, strict=True)
-    ]
+    rows = [_row(ranked, [words[name] for name in differing]) for ranked, words in zip(feasible, values, strict=True)]
     print_table(columns, rows)
     if len(faults) > 1:
         say(plain(f"The last columns are about the worst of the faults {', '.join(faults)}.", "dim"))
 
 
-def _row(ranked: Ranked, parameters: Sequence[str], *, with_bars: bool) -> list[Styled]:
+def _row(ranked: Ranked, parameters: Sequence[str]) -> list[Cell]:
     assessment = ranked.assessment
-    row: list[Styled] = [f"{ranked.rank}{' *' if ranked.pareto else ''}", *parameters]
-    row += [percentage(share, with_bar=with_bars) for share in (assessment.q_eoi, assessment.q_avg)]
-    return [*row, f"{assessment.time:.2f}", *_fault_cells(list(assessment.faults.values()))]
+    row: list[Cell] = [f"{ranked.rank}{' *' if ranked.pareto else ''}", *parameters]
+    row += [Share(assessment.q_eoi), Share(assessment.q_avg), f"{assessment.time:.2f}"]
+    return [*row, *_fault_cells(list(assessment.faults.values()))]
 
 
 def _fault_cells(faults: Sequence[FaultMetrics]) -> list[Styled]:
@@ -190,7 +187,8 @@ def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
     return f"{rival} is as good"
 
 
-def _accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
+def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
+    """One sentence about how finely motions were sampled, and what that leaves open."""
     error = max(ranked.assessment.error or 0.0 for ranked in feasible)
     gap = max(ranked.assessment.largest_gap or 0.0 for ranked in feasible)
     match sampling:
