@@ -44,6 +44,7 @@ _SYNTAX_HINTS = {
     "cannot start any token": "a character that cannot start a value; indent with spaces, or put the text in quotes",
     "expected ',' or ']'": "a list `[` that is not closed with `]`, or a missing `,`",
     "expected ',' or '}'": "a mapping `{` that is not closed with `}`, or a missing `,`",
+    "expected '<document start>'": "this line does not fit the lines above: check their indentation",
     "expected a single document": "a second document (`---`); one file holds one document",
     "found undefined alias": "an alias (`*name`) without an anchor (`&name`) before it",
     "unexpected end of stream": "text in quotes that is not closed",
