@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank run test check bench planners damage pictures format clean
+.PHONY: all rank run test check bench damage planners pictures format clean
 
 all: .venv/installed
 
