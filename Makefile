@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank test check bench pictures format clean
+.PHONY: all rank test check bench load pictures format clean
 
 all: .venv/installed
 
@@ -27,6 +27,10 @@ check: all
 
 bench: all
 	$(BIN)/python -m tests.benchmarks
+
+# Scores 40 generated cells in every way, kills included; takes minutes.
+load: all
+	$(BIN)/python -m tests.load
 
 # The pictures in the README; needs Chromium.
 pictures: all

@@ -28,7 +28,7 @@ from sqrp_cli.starter.random_cell import Crowd
 
 ROOT = Path(__file__).parents[1]
 SQRP = [sys.executable, "-c", "from sqrp_cli.cli.main import main; main()"]
-OBJECTS, CAMERAS = 12, 5
+OBJECTS, CAMERAS = 9, 5
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,6 @@ from sqrp_cli.scoring.results_folder import Results, results_in
 from sqrp_cli.scoring.run_jobs import Done, run_jobs
 from sqrp_cli.scoring.workers import Workers, open_workers
 
-CANDIDATES_PER_JOB = 4
-"""Small enough that little is lost with a worker, large enough that sending costs little."""
-
 
 @dataclass(frozen=True)
 class Means:
@@ -113,6 +110,7 @@ class Computer:
         for want in wanted:
             groups.setdefault(want.content, []).append(want)
         for content, members in groups.items():
-            for start in range(0, len(members), CANDIDATES_PER_JOB):
-                candidates = tuple(member.candidate for member in members[start : start + CANDIDATES_PER_JOB])
+            portion = self.workers.portion
+            for start in range(0, len(members), portion):
+                candidates = tuple(member.candidate for member in members[start : start + portion])
                 yield Job(members[0].workspace, content, candidates, self.sampling, self.seed, coverage)
