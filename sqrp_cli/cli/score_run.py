@@ -56,7 +56,7 @@ class ScoreRun:
 
     def findings(self, baseline: Path | None, allowance: float) -> Findings:
         """Score all and compare with a baseline if there is one."""
-        known = None if baseline is None else load_baseline(baseline)
+        known = None if baseline is None else load_baseline(baseline, self.computer.sampling)
         findings = score_cells(self.cells, self.computer, progress)
         rest = ", then interrupted" if findings.interrupted else ", the others were known"
         candidates = sum(len(task.task.candidates) for cell in self.cells for task in cell.tasks if task.task)
@@ -74,7 +74,7 @@ class ScoreRun:
         if outputs.baseline is not None:
             scores = [result.score for result in findings.results]
             self._lookup.prepare([(score, way) for score in scores for way in score.ways.values()], progress)
-            save_baseline(baseline_of(self.cells, scores, self._lookup), outputs.baseline)
+            save_baseline(baseline_of(self.cells, scores, self._lookup, self.computer.sampling), outputs.baseline)
 
     @property
     def _lookup(self) -> CoverageLookup:

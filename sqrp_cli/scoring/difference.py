@@ -41,7 +41,7 @@ def difference(
     lookup = CoverageLookup([before], computer)
     scores = [result.score for result in first.results]
     lookup.prepare([(score, way) for score in scores for way in score.ways.values()], progress)
-    baseline = baseline_of([before], scores, lookup)
+    baseline = baseline_of([before], scores, lookup, computer.sampling)
     second = score_cells([after], computer, progress)
     if second.interrupted:
         return second
