@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from math import ceil
 from pathlib import Path
 
 from sqrp_cli.errors import Problem
@@ -110,7 +111,7 @@ class Computer:
         for want in wanted:
             groups.setdefault(want.content, []).append(want)
         for content, members in groups.items():
-            portion = self.workers.portion
-            for start in range(0, len(members), portion):
-                candidates = tuple(member.candidate for member in members[start : start + portion])
+            count = ceil(len(members) / self.workers.portion)
+            for index in range(count):
+                candidates = tuple(member.candidate for member in members[index::count])
                 yield Job(members[0].workspace, content, candidates, self.sampling, self.seed, coverage)

@@ -16,7 +16,7 @@ from sqrp_cli.scoring.shipping import run_shipped
 CONNECT_TIMEOUT = 10.0
 """How long to wait for the scheduler [s]."""
 
-CANDIDATES_PER_JOB = 4
+CANDIDATES_PER_JOB = 6
 """A job takes some 10 ms to get to a worker, a candidate some 100 ms to compute."""
 
 JOBS_PER_THREAD = 3
