@@ -10,6 +10,7 @@ from typing import Literal, Protocol
 
 from rich.cells import cell_len
 from rich.console import Console
+from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -215,6 +216,24 @@ def progress(title: str, total: int | None) -> Iterator[Step]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         task = bars.add_task(title, total=total)
         yield lambda count=1: bars.advance(task, count)
+
+
+class Show(Protocol):
+    """Called with the text that is to be shown now."""
+
+    def __call__(self, text: Styled) -> None:
+        """Replace what was shown."""
+
+
+@contextmanager
+def live() -> Iterator[Show | None]:
+    """Text on stderr that changes in place and vanishes when done; None where stderr is no terminal."""
+    console = diagnostics()
+    if not console.is_terminal:
+        yield None
+        return
+    with Live(console=console, transient=True, auto_refresh=False) as screen:
+        yield lambda text: screen.update(text, refresh=True)
 
 
 def plain(text: str, style: str = "") -> Text:
