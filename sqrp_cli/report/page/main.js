@@ -168,10 +168,9 @@ class Page {
       .toolPosition()
       .map((x) => x.toFixed(3))
       .join(', ')} m`;
-    byId('view').setAttribute(
-      'aria-label',
-      `The cell at ${text}, ${this.scene.through ? `as ${this.scene.through} sees it` : 'from outside'}. ${sentence(this.motion.at(this.time))}`,
-    );
+    const eye = this.scene.through ? `as ${this.scene.through} sees it` : 'from outside';
+    const told = sentence(this.motion.at(this.time));
+    byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${told}`);
   }
 
   // What every camera sees now, in words.

@@ -1,4 +1,4 @@
-// Looking around: drag to turn, shift-drag or right drag to move, wheel or pinch to come closer; arrows, + and - by key.
+// Looking around: drag to turn, shift-drag or right drag to move, wheel or pinch to come closer; arrows, + and -.
 
 class Orbit {
   constructor(host, camera, changed, signal) {

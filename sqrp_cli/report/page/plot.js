@@ -34,7 +34,7 @@ class ParetoPlot {
     const chart = svg('svg', {
       viewBox: '0 0 480 300',
       role: 'group',
-      'aria-label': `${label} against time, a dot per candidate; arrow keys move, Enter chooses; ★ marks Pareto-optimal ones`,
+      'aria-label': `${label} against time, a dot per candidate; arrow keys move, Enter chooses; ★: Pareto-optimal`,
     });
     for (let q = 0; q <= 1; q += 0.25) {
       chart.append(

@@ -1,4 +1,4 @@
-// Coverage over time: a row per literal and camera, a coloured run per cause. One stop of the tab key; arrows move in it.
+// Coverage over time: a row per literal and camera, a coloured run per cause. One stop of the tab key; arrows move.
 
 class Timeline {
   constructor(motion, cameras, seek) {
