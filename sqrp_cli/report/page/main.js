@@ -164,10 +164,8 @@ class Page {
     this.now(this.motion.at(this.time));
     if (!this.scene) return;
     this.scene.seek(this.time);
-    byId('tool').textContent = `tool at ${this.scene
-      .toolPosition()
-      .map((x) => x.toFixed(3))
-      .join(', ')} m`;
+    const tool = this.scene.toolPosition().map((x) => x.toFixed(3));
+    byId('tool').textContent = `tool at ${tool.join(', ')} m`;
     const eye = this.scene.through ? `as ${this.scene.through} sees it` : 'from outside';
     const told = sentence(this.motion.at(this.time));
     byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${told}`);
