@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sensing.projection import Projection
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.report.camera_image import Photographer
 
