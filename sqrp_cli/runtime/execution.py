@@ -86,8 +86,7 @@ class Execution:
         self._eyes = Eyes(workspace.cameras.values(), pool)
         q = [program.steps[0].before.joints[name] for name in program.joints]
         limits = [workspace.robot.limits[name] for name in program.joints]
-        fingers = workspace.robot.fingers
-        self._playback = Playback(program.joints, limits, np.array(q), fingers.open if fingers else {})
+        self._playback = Playback(program.joints, limits, np.array(q))
         self._report = RunReport()
         self._latest: dict[str, Sighting] = {}
         self._truths: dict[float, tuple[float | None, dict[str, bool]]] = {}
@@ -434,6 +433,8 @@ class Execution:
         """The step again, from where the arm is, once the condition is seen and the objects are found."""
         self._cell.release()
         self._holding = False
+        if self._twin.fingers is not None:
+            self._playback.place(self._twin.fingers.open)
         expectation = Expectation(step, self._program.joints, self._twin)
         attempt = _Attempt(step, expectation, Judge(expectation, 1.0), PredictionCheck(0, expectation, ()))
         self._found_at, self._findings = self._now, {}

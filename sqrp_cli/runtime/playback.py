@@ -43,16 +43,9 @@ class Playback:
     of the motion.
     """
 
-    def __init__(
-        self, joints: Sequence[str], limits: Sequence[JointLimits], q: Array, still: Mapping[str, float] | None = None
-    ) -> None:
-        """joints: names of the n joints with their limits; q: where they stand, shape (n,) [rad or m].
-
-        still: further joints and where they are to stay, such as open fingers; they come after the n.
-        """
-        still = still or {}
-        self.joints = (*joints, *still)
-        self._still = np.array(list(still.values()))
+    def __init__(self, joints: Sequence[str], limits: Sequence[JointLimits], q: Array) -> None:
+        """joints: names of the n joints with their limits; q: where they stand, shape (n,) [rad or m]."""
+        self.joints = tuple(joints)
         self._acceleration = np.array([limit.acceleration for limit in limits])
         self._jerk = np.array([limit.jerk for limit in limits])
         self._rest = np.array(q, dtype=float)
@@ -86,8 +79,12 @@ class Playback:
         """Forget the step; stay where the arm was told to be last."""
         if self._primitives:
             end = self._stop[0] + self._stop[1] if self._stop else self._start + self._ends[-1]
-            self._rest = self.state(end)[0][: len(self._rest)]
+            self._rest = self.state(end)[0]
         self._primitives, self._stop = (), None
+
+    def place(self, joints: Mapping[str, float]) -> None:
+        """While standing, want some joints elsewhere at once: fingers, which only their motors hold back."""
+        self._rest = np.array([joints.get(name, q) for name, q in zip(self.joints, self._rest, strict=True)])
 
     def step_time(self, t: float) -> float:
         """The time of the step's own clock [s] at time t [s]."""
@@ -110,9 +107,7 @@ class Playback:
                 q[rows], velocity[rows], acceleration[rows] = self._on_path(tau[rows], 2)
             acceleration = acceleration * rate[:, None] ** 2 + velocity * change[:, None]
             velocity = velocity * rate[:, None]
-        still = np.tile(self._still, (len(t), 1))
-        none = np.zeros_like(still)
-        return np.hstack([q, still]), np.hstack([velocity, none]), np.hstack([acceleration, none])
+        return q, velocity, acceleration
 
     def _clock(self, t: Array) -> tuple[Array, Array, Array]:
         """The step's own clock [s] at times t [s], its rate and the change of its rate [1/s], shape (m,) each."""
