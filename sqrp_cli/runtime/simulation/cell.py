@@ -57,11 +57,11 @@ class SimulatedCell:
         that cannot be used.
         """
         from sqrp_cli.runtime.simulation.model import build_model
-        from sqrp_cli.runtime.simulation.physics import Physics
+        from sqrp_cli.runtime.simulation.physics import Physics, things_of
         from sqrp_cli.runtime.simulation.render_pool import RenderPool
 
         self._workspace = workspace
-        self._model = build_model(workspace, world.X_WO)
+        self._model = build_model(workspace, things_of(world))
         self._physics = Physics(workspace, world, self._model)
         self._draughtsmen = RenderPool(self._model, tuple(workspace.cameras.values()), seed)
 

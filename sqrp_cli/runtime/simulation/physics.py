@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.runtime.simulation.controller import Controller, Payload
@@ -17,6 +17,11 @@ from sqrp_cli.runtime.simulation.model import TIME_STEP, build_model, quaternion
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.simulation.cell import Reference
+
+
+def things_of(world: World) -> dict[str, Array]:
+    """X_WO of every object of a world, shape (4, 4) each; what is held has a place only once the arm has."""
+    return {**({} if world.held is None else {world.held: pose()}), **world.X_WO}
 
 
 class Physics:
@@ -32,13 +37,14 @@ class Physics:
         Raises InputError as `build_model`.
         """
         robot = workspace.robot
-        self.model = build_model(workspace, world.X_WO) if model is None else copy(model)
+        X_WO = things_of(world)
+        self.model = build_model(workspace, X_WO) if model is None else copy(model)
         self._data = mujoco.MjData(self.model)
         self._carrier = self.model.body(robot.tool_frame).id
-        self._things = [name for name in world.X_WO if not workspace.objects[name].fixed]
-        self._objects = tuple(world.X_WO)
+        self._things = [name for name in X_WO if not workspace.objects[name].fixed]
+        self._objects = tuple(X_WO)
         for name in self._things:
-            self._place(name, world.X_WO[name])
+            self._place(name, X_WO[name])
         self._rest(robot, world)
         self._controller = Controller(self.model, self._data)
         self._hold = self._tool(robot)

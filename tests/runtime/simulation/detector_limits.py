@@ -110,7 +110,7 @@ def _cube_sights(stage: Stage, eye: Camera, visible: float, random: np.random.Ge
         name="place", detector="color", frame="cube@start", size=CUBE.size, pose=pose_rows(pose()), normal=None,
         encloses=("cube",),
     )  # fmt: skip
-    watcher.watch(Watchlist({"placed(cube)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"cube": X_WO}))
+    watcher.watch(Watchlist({"placed(cube)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"cube": X_WO}, {}))
     before = {"cube": X_WO, "screen": aside}
     stage.put("cube", X_WO)
     stage.put("screen", aside)

@@ -130,7 +130,8 @@ def test_a_cell_may_begin_with_something_in_the_tool() -> None:
     q = at_pose(base, X_WT)
     X_TO = pose(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.02))
     start = world(base, q)
-    physics = Physics(base, replace(start, held="cube", X_TO=X_TO))
+    elsewhere = {name: X for name, X in start.X_WO.items() if name != "cube"}
+    physics = Physics(base, replace(start, X_WO=elsewhere, held="cube", X_TO=X_TO))
     physics.advance(1.0, Rest(q))
     assert physics.held() == "cube"
     assert physics.object_poses()["cube"] == pytest.approx(X_WT @ X_TO, abs=5e-4)
