@@ -90,8 +90,10 @@ class _Worker:
 
     def send(self, message: Watchlist | _Look) -> None:
         try:
+            while self._connection.poll():  # else both ends could wait for the other to read
+                self._take()
             self._connection.send(message)
-        except OSError as error:
+        except (EOFError, OSError) as error:
             raise PerceptionError(self.cameras, "has ended") from error
 
     def receive(self, camera: str) -> Sighting:
@@ -100,11 +102,14 @@ class _Worker:
             try:
                 if not self._connection.poll(ANSWER_WITHIN):
                     raise PerceptionError(self.cameras, "does not answer")
-                sighting: Sighting = self._connection.recv()
+                self._take()
             except (EOFError, OSError) as error:
                 raise PerceptionError(self.cameras, "has ended") from error
-            self._ready[sighting.camera].append(sighting)
         return waiting.pop(0)
+
+    def _take(self) -> None:
+        sighting: Sighting = self._connection.recv()
+        self._ready[sighting.camera].append(sighting)
 
     def kill(self) -> None:
         self._process.kill()
