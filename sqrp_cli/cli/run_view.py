@@ -89,7 +89,7 @@ def _line(event: Event) -> str:
 
 def print_run(workspace: str, report: RunReport) -> None:
     """The outcome of a run: what was done, the faults, and whether predictions came true."""
-    what = "; ".join(f"{step.skill} {_objects(step.parameters)}" for step in report.steps)
+    what = "; ".join(step.label for step in report.steps)
     tries = sum(step.attempts - 1 for step in report.steps)
     after = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
     if report.outcome == "done":
@@ -189,7 +189,7 @@ def _print_disagreements(found: Sequence[Disagreement]) -> None:
 
 def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun], period: float) -> None:
     """The runs of a sweep, and how predicted and measured delays compare; period: of the slowest camera [s]."""
-    say(f"{step.skill} {_objects(step.parameters)} in {workspace}: {text} at {len(runs)} instants")
+    say(f"{step.short_task} in {workspace}: {text} at {len(runs)} instants")
     say()
     columns = ("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e")
     print_table(
@@ -210,12 +210,17 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
         run.fault for run in runs if run.fault.predicted_delay is not None and run.fault.happened is not None
     ]
     seen = [fault for fault in predictable if fault.delay is not None]
-    close = [f for f in seen if abs((f.delay or 0.0) - (f.predicted_delay or 0.0)) <= period + 1e-9]
+    later = [(f.delay or 0.0) - (f.predicted_delay or 0.0) for f in seen]
+    close = sum(abs(difference) <= period + 1e-9 for difference in later)
     say()
     say(
         f"{len(seen)} of {len(predictable)} slips that the prediction says can be seen were seen, "
-        f"{len(close)} of them within one frame period ({1000 * period:.0f} ms) of the predicted delay."
+        f"{close} of them within one frame period ({1000 * period:.0f} ms) of the predicted delay."
     )
+    if later:
+        say(
+            f"The prediction is an upper bound: {-min(later):.2f} s too late at most, {max(0.0, max(later)):.2f} s too soon."
+        )
     delays = [fault.delay for fault in seen if fault.delay is not None]
     ends = [run.fault.recovered for run in runs if run.fault.recovered is not None]
     if delays:
@@ -225,7 +230,7 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
 
 def print_audit(program: Program, workspace: str, report: AuditReport, threshold: float) -> None:
     """What recorded frames say about a program's predictions."""
-    what = "; ".join(f"{step.skill} {_objects(step.parameters)}" for step in program.steps)
+    what = "; ".join(step.short_task for step in program.steps)
     say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
     if report.repeated:
         say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
@@ -251,10 +256,6 @@ def wall_time(report: RunReport) -> str:
         f"{total:.1f} s of wall time for {report.time:.1f} s and {report.images} images: "
         f"{', '.join(parts)}, the rest {rest:.1f} s; perception {apart:.1f} s of CPU in its own processes"
     )
-
-
-def _objects(parameters: Mapping[str, float | str]) -> str:
-    return " ".join(value for value in parameters.values() if isinstance(value, str))
 
 
 def _seconds(t: float | None, sign: str = "") -> str:

@@ -120,7 +120,7 @@ class Execution:
     # Steps and retries
 
     def _run_step(self, index: int, step: Step) -> None:
-        record = StepRecord(step.skill, step.parameters, self._now)
+        record = StepRecord(step.skill, step.parameters, step.short_task, self._now)
         self._report.steps.append(record)
         self._holding = step.before.held is not None
         tries = 0
@@ -321,7 +321,8 @@ class Execution:
             if primitive.action == "Grasp":
                 actions.append(_Action(primitive.start, "grasp"))
             elif primitive.action == "Release":
-                actions.append(_Action(primitive.start, "release"))
+                opens = primitive.start if self._twin.fingers is not None else primitive.end
+                actions += [_Action(opens, "release"), _Action(primitive.end, "let go")]
             actions.append(_Action(primitive.start, primitive.name))
         if first:
             actions.extend(_Action(fault.t if fault.t is not None else 0.0, "fault", fault) for fault in self._faults)
@@ -334,6 +335,7 @@ class Execution:
             self._holding = True
         elif action.do == "release":
             self._cell.release()
+        elif action.do == "let go":
             self._holding = False
         elif action.do == "fault" and action.fault is not None:
             self._inject(action.fault, attempt)

@@ -101,9 +101,7 @@ class Judge:
         for watch in self._watches:
             if watch.entry.fault is not None and not watch.over and self._seen_late(watch, t, values):
                 watch.over = True
-                return Alarm(
-                    "fault", watch.entry.fault, f"{watch.entry.fault}: {watch.entry.formula}", watch.entry.response
-                )
+                return _fault_alarm(watch.entry)
         for atom in self.monitored(t):
             value, expected = values.get(atom, Truth.UNKNOWN), self._expectation.holds(atom, t)
             if value == (Truth.FALSE if expected else Truth.TRUE):
@@ -136,7 +134,7 @@ class Judge:
             if not seen:
                 return None
             watch.over = True
-            return Alarm("fault", entry.fault, f"{entry.fault}: {entry.formula}", entry.response)
+            return _fault_alarm(entry)
         settled = self._settled(watch, t, values)
         if watch.violated is None and watch.monitor.observe(t, settled).truth == Truth.FALSE:
             wrong = self._contradicted(watch, t, values)
@@ -167,7 +165,8 @@ class Judge:
         for operator in watch.operators:
             if operator.operator == "eventually" and t >= operator.end and operator.literals:
                 seen = all(_value(literal, values) == Truth.TRUE for literal in operator.literals)
-                if seen and not all(self._nominal(literal, t, t) for literal in operator.literals):
+                around = (t - watch.entry.settle, t + watch.entry.settle)
+                if seen and any(self._nominal(literal.negated(), *around) for literal in operator.literals):
                     return True
         return False
 
@@ -209,6 +208,10 @@ class Judge:
                 text = f"{atom} should be seen by {cameras}, but has not been for {self._patience:.2g} s"
                 return Alarm("blindness", atom, text, STOP)
         return None
+
+
+def _fault_alarm(entry: ProgramFormula) -> Alarm:
+    return Alarm("fault", entry.fault or "", f"the fault `{entry.fault}` was seen: {entry.formula}", entry.response)
 
 
 def read_formula(text: str) -> Formula:

@@ -34,6 +34,9 @@ ROOT = Path(__file__).parent.parent.parent
 TASK = "pickup green"
 BEST, WORST = "g2", "g1"
 
+PERIOD, PROCESSING = 0.1, 0.02
+"""Of the cameras, and time that it takes to look at an image [s]."""
+
 
 def simulations(names: tuple[str, ...] = ()) -> dict[str, Simulation]:
     """The feasible candidates of the task, ready to run."""
@@ -89,12 +92,14 @@ def sweeps(count: int) -> bool:
             print(f"  {name} {run.x:6.2f}  {times}  t_e {_s(f.recovered)}  {run.report.reason or ''}", flush=True)
         able = [f for f in faults if f.predicted_delay is not None and f.happened is not None]
         seen = [f for f in able if f.delay is not None]
-        close = [f for f in seen if abs((f.delay or 0) - (f.predicted_delay or 0)) <= 0.1 + 1e-9]
+        later = [(f.delay or 0.0) - (f.predicted_delay or 0.0) for f in seen]
+        close = [difference for difference in later if abs(difference) <= PERIOD + PROCESSING]
         done = [f.recovered for f in faults if f.recovered is not None]
         ends[name] = sum(done) / len(done) if done else float("nan")
         delay = sum(f.delay or 0.0 for f in seen) / max(len(seen), 1)
         print(
-            f"{name}: {len(seen)} of {len(able)} seen, {len(close)} within one frame of the prediction, "
+            f"{name}: {len(seen)} of {len(able)} seen, {len(close)} within one frame and processing of the prediction, "
+            f"{min(later, default=0.0):+.2f} to {max(later, default=0.0):+.2f} s off it, "
             f"mean delay {delay:.2f} s, {len(done)} done after {ends[name]:.1f} s",
             flush=True,
         )
