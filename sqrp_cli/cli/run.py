@@ -183,7 +183,7 @@ def _replay(path: Path, *, as_json: bool) -> ExitCode:
     with LiveView(header.fields["cameras"], pace=not as_json) as view:
         for event in events:
             if event.kind == "report":
-                report = report_of(dict(event.fields))
+                report = report_of(path, dict(event.fields))
             else:
                 view(event)
     if report is None:

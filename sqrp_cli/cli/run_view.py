@@ -218,9 +218,8 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
         f"{close} of them within one frame period ({1000 * period:.0f} ms) of the predicted delay."
     )
     if later:
-        say(
-            f"The prediction is an upper bound: {-min(later):.2f} s too late at most, {max(0.0, max(later)):.2f} s too soon."
-        )
+        sooner, worse = max(0.0, -min(later)), max(0.0, max(later))
+        say(f"They were seen up to {sooner:.2f} s sooner and up to {worse:.2f} s later than predicted.")
     delays = [fault.delay for fault in seen if fault.delay is not None]
     ends = [run.fault.recovered for run in runs if run.fault.recovered is not None]
     if delays:

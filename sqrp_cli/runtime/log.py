@@ -62,16 +62,19 @@ def read_log(path: Path) -> Iterator[Event]:
         raise InputError(Problem("no-log", "this log is empty", Place(path)))
 
 
-def report_of(fields: dict[str, Any]) -> RunReport:
-    """The report that the last line of a log holds."""
+def report_of(path: Path, fields: dict[str, Any]) -> RunReport:
+    """The report that the last line of the log at `path` holds. Raises InputError for one that is none."""
     nested = {"steps", "faults", "prediction", "disagreements"}
-    return RunReport(
-        **{key: value for key, value in fields.items() if key not in nested},
-        steps=[StepRecord(**step) for step in fields["steps"]],
-        faults=[FaultRecord(**fault) for fault in fields["faults"]],
-        prediction=[
-            {atom: {name: Confusion(**found) for name, found in cameras.items()} for atom, cameras in step.items()}
-            for step in fields["prediction"]
-        ],
-        disagreements=[Disagreement(**entry) for entry in fields["disagreements"]],
-    )
+    try:
+        return RunReport(
+            **{key: value for key, value in fields.items() if key not in nested},
+            steps=[StepRecord(**step) for step in fields["steps"]],
+            faults=[FaultRecord(**fault) for fault in fields["faults"]],
+            prediction=[
+                {atom: {name: Confusion(**found) for name, found in cameras.items()} for atom, cameras in step.items()}
+                for step in fields["prediction"]
+            ],
+            disagreements=[Disagreement(**entry) for entry in fields["disagreements"]],
+        )
+    except (KeyError, TypeError, AttributeError):
+        raise InputError(Problem("no-log", "the report at the end of this log is none", Place(path))) from None
