@@ -333,6 +333,8 @@ class Execution:
         if action.do == "grasp":
             self._cell.grasp()
             self._holding = True
+            if self._open_fault is not None and attempt is not None:
+                attempt.undisturbed = False
         elif action.do == "release":
             self._cell.release()
         elif action.do == "let go":
@@ -360,7 +362,7 @@ class Execution:
                 self._pool.crash(camera)
         record = FaultRecord(self._fault_name(fault, attempt), injected=self._now)
         if fault.kind in ("slip", "miss-pick") and attempt is not None:
-            attempt.undisturbed = False
+            attempt.undisturbed = fault.kind == "miss-pick"  # until the grasp
             self._open_fault = record
         self._report.faults.append(record)
         self._say("injected", fault=fault.text)
