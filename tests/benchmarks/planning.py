@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import random
 
+from sqrp_cli.logic.domain import Condition
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Plan, Planner, find_plan
 from sqrp_cli.logic.unified_planner import engine_planner
 from tests.benchmarks.table import milliseconds, print_table
-from tests.logic.planning import TOWERS, Condition, goal_towers, towers
+from tests.logic.planning import TOWERS, goal_towers, towers
 
 CUBES = "abcdefghij"
 OBJECTS = {name: frozenset({"cube"}) for name in CUBES}
