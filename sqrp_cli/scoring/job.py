@@ -44,7 +44,7 @@ def run_job(job: Job) -> tuple[str, ...]:
 
 
 def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
-    world = cell.workspace.initial_world
+    world = cell.initial_world
     if not job.coverage:
         return Outcome(Assignment(cell, world, job.sampling).assess(candidate), None)
     found = study(cell, candidate, world, job.sampling, full=True)
