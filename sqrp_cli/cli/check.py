@@ -74,7 +74,7 @@ def _check(
         for candidate in session.task.candidates:
             found.append(check_candidate(session.cell, candidate, session.assignment.world))
             advance()
-    return workspace.name, problems, tuple(found)
+    return workspace.name, (*problems, *session.cell.warnings), tuple(found)
 
 
 def _print(
