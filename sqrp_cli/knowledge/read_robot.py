@@ -242,12 +242,7 @@ class RobotReader:
         velocity = self._values("velocity", joints)
         acceleration = self._values("acceleration", joints)
         jerk = self._values("jerk", joints)
-        unlimited = [joint.name for joint in joints if not joint.velocity and joint.name not in velocity]
-        if unlimited:
-            message = f"no velocity limit for {', '.join(unlimited)}: {DEFAULT_VELOCITY:g} rad/s or m/s is assumed"
-            place = self.document.key_place(("robot", "limits", "velocity"))
-            mend = "state it under `robot.limits.velocity`"
-            self.warnings.append(Problem("assumed-limit", message, place, severity="warning", mend=mend))
+        self._warn_of_assumed_limits(joints, velocity, acceleration, jerk)
         return {
             joint.name: JointLimits(
                 joint.lower,
@@ -258,6 +253,30 @@ class RobotReader:
             )
             for joint in joints
         }
+
+    def _warn_of_assumed_limits(
+        self,
+        joints: Sequence[UrdfJoint],
+        velocity: Mapping[str, float],
+        acceleration: Mapping[str, float],
+        jerk: Mapping[str, float],
+    ) -> None:
+        """One warning that names the joints without a stated limit, and what is assumed for them."""
+        lacking = {
+            f"velocity ({DEFAULT_VELOCITY:g}": [j.name for j in joints if not j.velocity and j.name not in velocity],
+            f"acceleration ({DEFAULT_ACCELERATION:g}": [j.name for j in joints if j.name not in acceleration],
+            f"jerk ({DEFAULT_JERK:g}": [j.name for j in joints if j.name not in jerk],
+        }
+        told = [
+            f"{limit} for {'all joints' if len(names) == len(joints) else ', '.join(names)})"
+            for limit, names in lacking.items()
+            if names
+        ]
+        if told:
+            message = f"limits are not stated and assumed, in rad or m and s: {', '.join(told)}"
+            place = self.document.key_place(("robot", "limits"))
+            mend = "state them under `robot.limits`; times depend on them"
+            self.warnings.append(Problem("assumed-limit", message, place, severity="warning", mend=mend))
 
     def _values(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
         """The stated values of one limit by joint. One value for all goes to every joint that its unit fits."""
