@@ -70,13 +70,13 @@ def command(
     from sqrp_cli.cli.console import print_problems, say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
-    from sqrp_cli.cli.report_page import check_report, write_report
-    from sqrp_cli.cli.session import Session
+    from sqrp_cli.cli.report_page import check_report, write_ranking
+    from sqrp_cli.cli.session import Session, world_before
     from sqrp_cli.programming.ranking import rank
 
     criterion = _criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
-    before = _world_before(after, program)
+    before = world_before(after, program)
     if report is not None:
         check_report(report)
     drawn = read_calibration(calibration, seed)
@@ -87,16 +87,13 @@ def command(
     if not assessments:
         return ExitCode.INTERRUPTED
     ranking = rank(assessments, criterion)
-    document = _document(session, assessments, ranking, criterion, interrupted=interrupted)
+    if report is not None and not interrupted:
+        write_ranking(session, ranking, criterion, report, context.obj, job_count(jobs))
     if as_json:
-        say_raw(as_text(document))
+        say_raw(as_text(_document(session, assessments, ranking, criterion, interrupted=interrupted)))
     else:
         print_ranking(session, ranking, criterion)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    if report is not None:
-        write_report(session, ranking, document, report, context.obj, job_count(jobs))
-    return _write_chosen(session, ranking, choose, program)
+    return ExitCode.INTERRUPTED if interrupted else _write_chosen(session, ranking, choose, program)
 
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
@@ -141,7 +138,7 @@ def _document(
 def _write_chosen(session: Session, ranking: Sequence[Ranked], choose: str, program: Path | None) -> ExitCode:
     """Append the chosen candidate to a program, if one was named; nothing is written if it is infeasible."""
     from sqrp_cli.cli.console import note
-    from sqrp_cli.cli.session import add_step
+    from sqrp_cli.cli.session import ChosenStep, add_steps
 
     chosen = choose_candidate(ranking, choose)
     if chosen.rank is None:
@@ -150,27 +147,10 @@ def _write_chosen(session: Session, ranking: Sequence[Ranked], choose: str, prog
             note(f"{chosen.assessment.candidate.name} is infeasible ({chosen.assessment.reasons[0]}){consequence}")
         return ExitCode.NONE_FEASIBLE
     if program is not None:
-        add_step(session, chosen.assessment, program)
+        step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
+        add_steps(session.cell, [step], session.assignment.sampling, program)
         note(f"{chosen.assessment.candidate.name} is now the last step of {program}")
     return ExitCode.OK
-
-
-def _world_before(after: Path | None, program: Path | None) -> Path | None:
-    """The program whose final world a task starts from: a step that is appended starts where its program ends.
-
-    Raises InputError where that contradicts `--after`, or where the program cannot be written.
-    """
-    from sqrp_cli.files import check_writable
-
-    if program is None:
-        return after
-    check_writable(program)
-    if not program.exists():
-        return after
-    if after is not None and after.resolve() != program.resolve():
-        message = f"{program} exists, so its next step starts where it ends and not where {after} does"
-        raise InputError(Problem("bad-option", message, mend="leave out --after, or name a new file after --program"))
-    return program
 
 
 def check_choice(task: Task, choice: str) -> None:

@@ -10,11 +10,12 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge import packages, units
+from sqrp_cli.knowledge.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.entries import Pose
 from sqrp_cli.knowledge.read_cell import add_mesh
 from sqrp_cli.knowledge.robot import Fingers, JointLimits, Marker, Robot, Tool
-from sqrp_cli.knowledge.scene import Mesh
+from sqrp_cli.knowledge.scene import Mesh, Part
 from sqrp_cli.knowledge.source import Document, KeyPath
 from sqrp_cli.knowledge.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.tool_of_boxes import TOOL_TIP, tool_of_boxes
@@ -49,6 +50,7 @@ class RobotReader:
     digest: ContentDigest
     problems: list[Problem] = field(default_factory=list)
     warnings: list[Problem] = field(default_factory=list)
+    _parts: list[Part] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         folder = self.document.path.parent
@@ -89,6 +91,7 @@ class RobotReader:
             home=self._home(arm),
             limits=self._limits(joints),
             geometry=self.entry.geometry,
+            parts=tuple(self._parts),
             disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
             fingers=self._fingers(joints, arm),
             markers=self._markers(),
@@ -104,7 +107,9 @@ class RobotReader:
         urdf = read_urdf(self._resolve(reference, path))
         role = ".".join(map(str, path))
         self.digest.add_file(role, urdf.path)
-        for part in link_parts(urdf, self.entry.geometry, partial(resolve_mesh, self.roots)):
+        parts = link_parts(urdf, self.entry.geometry, partial(resolve_mesh, self.roots))
+        self._parts += parts
+        for part in parts:
             if isinstance(part.shape, Mesh):
                 add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, urdf.links[part.parent].place)
         return urdf
@@ -303,9 +308,10 @@ class RobotReader:
                 )
             elif quantity.dimension not in (None, dimensions[name]):
                 self._wrong_unit(paths[name], quantity, dimensions[name])
-        if any(quantity.value <= 0.0 for quantity in values.values()):
-            wrong = next(name for name, quantity in values.items() if quantity.value <= 0.0)
-            self._report("wrong-value", paths[wrong], f"found {values[wrong].value:g}, expected a value above 0")
+        wrong = next((name for name, quantity in values.items() if quantity.value < SMALLEST_LIMIT), None)
+        if wrong is not None:
+            expected = f"expected a value above 0, at least {SMALLEST_LIMIT:g}"
+            self._report("wrong-value", paths[wrong], f"found {values[wrong].value:g}, {expected}")
         return {name: quantity.value for name, quantity in values.items()}
 
     def _wrong_unit(self, path: KeyPath, quantity: Quantity, *dimensions: Dimension) -> None:

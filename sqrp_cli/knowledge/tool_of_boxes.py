@@ -23,7 +23,7 @@ def tool_of_boxes(
     that grasps in the root link, shape (4, 4). path, place: of the file and the entry that describe it.
     """
     solid = tuple(LinkGeometry(None, Box(size), read_only(X_BG), place) for size, X_BG in boxes)
-    links = {TOOL_BODY: UrdfLink(TOOL_BODY, solid, (), place), TOOL_TIP: UrdfLink(TOOL_TIP, (), (), place)}
+    links = {TOOL_BODY: UrdfLink(TOOL_BODY, solid, (), None, place), TOOL_TIP: UrdfLink(TOOL_TIP, (), (), None, place)}
     tip = UrdfJoint(
         name=f"{TOOL_TIP}_joint",
         type="fixed",
@@ -34,6 +34,7 @@ def tool_of_boxes(
         lower=0.0,
         upper=0.0,
         velocity=None,
+        effort=None,
         mimic=None,
         place=place,
     )
