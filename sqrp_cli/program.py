@@ -22,7 +22,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.entries import Entry
-from sqrp_cli.knowledge.source import Document, read_document
+from sqrp_cli.knowledge.source import MAX_BYTES, Document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.logic.literal import Atom
@@ -62,11 +62,21 @@ class TrajectoryNumbers(Entry):
 
     @model_validator(mode="after")
     def _consistent(self) -> TrajectoryNumbers:
-        for breaks, pieces in ((self.path.breaks, self.path.coefficients), (self.law.breaks, self.law.coefficients)):
-            if len(breaks) != len(pieces) + 1 or any(b < a for a, b in pairwise(breaks)):
-                raise PydanticCustomError("program-motion", "breaks must rise and be one more than there are pieces")
-        if len({len(row) for piece in self.path.coefficients for row in piece}) != 1:
-            raise PydanticCustomError("program-motion", "every coefficient must have one number per joint")
+        for part, breaks, count in (
+            ("path", self.path.breaks, len(self.path.coefficients)),
+            ("law", self.law.breaks, len(self.law.coefficients)),
+        ):
+            if count == 0 or len(breaks) != count + 1 or any(b < a for a, b in pairwise(breaks)):
+                message = "the breaks of the {part} must rise and be one more than there are pieces"
+                raise PydanticCustomError("program-motion", message, {"part": part})
+        if any(a == b for a, b in pairwise(self.path.breaks)):
+            raise PydanticCustomError("program-motion", "the breaks of the path must be different")
+        if any(len(piece) != 4 for piece in self.law.coefficients):
+            raise PydanticCustomError("program-motion", "every piece of the law must have four coefficients")
+        rows = {len(row) for piece in self.path.coefficients for row in piece}
+        if len(rows) != 1 or 0 in rows or len({len(piece) for piece in self.path.coefficients}) != 1:
+            message = "every coefficient of the path must have one number per joint, every piece as many coefficients"
+            raise PydanticCustomError("program-motion", message)
         return self
 
     @property
@@ -247,13 +257,17 @@ def _problems(document: Document, found: Iterable[Flaw]) -> list[Problem]:
 
 
 def save_program(program: Program, path: Path) -> None:
-    """Write a program file that can be executed, all or nothing. Raises InputError where it cannot be written."""
-    text = yaml.dump(program.model_dump(mode="json"), Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
-    write_atomically(
-        path,
-        f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n{text}",
-        executable=True,
-    )
+    """Write a program file that can be executed, all or nothing.
+
+    Raises InputError where it cannot be written, or would be too large to be read again.
+    """
+    head = f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n"
+    numbers = program.model_dump(mode="json")
+    text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
+    if len(text.encode()) > MAX_BYTES:
+        message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
+        raise InputError(Problem("file-too-large", message, Place(path), mend=f"--after {path} --program ANOTHER"))
+    write_atomically(path, text, executable=True)
 
 
 def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Program:

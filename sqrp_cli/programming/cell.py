@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from sqrp_cli.errors import Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.robot import Robot
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.mesh_sizes import doubtful_meshes
-from sqrp_cli.programming.motion.collision import CollisionScene, Pairs
+from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, finger_positions
+from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.motion.self_contacts import SelfContacts, find_self_contacts
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import load_solids
@@ -37,7 +38,7 @@ class Cell:
         """Read the robot and every mesh. Raises InputError for a URDF or mesh that cannot be used."""
         robot = workspace.robot
         model = RobotModel.load(robot)
-        objects = [thing for thing in workspace.objects.values() if thing.X_WO is not None]
+        objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
         parts = [*model.parts, *(part for thing in objects for part in thing.parts)]
         contacts = _self_contacts(workspace, model, seed) if robot.srdf is None else None
         unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
@@ -55,6 +56,22 @@ class Cell:
     def unchecked_pairs(self) -> Pairs:
         """Pairs of links whose contact is not checked, beside neighbours."""
         return self.workspace.robot.disabled_pairs if self.self_contacts is None else self.self_contacts.unchecked
+
+    @property
+    def initial_world(self) -> World:
+        """The world before any program has run. Raises InputError where the fingers cannot hold what they should."""
+        world, model = self.workspace.initial_world, self.model
+        if world.held is None or world.X_TO is None:
+            return world
+        fingers = closed_on(self.collision, world.held, world.X_TO, finger_positions(model, world))
+        if isinstance(fingers, str):
+            place = self.workspace.places.get(f"objects.{world.held}.pose")
+            raise InputError(Problem("not-held", f"`{world.held}` is stated to be held, but {fingers}", place))
+        return replace(
+            world,
+            X_WO={**world.X_WO, world.held: model.tool_pose(model.home) @ world.X_TO},
+            joints={**world.joints, **dict(zip(model.fingers.joints, fingers.tolist(), strict=True))},
+        )
 
     def solid_name(self, index: int) -> str:
         """What output calls a solid: its link for the robot's own parts, else the part."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import random
 import re
 import shutil
 from pathlib import Path
@@ -9,6 +11,11 @@ from typing import Any
 
 import pytest
 import yaml
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.program import check_program, load_program
 
 CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "bad_programs.yaml").read_text(encoding="utf-8"))
 
@@ -47,25 +54,42 @@ def damaged(text: str, case: dict[str, Any]) -> str:
     return text
 
 
+@pytest.fixture(scope="module")
+def workspace(laying) -> Workspace:
+    return load_workspace(laying)
+
+
 @pytest.mark.parametrize("case", CASES, ids=[case["case"] for case in CASES])
-def test_a_damaged_program_is_refused_with_place_and_reason_and_left_as_it_was(sqrp, laying, sound, case):
+def test_a_damaged_program_is_refused_with_place_and_reason(laying, sound, workspace, case):
     path = laying / "damaged.yaml"
     path.write_text(damaged(sound.read_text(encoding="utf-8"), case), encoding="utf-8")
-    before = path.read_bytes()
-    outcome = sqrp("check", laying, "pickup g3", "--program", path, "--json")
-    assert outcome.code == 2
-    first = outcome.document["problems"][0]
-    assert (first["code"], first["severity"], first["file"]) == (case["code"], "error", str(path))
+    with pytest.raises(InputError) as caught:
+        check_program(load_program(path), path, workspace)
+    first = caught.value.problems[0]
+    assert (first.code, first.severity, first.place.file) == (case["code"], "error", path)
     for fragment in case["says"]:
-        assert fragment in first["message"]
+        assert fragment in first.message
     if "line" in case:
-        assert case["line"] in path.read_text(encoding="utf-8").splitlines()[first["line"] - 1]
-    assert path.read_bytes() == before
+        assert case["line"] in path.read_text(encoding="utf-8").splitlines()[first.place.line - 1]
     path.unlink()
 
 
-@pytest.mark.parametrize("case", CASES[::9], ids=[case["case"] for case in CASES[::9]])
-def test_every_command_refuses_a_damaged_program_alike(sqrp, laying, sound, case):
+def test_random_damage_loads_or_is_an_input_error(laying, sound, workspace):
+    original = sound.read_text(encoding="utf-8")
+    path = laying / "random.yaml"
+    rng = random.Random(0)  # noqa: S311
+    for _ in range(150):
+        start = rng.randrange(len(original))
+        end = min(len(original), start + rng.choice([1, 1, 2, 8, 40]))
+        patch = rng.choice(["", original[start:end] * 2, rng.choice("{}[]()<>:,'-&*#\t\n9"), "-1", "1e300", "null"])
+        path.write_text(original[:start] + patch + original[end:], encoding="utf-8")
+        with contextlib.suppress(InputError):
+            check_program(load_program(path), path, workspace)
+    path.unlink()
+
+
+@pytest.mark.parametrize("case", CASES[::13], ids=[case["case"] for case in CASES[::13]])
+def test_every_command_refuses_a_damaged_program_alike_and_leaves_it_as_it_was(sqrp, laying, sound, case):
     path = laying / "damaged.yaml"
     path.write_text(damaged(sound.read_text(encoding="utf-8"), case), encoding="utf-8")
     before = path.read_bytes()

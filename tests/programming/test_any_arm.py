@@ -21,6 +21,7 @@ from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion import plan_motion
 from sqrp_cli.programming.motion.collision import CLEARANCE, pair
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import phase_samples
@@ -113,7 +114,11 @@ def arm(request: pytest.FixtureRequest) -> Arm:
 
 @pytest.fixture(scope="module")
 def cell(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Cell:
-    """A table, a cube and a camera around an arm with a tool made of one box."""
+    return make_cell(arm, tmp_path_factory.mktemp("arm"))
+
+
+def make_cell(arm: Arm, folder: Path, **things: dict[str, object]) -> Cell:
+    """A table, a cube, a camera and other things around an arm with a tool made of one box."""
     x, y, side = arm.cube
     position, rpy = arm.tool
     robot = {
@@ -142,10 +147,11 @@ def cell(arm: Arm, tmp_path_factory: pytest.TempPathFactory) -> Cell:
         "objects": {
             "table": {"type": "table", "size": [2, 2, 0.04], "pose": {"position": [0, 0, -0.02]}, "fixed": True},
             "cube": {"type": "cube", "size": [side] * 3, "pose": {"position": [x, y, side / 2]}, "on": "table"},
+            **things,
         },
         "state": ["hand_empty", "obj_on_table(cube)"],
     }
-    path = tmp_path_factory.mktemp("arm") / "workspace.yaml"
+    path = folder / "workspace.yaml"
     path.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
     return Cell.load(load_workspace(path))
 
@@ -273,3 +279,21 @@ def test_it_is_ranked(cell: Cell) -> None:
     assessment = Assignment(cell, cell.workspace.initial_world, FixedCount(5)).assess(candidate)
     assert assessment.feasible
     assert assessment.q_avg is not None
+
+
+def test_more_positions_of_a_seventh_axis_are_tried_where_few_do_not_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A box hangs where the forearm is in each of the first eight."""
+    box = {"type": "box", "size": [0.06, 0.18, 0.17], "pose": {"position": [0.24, 0.11, 0.36]}, "fixed": True}
+    cell = make_cell(ARMS["panda"], tmp_path, box=box)
+    (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
+    motion = feasible_motion(cell, candidate, cell.workspace.initial_world)
+    assert isinstance(motion, Motion)
+    for index in range(len(motion.primitives)):
+        found = IndependentArm(cell, ARMS["panda"]).contacts(motion, index, 0.9 * CLEARANCE, 0.01)
+        assert not any("box" in names for names in found)
+    monkeypatch.setattr(plan_motion, "MORE_REDUNDANCY_SAMPLES", plan_motion.REDUNDANCY_SAMPLES)
+    few = feasible_motion(cell, candidate, cell.workspace.initial_world)
+    assert isinstance(few, Infeasible)
+    assert " hits box " in few.reasons[0]
