@@ -199,6 +199,18 @@ def _decode(path: Path, content: bytes) -> str:
     return _CLOSING.sub("\n", text)
 
 
+def _compose_fast(text: str) -> yaml.Node | None:
+    """The nodes as libyaml finds them, in a tenth of the time; raises YAMLError for everything out of the ordinary."""
+    if not yaml.__with_libyaml__:
+        raise yaml.YAMLError
+    depth = 0
+    for event in yaml.parse(text, Loader=yaml.CSafeLoader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth >= MAX_DEPTH:
+            raise yaml.YAMLError
+    return yaml.CSafeLoader(text).get_single_node()
+
+
 class _DepthLimitedLoader(yaml.SafeLoader):
     """A loader that refuses deep nesting before Python's own stack does."""
 
@@ -220,6 +232,10 @@ class _DepthLimitedLoader(yaml.SafeLoader):
 
 
 def _compose(path: Path, text: str) -> yaml.Node | None:
+    try:
+        return _compose_fast(text)
+    except yaml.YAMLError:
+        pass  # the other parser says better what is wrong
     try:
         return _DepthLimitedLoader(text).get_single_node()
     except yaml.MarkedYAMLError as error:
@@ -300,7 +316,7 @@ class _Builder:
                 raise InputError(
                     Problem("yaml-key", "a key must be a word, not a list or mapping", self._place(key_node))
                 )
-            if key_node.value == "<<" and key_node.style is None:
+            if key_node.value == "<<" and not key_node.style:
                 merged.append(value_node)
             else:
                 own.add(key_node.value)
@@ -316,7 +332,7 @@ class _Builder:
 
     def _scalar(self, node: yaml.ScalarNode) -> Scalar:
         text = str(node.value)
-        if node.style is not None:
+        if node.style:
             return text
         if text.lower() in _WORDS:
             return _WORDS[text.lower()]
@@ -334,7 +350,7 @@ class _Builder:
     def _text_place(self, node: yaml.Node) -> Place:
         """Where a scalar's text starts, behind its quote or block sign."""
         place = self._place(node)
-        if not isinstance(node, yaml.ScalarNode) or node.style is None:
+        if not isinstance(node, yaml.ScalarNode) or not node.style:
             return place
         if node.style in "'\"":
             return Place(self.path, place.line, node.start_mark.column + 2)
