@@ -145,3 +145,33 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(file: str, cell: Path) -> N
     (cell / file).unlink()
     (cell / file).symlink_to(file)
     assert "expected a file" in refusal(cell).message
+
+
+def test_groups_of_groups_without_end_are_refused(cell: Path) -> None:
+    text = (cell / "arm.srdf").read_text(encoding="utf-8")
+    chain = "".join(f'<group name="g{i}"><group name="g{i + 1}"/></group>' for i in range(3000))
+    chain += '<group name="g3000"/>'
+    (cell / "arm.srdf").write_text(text.replace("<group ", chain + "<group ", 1), encoding="utf-8")
+    assert refusal(cell).code == "nesting-too-deep"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("(and ", "(" * 20_000 + "and "),
+        ("(not (hold ?object))", "(not " * 3000 + "(hold ?object)" + ")" * 3000),
+        ("(hand_empty))", "(hand_empty) " * 20_000 + ")"),
+        ("(:types", "(:types a - b b - a "),
+    ],
+    ids=["brackets", "negations", "declarations", "types"],
+)
+def test_pddl_without_end_is_refused(old: str, new: str, cell: Path) -> None:
+    path = cell / "pickup" / "pickup.pddl"
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    problem = refusal(cell)
+    assert problem.code.startswith("pddl-")
+    assert problem.place is not None
+    assert problem.place.file == path
+    assert problem.excerpt is None or len(problem.excerpt) < 300
