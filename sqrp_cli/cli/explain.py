@@ -54,7 +54,7 @@ def command(
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
-    from sqrp_cli.cli.console import progress, say_raw
+    from sqrp_cli.cli.console import print_problems, progress, say_raw
     from sqrp_cli.cli.documents import as_text, header
     from sqrp_cli.cli.rank import check_choice, choose_candidate
     from sqrp_cli.cli.session import Session, explain
@@ -62,15 +62,17 @@ def command(
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
-    from sqrp_cli.report.pictures import check_pictures
 
     if all_candidates and choose is not None:
         raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
     choice = choose or "best"
     if images is not None:
+        from sqrp_cli.report.pictures import check_pictures
+
         check_pictures(images)
     sampling = read_sampling(samples, dt, tolerance)
     session = Session.begin(open_workspace(workspace), task, after, sampling, seed=seed)
+    print_problems(session.cell.warnings)
     check_choice(session.task, choice)
     with progress(f"Assessing {task}", len(session.task.candidates)) as advance:
         assessments = []
