@@ -3,13 +3,13 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank test check bench format clean
+.PHONY: all rank test check bench pictures format clean
 
 all: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ik,robots,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ik,robots,report,cluster,dev]'
 	touch $@
 
 rank: all
@@ -27,6 +27,10 @@ check: all
 
 bench: all
 	$(BIN)/python -m tests.benchmarks
+
+# The pictures in the README; needs Chromium.
+pictures: all
+	$(BIN)/python -m tests.pictures
 
 format: all
 	$(BIN)/ruff format .

@@ -26,18 +26,18 @@ def check_writable(path: Path) -> None:
         raise InputError(Problem("cannot-write", message, Place(path))) from error
 
 
-def write_atomically(path: Path, text: str, *, executable: bool = False) -> None:
-    """Replace a file by `text`, all or nothing; executable: with the run bit for everyone who may read it.
+def write_atomically(path: Path, content: str | bytes, *, executable: bool = False) -> None:
+    """Replace a file by text or bytes, all or nothing; executable: with the run bit for everyone who may read it.
 
     A link stays one: what it points to is replaced. Raises InputError where the file cannot be written.
     """
     check_writable(path)
     path = path.resolve()
     try:
-        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", text=True)
+        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         try:
-            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-                file.write(text)
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(content.encode() if isinstance(content, str) else content)
                 file.flush()
                 os.fsync(file.fileno())
             mask = os.umask(0)

@@ -88,6 +88,15 @@ def rpy_to_matrix(rpy: ArrayLike) -> Array:
     return axis_rotation(2, yaw) @ axis_rotation(1, pitch) @ axis_rotation(0, roll)
 
 
+def matrix_to_rpy(rotation: Array) -> tuple[float, float, float]:
+    """Roll, pitch, yaw [rad] of a rotation matrix, as `rpy_to_matrix` takes them; yaw is 0 where pitch is 90 deg."""
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
+    if np.hypot(rotation[0, 0], rotation[1, 0]) < 1e-9:
+        return float(np.copysign(1.0, pitch) * np.arctan2(rotation[0, 1], rotation[1, 1])), float(pitch), 0.0
+    roll = np.arctan2(rotation[2, 1], rotation[2, 2])
+    return float(roll), float(pitch), float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+
+
 def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
     """Pose of an optical frame (x right, y down, z forward) at `eye` [m] that looks at `target` [m].
 

@@ -7,22 +7,27 @@ formulas with their times and responses, where to look, which camera covers what
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+import shlex
+from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.source import read_document
+from sqrp_cli.knowledge.entries import Entry
+from sqrp_cli.knowledge.source import Document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.program_check import Flaw, flaws, flaws_in
 from sqrp_cli.trajectory import Trajectory
 
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
@@ -35,25 +40,21 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PathNumbers(_Record):
+class PathNumbers(Entry):
     """`trajectory.Path` as numbers."""
 
     breaks: Numbers
     coefficients: tuple[tuple[Numbers, ...], ...]
 
 
-class LawNumbers(_Record):
+class LawNumbers(Entry):
     """`trajectory.PiecewiseCubic` as numbers."""
 
     breaks: Numbers
     coefficients: tuple[Numbers, ...]
 
 
-class TrajectoryNumbers(_Record):
+class TrajectoryNumbers(Entry):
     """`trajectory.Trajectory` as numbers."""
 
     path: PathNumbers
@@ -63,9 +64,9 @@ class TrajectoryNumbers(_Record):
     def _consistent(self) -> TrajectoryNumbers:
         for breaks, pieces in ((self.path.breaks, self.path.coefficients), (self.law.breaks, self.law.coefficients)):
             if len(breaks) != len(pieces) + 1 or any(b < a for a, b in pairwise(breaks)):
-                raise ValueError("breaks must rise and be one more than there are pieces")
+                raise PydanticCustomError("program-motion", "breaks must rise and be one more than there are pieces")
         if len({len(row) for piece in self.path.coefficients for row in piece}) != 1:
-            raise ValueError("every coefficient must have one number per joint")
+            raise PydanticCustomError("program-motion", "every coefficient must have one number per joint")
         return self
 
     @property
@@ -74,7 +75,7 @@ class TrajectoryNumbers(_Record):
         return Trajectory.from_numbers(self.model_dump())
 
 
-class ProgramPrimitive(_Record):
+class ProgramPrimitive(Entry):
     """A primitive action with its time [s] from the start of the step; held: the object in the tool all through it."""
 
     name: str
@@ -85,7 +86,7 @@ class ProgramPrimitive(_Record):
     trajectory: TrajectoryNumbers
 
 
-class ProgramResponse(_Record):
+class ProgramResponse(Entry):
     """What to do when a formula is violated, or a fault is seen; when: what must be seen before a retry."""
 
     action: Literal["stop", "retry", "continue"]
@@ -93,7 +94,7 @@ class ProgramResponse(_Record):
     when: str | None = None
 
 
-class ProgramFormula(_Record):
+class ProgramFormula(Entry):
     """A formula about objects with all times in seconds from the start of the step.
 
     fault: its name if it describes one.
@@ -105,7 +106,7 @@ class ProgramFormula(_Record):
     response: ProgramResponse
 
 
-class ProgramBox(_Record):
+class ProgramBox(Entry):
     """A box to look at: full extents [m], pose in a link of the robot, an object, `world` or `OBJECT@start`."""
 
     name: str
@@ -117,7 +118,7 @@ class ProgramBox(_Record):
     encloses: tuple[str, ...]
 
 
-class ProgramTarget(_Record):
+class ProgramTarget(Entry):
     """What decides an atom: so many cameras must each see all boxes. seen: from when to when each camera does [s]."""
 
     cameras: int
@@ -125,7 +126,7 @@ class ProgramTarget(_Record):
     seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
 
 
-class ProgramFault(_Record):
+class ProgramFault(Entry):
     """What a fault was predicted to cost; see `programming.faults.FaultMetrics`."""
 
     delay_mean: Seconds
@@ -135,7 +136,7 @@ class ProgramFault(_Record):
     expected_time: Seconds
 
 
-class ProgramWorld(_Record):
+class ProgramWorld(Entry):
     """A world: facts, poses of objects, what is held at which pose in the tool frame, and joint positions."""
 
     facts: tuple[str, ...]
@@ -167,7 +168,7 @@ class ProgramWorld(_Record):
         )
 
 
-class Step(_Record):
+class Step(Entry):
     """One candidate that was chosen: a skill with all its parameters."""
 
     task: str
@@ -184,8 +185,14 @@ class Step(_Record):
     before: ProgramWorld
     after: ProgramWorld
 
+    @property
+    def short_task(self) -> str:
+        """The skill and the objects that it was done with, such as `pickup g2`: a task of just this."""
+        objects = (value for value in self.parameters.values() if value in self.before.objects)
+        return " ".join([self.skill, *map(str, objects)])
 
-class Program(_Record):
+
+class Program(Entry):
     """Steps for one workspace.
 
     sqrp_program: version of the file's fields. workspace: its file, relative to the program's. digest: of the workspace
@@ -202,6 +209,10 @@ class Program(_Record):
         """The program with one more step at its end."""
         return self.model_copy(update={"steps": (*self.steps, step)})
 
+    def without_last_step(self) -> Program:
+        """The program without its last step, of which there must be one."""
+        return self.model_copy(update={"steps": self.steps[:-1]})
+
 
 class Replanner(Protocol):
     """Plans a step again from another world, for a retry; the runtime is given one and knows nothing of planning."""
@@ -216,8 +227,23 @@ def pose_rows(X: Array) -> Pose:
 
 
 def load_program(path: Path) -> Program:
-    """Read and validate a program file. Raises InputError with the place of what is wrong."""
-    return validate(read_document(path), Program)
+    """Read and validate a program file. Raises InputError with the place of what is wrong, see `program_check`."""
+    document = read_document(path)
+    if "sqrp_program" not in document.data:
+        message = "this is no program: it lacks the key `sqrp_program`"
+        raise InputError(Problem("no-program", message, Place(path), mend="sqrp rank WORKSPACE TASK --program FILE"))
+    program = validate(document, Program)
+    problems = _problems(document, flaws(program))
+    for number, step in enumerate(program.steps):
+        for index, formula in enumerate(step.formulas):
+            parse_formula(formula.formula, document.value_place(("steps", number, "formulas", index, "formula")))
+    if problems:
+        raise InputError(*problems)
+    return program
+
+
+def _problems(document: Document, found: Iterable[Flaw]) -> list[Problem]:
+    return [document.problem(flaw.code, flaw.at, flaw.message) for flaw in found]
 
 
 def save_program(program: Program, path: Path) -> None:
@@ -238,15 +264,31 @@ def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Pr
 
 def check_program(program: Program, path: Path, workspace: Workspace) -> None:
     """Raises InputError if a program was made for another workspace, or for one that has changed since."""
-    made_for = Path(os.path.normpath(path.absolute().parent / program.workspace))
+    made_for = workspace_path(program, path)
     if made_for != workspace.path:
         message = f"this program was made for {made_for}, not for {workspace.path}"
         raise InputError(Problem("other-workspace", message, Place(path)))
     if program.digest != workspace.digest:
-        first = program.steps[0].task if program.steps else "TASK"
-        message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
-        mend = f'rm {path} && sqrp rank {workspace.path.parent} "{first}" --program {path}'
-        raise InputError(Problem("stale-program", message, Place(path), mend=mend))
+        raise InputError(stale(program, path, workspace))
+    if any(flaws_in(program, workspace)):
+        raise InputError(*_problems(read_document(path), flaws_in(program, workspace)))
+
+
+def workspace_path(program: Program, path: Path) -> Path:
+    """The workspace file that a program at `path` was made for."""
+    return Path(os.path.normpath(path.absolute().parent / program.workspace))
+
+
+def stale(program: Program, path: Path, workspace: Workspace) -> Problem:
+    """The problem of a program whose workspace has changed, with the commands that make its steps anew."""
+    message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
+    tasks = [step.short_task for step in program.steps] or ["TASK"]
+    again = (f"sqrp rank {_quoted(workspace.path.parent)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
+    return Problem("stale-program", message, Place(path), mend=" && ".join([f"rm {_quoted(path)}", *again]))
+
+
+def _quoted(word: object) -> str:
+    return shlex.quote(str(word))
 
 
 def _atom(text: str) -> Atom:

@@ -97,6 +97,17 @@ def note(text: str) -> None:
     diagnostics().print(text, style="dim", markup=False, soft_wrap=True)
 
 
+def ask(question: str) -> str:
+    """What the user answers, without blanks around it; raises EOFError if there is no more input.
+
+    An answer that no terminal shows, as from a pipe, is repeated.
+    """
+    answer = input(question).strip()
+    if not sys.stdin.isatty():
+        say_raw(answer)
+    return answer
+
+
 def print_problems(problems: Iterable[Problem]) -> None:
     """Problems on stderr: place, what was found and expected, the line with a caret, and what mends it."""
     console = diagnostics()
@@ -129,15 +140,18 @@ def bar(share: float) -> str:
 
 
 class Step(Protocol):
-    """Called when one more part of the work is done."""
+    """Called when more parts of the work are done."""
 
-    def __call__(self) -> None:
-        """Count one."""
+    def __call__(self, count: int = 1) -> None:
+        """Count them."""
 
 
 @contextmanager
-def progress(title: str, total: int) -> Iterator[Step]:
-    """Progress on stderr with done/total and time left; it vanishes when done, and log files get none."""
+def progress(title: str, total: int | None) -> Iterator[Step]:
+    """Progress on stderr with done/total and time left; it vanishes when done, and log files get none.
+
+    total: None where it is not known beforehand.
+    """
     console = diagnostics()
     columns = [
         TextColumn("{task.description}"),
@@ -147,7 +161,7 @@ def progress(title: str, total: int) -> Iterator[Step]:
     ]
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         task = bars.add_task(title, total=total)
-        yield lambda: bars.advance(task)
+        yield lambda count=1: bars.advance(task, count)
 
 
 def plain(text: str, style: str = "") -> Text:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from sqrp_cli.cli.json_text import SCHEMA as SCHEMA
+from sqrp_cli.cli.json_text import Document as Document
+from sqrp_cli.cli.json_text import as_text as as_text
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.assessment import Assessment
@@ -15,17 +16,7 @@ from sqrp_cli.programming.dependency_check import Feasibility
 from sqrp_cli.programming.ranking import Criterion, Ranked, winners
 from sqrp_cli.programming.robustness import DRAWS, Calibration
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.suggestion import Suggestion
-
-Document = dict[str, Any]
-
-SCHEMA = 1
-"""Version of the documents' fields."""
-
-
-def as_text(document: Document) -> str:
-    """A document as one line of JSON. Raises ValueError if a figure is not finite."""
-    return json.dumps(document, ensure_ascii=False, allow_nan=False)
+from sqrp_cli.programming.suggestion import SuggestedStep, Suggestion
 
 
 def header(workspace: Workspace, task: str | None = None) -> Document:
@@ -112,24 +103,29 @@ def percentiles(values: Sequence[float | None]) -> list[float] | None:
 
 
 def _plan(suggestion: Suggestion) -> list[Document] | None:
-    if suggestion.steps is None:
-        return None
-    return [
-        {
-            "action": step.action,
-            "feasible": step.feasible,
-            "q_avg": None if step.qualities is None else step.qualities.q_avg,
-            "q_eoi": None if step.qualities is None else step.qualities.q_eoi,
-            "reasons": list(step.reasons),
-        }
-        for step in suggestion.steps
-    ]
+    return None if suggestion.steps is None else [_suggested(step) for step in suggestion.steps]
+
+
+def _suggested(step: SuggestedStep) -> Document:
+    assessment = step.assessment
+    return {
+        "action": step.action,
+        "feasible": step.feasible,
+        "q_avg": None if assessment is None else assessment.q_avg,
+        "q_eoi": None if assessment is None else assessment.q_eoi,
+        "reasons": list(step.reasons),
+        "parameters": None if assessment is None else assessment.candidate.parameters,
+        "time": None if assessment is None else assessment.time,
+    }
 
 
 def check_document(
     workspace: str, task: str | None, found: Sequence[Feasibility], problems: Sequence[Problem]
 ) -> Document:
-    """Candidates with their verdicts, and the findings about the workspace."""
+    """Candidates with their verdicts, and the findings about the workspace.
+
+    then: the candidate itself after its plan, with the same fields as a step of the plan.
+    """
     return {
         "schema": SCHEMA,
         "workspace": workspace,
@@ -141,6 +137,7 @@ def check_document(
                 "reasons": list(feasibility.reasons),
                 "plan": _plan(feasibility.suggestion),
                 "planning": feasibility.suggestion.outcome,
+                "then": None if (last := feasibility.suggestion.last) is None else _suggested(last),
             }
             for feasibility in found
         ],

@@ -8,10 +8,12 @@ import typer
 
 from sqrp_cli.cli.options import (
     After,
+    Images,
     Jobs,
     Json,
     SampleCount,
     SampleStep,
+    Seed,
     TaskText,
     Tolerance,
     WorkspacePath,
@@ -22,9 +24,11 @@ from sqrp_cli.cli.options import (
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
-    from sqrp_cli.cli.session import Session
+    from collections.abc import Sequence
+    from pathlib import Path
+
     from sqrp_cli.programming.assessment import Study
-    from sqrp_cli.programming.ranking import Ranked
+    from sqrp_cli.programming.cell import Cell
 
 NAME = "explain"
 
@@ -41,7 +45,9 @@ def command(
     dt: SampleStep = None,
     tolerance: Tolerance = None,
     after: After = None,
+    images: Images = None,
     jobs: Jobs = None,
+    seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
     """Explain how well a way of doing a task is seen.
@@ -51,17 +57,20 @@ def command(
     from sqrp_cli.cli.console import progress, say_raw
     from sqrp_cli.cli.documents import as_text, header
     from sqrp_cli.cli.rank import check_choice, choose_candidate
-    from sqrp_cli.cli.session import Session
+    from sqrp_cli.cli.session import Session, explain
     from sqrp_cli.cli.study_document import infeasible_document, study_document
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.report.pictures import check_pictures
 
     if all_candidates and choose is not None:
         raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
     choice = choose or "best"
+    if images is not None:
+        check_pictures(images)
     sampling = read_sampling(samples, dt, tolerance)
-    session = Session.begin(open_workspace(workspace), task, after, sampling)
+    session = Session.begin(open_workspace(workspace), task, after, sampling, seed=seed)
     check_choice(session.task, choice)
     with progress(f"Assessing {task}", len(session.task.candidates)) as advance:
         assessments = []
@@ -73,7 +82,7 @@ def command(
     with progress("Looking up causes", len(chosen)) as advance:
         explained = []
         for ranked in chosen:
-            explained.append(_explained(session, ranked))
+            explained.append(explain(session, ranked))
             advance()
     if as_json:
         documents = [
@@ -86,21 +95,22 @@ def command(
         print_comparison(explained)
     else:
         print_study(session.cell, *explained[0])
+    if images is not None:
+        _write_images(
+            session.cell, [found for _, found in explained if found is not None], images, several=all_candidates
+        )
     return ExitCode.OK if any(ranked.rank is not None for ranked in chosen) else ExitCode.NONE_FEASIBLE
 
 
-def _explained(session: Session, ranked: Ranked) -> tuple[Ranked, Study | None]:
-    """A candidate with the study of every camera's verdicts and the figures of that; no study if it is infeasible."""
-    from dataclasses import replace
+def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:
+    """Pictures of every blind interval, in a folder per candidate if there may be several."""
+    from sqrp_cli.cli.console import note, progress
+    from sqrp_cli.report.pictures import SHEET, folder_of, write_pictures
 
-    from sqrp_cli.programming.assessment import study
-    from sqrp_cli.programming.infeasible import Infeasible
-    from sqrp_cli.programming.verdict import verdict
-
-    if ranked.rank is None:
-        return ranked, None
-    cell, assignment = session.cell, session.assignment
-    found = study(cell, ranked.assessment.candidate, assignment.world, assignment.sampling, full=True)
-    if isinstance(found, Infeasible):
-        raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
-    return replace(ranked, assessment=found.assessment(verdict(cell, found))), found
+    with progress("Taking pictures", len(studies)) as advance:
+        for study in studies:
+            folder = folder_of(study, images) if several else images
+            blind = write_pictures(cell, study, folder)
+            counted = f"{blind} blind interval{'s' if blind > 1 else ''}, see {folder / SHEET}"
+            note(f"{study.candidate.name}: {counted if blind else 'never blind, so there are no pictures'}")
+            advance()

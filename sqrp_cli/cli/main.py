@@ -9,7 +9,7 @@ import sys
 import typer
 
 from sqrp_cli import __version__
-from sqrp_cli.cli import check, explain, rank, schema, show
+from sqrp_cli.cli import check, diff, explain, init, program, rank, schema, score, show
 from sqrp_cli.errors import ExitCode, InputError
 
 UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
@@ -24,7 +24,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
-for module in (check, rank, explain, show, schema):
+for module in (check, rank, explain, program, score, diff, show, schema, init):
     app.command(module.NAME)(module.command)
 
 
@@ -53,7 +53,7 @@ def main() -> None:
 def run(arguments: list[str]) -> int:
     """Run a command; returns its exit code. Every error ends up here."""
     try:
-        result = app(arguments, prog_name="sqrp", standalone_mode=False)
+        result = app(arguments, prog_name="sqrp", standalone_mode=False, obj=arguments)
         return int(result or ExitCode.OK)
     except typer.Exit as leaving:
         return leaving.exit_code

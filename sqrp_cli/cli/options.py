@@ -40,6 +40,14 @@ After = Annotated[
     Path | None,
     typer.Option("--after", metavar="PROGRAM", help="Start from the world that this program leaves behind."),
 ]
+Report = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="FILE", help="Write a page with charts and 3D playback, for any browser."),
+]
+Images = Annotated[
+    Path | None,
+    typer.Option("--images", metavar="DIR", help="Write what each camera sees in each blind interval as pictures."),
+]
 
 LEAST_TOLERANCE = 1e-3
 """Smallest `--tolerance` [points]; below it rounding decides."""

@@ -11,6 +11,7 @@ from sqrp_cli.cli.options import (
     After,
     Jobs,
     Json,
+    Report,
     SampleCount,
     SampleStep,
     Seed,
@@ -27,6 +28,7 @@ from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sqrp_cli.cli.documents import Document
     from sqrp_cli.cli.session import Session
     from sqrp_cli.programming.assessment import Assessment
     from sqrp_cli.programming.ranking import Criterion, Ranked
@@ -36,6 +38,7 @@ NAME = "rank"
 
 
 def command(
+    context: typer.Context,
     workspace: WorkspacePath,
     task: TaskText,
     by: Annotated[
@@ -55,6 +58,7 @@ def command(
         str | None,
         typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="What if the cameras are off by this (1 sigma)?"),
     ] = None,
+    report: Report = None,
     jobs: Jobs = None,
     seed: Seed = 0,
     as_json: Json = False,
@@ -63,24 +67,35 @@ def command(
 
     The best are those in which the cameras will see what matters. The chosen one can be written as a program.
     """
+    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
-    from sqrp_cli.cli.session import Session
+    from sqrp_cli.cli.report_page import check_report, write_report
+    from sqrp_cli.cli.session import Session, world_before
     from sqrp_cli.programming.ranking import rank
 
     criterion = _criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
-    before = _world_before(after, program)
-    session = Session.begin(open_workspace(workspace), task, before, sampling, read_calibration(calibration, seed))
+    before = world_before(after, program)
+    if report is not None:
+        check_report(report)
+    drawn = read_calibration(calibration, seed)
+    session = Session.begin(open_workspace(workspace), task, before, sampling, drawn, seed)
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))
     if not assessments:
         return ExitCode.INTERRUPTED
     ranking = rank(assessments, criterion)
+    document = _document(session, assessments, ranking, criterion, interrupted=interrupted)
     if as_json:
-        _print_document(session, assessments, ranking, criterion, interrupted=interrupted)
+        say_raw(as_text(document))
     else:
         print_ranking(session, ranking, criterion)
-    return ExitCode.INTERRUPTED if interrupted else _write_chosen(session, ranking, choose, program)
+    if interrupted:
+        return ExitCode.INTERRUPTED
+    if report is not None:
+        write_report(session, ranking, document, report, context.obj, job_count(jobs))
+    return _write_chosen(session, ranking, choose, program)
 
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
@@ -101,19 +116,18 @@ def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
     return assessments, False
 
 
-def _print_document(
+def _document(
     session: Session,
     assessments: Sequence[Assessment],
     ranking: Sequence[Ranked],
     criterion: Criterion,
     *,
     interrupted: bool,
-) -> None:
-    from sqrp_cli.cli.console import say_raw
-    from sqrp_cli.cli.documents import as_text, calibration_fields, candidate_document, header, sampling_document
+) -> Document:
+    from sqrp_cli.cli.documents import calibration_fields, candidate_document, header, sampling_document
 
     assignment = session.assignment
-    document = {
+    return {
         **header(session.workspace, session.task.text),
         "by": criterion,
         "sampling": sampling_document(assignment.sampling, assessments),
@@ -121,13 +135,12 @@ def _print_document(
         **({"interrupted": True} if interrupted else {}),
         "candidates": [candidate_document(ranked) for ranked in ranking],
     }
-    say_raw(as_text(document))
 
 
 def _write_chosen(session: Session, ranking: Sequence[Ranked], choose: str, program: Path | None) -> ExitCode:
     """Append the chosen candidate to a program, if one was named; nothing is written if it is infeasible."""
     from sqrp_cli.cli.console import note
-    from sqrp_cli.cli.session import add_step
+    from sqrp_cli.cli.session import ChosenStep, add_steps
 
     chosen = choose_candidate(ranking, choose)
     if chosen.rank is None:
@@ -136,27 +149,10 @@ def _write_chosen(session: Session, ranking: Sequence[Ranked], choose: str, prog
             note(f"{chosen.assessment.candidate.name} is infeasible ({chosen.assessment.reasons[0]}){consequence}")
         return ExitCode.NONE_FEASIBLE
     if program is not None:
-        add_step(session, chosen.assessment, program)
+        step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
+        add_steps(session.cell, [step], session.assignment.sampling, program)
         note(f"{chosen.assessment.candidate.name} is now the last step of {program}")
     return ExitCode.OK
-
-
-def _world_before(after: Path | None, program: Path | None) -> Path | None:
-    """The program whose final world a task starts from: a step that is appended starts where its program ends.
-
-    Raises InputError where that contradicts `--after`, or where the program cannot be written.
-    """
-    from sqrp_cli.files import check_writable
-
-    if program is None:
-        return after
-    check_writable(program)
-    if not program.exists():
-        return after
-    if after is not None and after.resolve() != program.resolve():
-        message = f"{program} exists, so its next step starts where it ends and not where {after} does"
-        raise InputError(Problem("bad-option", message, mend="leave out --after, or name a new file after --program"))
-    return program
 
 
 def check_choice(task: Task, choice: str) -> None:

@@ -44,6 +44,9 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
         _print_feasible(feasible)
     if feasible:
         _print_calibration(session, feasible, by)
+    for ranked in feasible:
+        if ranked.assessment.ways_around:
+            say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
     for ranked in ranking:
         if ranked.rank is None:
             say(joined([("infeasible ", "red"), f"{ranked.assessment.candidate.name}: {ranked.assessment.reasons[0]}"]))

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.files import check_writable
 from sqrp_cli.knowledge.workspace import Workspace, World
-from sqrp_cli.program import check_program, load_program, new_program, save_program
-from sqrp_cli.programming.assessment import Assessment, study
+from sqrp_cli.program import Program, check_program, load_program, new_program, save_program
+from sqrp_cli.programming.assessment import Assessment, Study, study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.program_update import make_step
+from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.robustness import Calibration
 from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.programming.verdict import verdict
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,15 +44,17 @@ class Session:
         before: Path | None,
         sampling: Sampling,
         calibration: Calibration | None = None,
+        seed: int = 0,
     ) -> Session:
         """Read the task, load the cell and find the world to start from.
 
-        before: a program whose final world that is; the workspace's own state by default. Raises InputError for input
+        before: a program whose final world that is; the workspace's own state by default. seed: of all that planning
+        draws at random. Raises InputError for input
         that cannot be used.
         """
         read = read_task(task, workspace)
         world = workspace.initial_world if before is None else _world_after(before, workspace)
-        return cls(workspace, read, Assignment(Cell.load(workspace), world, sampling, calibration))
+        return cls(workspace, read, Assignment(Cell.load(workspace, seed), world, sampling, calibration))
 
 
 def _world_after(path: Path, workspace: Workspace) -> World:
@@ -55,14 +63,57 @@ def _world_after(path: Path, workspace: Workspace) -> World:
     return program.steps[-1].after.world if program.steps else workspace.initial_world
 
 
-def add_step(session: Session, assessment: Assessment, path: Path) -> None:
-    """Append a feasible candidate to a program file, which is made if it does not exist."""
-    assignment, cell = session.assignment, session.cell
-    found = study(cell, assessment.candidate, assignment.world, assignment.sampling, full=True)
+def explain(session: Session, ranked: Ranked) -> tuple[Ranked, Study | None]:
+    """A candidate with the study of every camera's verdicts and the figures of that; no study if it is infeasible."""
+    if ranked.rank is None:
+        return ranked, None
+    cell, assignment = session.cell, session.assignment
+    found = study(cell, ranked.assessment.candidate, assignment.world, assignment.sampling, full=True)
     if isinstance(found, Infeasible):
-        raise ValueError(f"{assessment.candidate.name} is infeasible: {found.reasons[0]}")
+        raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
+    return replace(ranked, assessment=found.assessment(verdict(cell, found))), found
+
+
+def world_before(after: Path | None, program: Path | None) -> Path | None:
+    """The program whose final world a task starts from: a step that is appended starts where its program ends.
+
+    Raises InputError where that contradicts `--after`, or where the program cannot be written.
+    """
+    if program is None:
+        return after
+    check_writable(program)
+    if not program.exists():
+        return after
+    if after is not None and after.resolve() != program.resolve():
+        message = f"{program} exists, so its next step starts where it ends and not where {after} does"
+        raise InputError(Problem("bad-option", message, mend="leave out --after, or name a new file after --program"))
+    return program
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenStep:
+    """A feasible candidate that is to become a step of a program, with its task and the world that it starts from."""
+
+    task: str
+    assessment: Assessment
+    world: World
+
+
+def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:
+    """The steps of a suggestion, all of which are feasible."""
+    return [ChosenStep(step.task, step.assessment, step.world) for step in suggested if step.assessment and step.world]
+
+
+def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path) -> Program:
+    """Append steps to a program file, all or none; it is made if it does not exist. Returns the program."""
+    workspace = cell.workspace
+    program = load_program(path) if path.exists() else new_program(workspace, cell.model.joints, path)
+    check_program(program, path, workspace)
     cameras = tuple(camera.name for camera in cell.observer.cameras)
-    step = make_step(session.task.text, found, assessment, cameras)
-    program = load_program(path) if path.exists() else new_program(session.workspace, cell.model.joints, path)
-    check_program(program, path, session.workspace)
-    save_program(program.with_step(step), path)
+    for chosen in steps:
+        found = study(cell, chosen.assessment.candidate, chosen.world, sampling, full=True)
+        if isinstance(found, Infeasible):
+            raise ValueError(f"{chosen.assessment.candidate.name} is infeasible: {found.reasons[0]}")
+        program = program.with_step(make_step(chosen.task, found, chosen.assessment, cameras))
+    save_program(program, path)
+    return program

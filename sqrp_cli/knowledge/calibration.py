@@ -1,4 +1,8 @@
-"""Camera intrinsics from ROS camera calibration files and from the image entry of a workspace."""
+"""Camera intrinsics from ROS camera calibration files and from the image entry of a workspace.
+
+Calibration files come from many programs. Read here are what `camera_calibration` and the drivers' camera info managers
+write, OpenCV's FileStorage with the same keys, and a printed `sensor_msgs/CameraInfo` message (K and D, or k and d).
+"""
 
 from __future__ import annotations
 
@@ -8,12 +12,12 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AliasChoices, BeforeValidator, Field, Tag
 
 from sqrp_cli.errors import InputError, expected_names
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera import DISTORTION_LENGTHS, DistortionModel
-from sqrp_cli.knowledge.entries import Number
+from sqrp_cli.knowledge.entries import ForeignEntry, Number, mapping_or_else
 from sqrp_cli.knowledge.source import Document, KeyPath, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace_file import DistortionEntry, ImageEntry, PixelCount
@@ -33,47 +37,71 @@ class Intrinsics:
     distortion: Array
 
 
-class _Lenient(BaseModel):
-    """An entry of a file that other programs write: keys that it does not need are ignored."""
+def _flat(value: object) -> object:
+    """Rows of a matrix one after the other; anything else unchanged."""
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return [number for row in value for number in row]
+    return value
 
-    model_config = ConfigDict(extra="ignore", frozen=True)
+
+_Numbers = Annotated[list[Number], BeforeValidator(_flat)]
 
 
-class _Matrix(_Lenient):
+class _Matrix(ForeignEntry):
     rows: Annotated[int, Field(strict=True, ge=0)]
     cols: Annotated[int, Field(strict=True, ge=0)]
-    data: list[Number]
+    data: _Numbers
 
 
-class _CalibrationFile(_Lenient):
-    image_width: PixelCount
-    image_height: PixelCount
-    camera_matrix: _Matrix
+_MatrixOrNumbers = Annotated[
+    Annotated[_Matrix, Tag("<mapping>")] | Annotated[_Numbers, Tag("<else>")], mapping_or_else()
+]
+
+_K_KEYS = ("camera_matrix", "K", "k")
+_D_KEYS = ("distortion_coefficients", "D", "d")
+
+
+class _CalibrationFile(ForeignEntry):
+    image_width: PixelCount = Field(validation_alias=AliasChoices("image_width", "width"))
+    image_height: PixelCount = Field(validation_alias=AliasChoices("image_height", "height"))
+    camera_matrix: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_K_KEYS))
     distortion_model: str | None = None
-    distortion_coefficients: _Matrix
+    distortion_coefficients: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_D_KEYS))
 
 
 def read_calibration(path: Path) -> tuple[Intrinsics, Document]:
-    """Intrinsics from a ROS camera calibration file (`camera_info` YAML, or OpenCV's FileStorage with the same keys).
+    """Intrinsics from a camera calibration file in one of the formats that this module reads.
 
     The projection matrix, if any, is that of the rectified image and is not used: cameras see through their lens.
     Raises InputError, with the line, for missing keys, unknown models, wrong lengths and matrices that no camera has.
     """
     document = read_document(path, tags=frozenset({"!!opencv-matrix"}))
     file = validate(document, _CalibrationFile)
-    for name, entry in (
-        ("camera_matrix", file.camera_matrix),
-        ("distortion_coefficients", file.distortion_coefficients),
-    ):
-        if entry.rows * entry.cols != len(entry.data):
-            expected = f"{entry.rows} x {entry.cols} = {entry.rows * entry.cols}"
-            message = f"found {len(entry.data)} numbers, expected {expected}"
-            raise InputError(document.problem("wrong-length", (name, "data"), message))
-    matrix = _camera_matrix(document, file.camera_matrix)
-    coefficients = file.distortion_coefficients.data
-    model = _model(document, file.distortion_model, len(coefficients))
-    distortion = _distortion(document, ("distortion_coefficients", "data"), model, coefficients)
+    K_path, K_numbers = _numbers(document, _K_KEYS, file.camera_matrix, 9)
+    D_path, coefficients = _numbers(document, _D_KEYS, file.distortion_coefficients, None)
+    matrix = _camera_matrix(document, K_path, K_numbers)
+    model = _model(document, file.distortion_model, D_path, len(coefficients))
+    distortion = _distortion(document, D_path, model, coefficients)
     return Intrinsics(file.image_width, file.image_height, matrix, model, distortion), document
+
+
+def _numbers(
+    document: Document, keys: tuple[str, ...], entry: _Matrix | list[float], count: int | None
+) -> tuple[KeyPath, list[float]]:
+    """The numbers of a matrix, as many as its rows and columns say and as `count` asks for, and where they stand."""
+    key = next(key for key in keys if key in document.data)
+    if isinstance(entry, list):
+        path: KeyPath = (key,)
+        numbers, stated, expected = entry, count, str(count)
+    else:
+        path = (key, "data")
+        numbers, stated, expected = entry.data, entry.rows * entry.cols, f"{entry.rows} x {entry.cols} = "
+        expected += str(stated)
+    if stated is not None and stated != len(numbers):
+        raise InputError(document.problem("wrong-length", path, f"found {len(numbers)} numbers, expected {expected}"))
+    if count is not None and len(numbers) != count:
+        raise InputError(document.problem("wrong-length", path, f"found {expected}, expected 3 x 3"))
+    return path, numbers
 
 
 def image_intrinsics(document: Document, path: KeyPath, image: ImageEntry) -> Intrinsics:
@@ -91,12 +119,8 @@ def image_intrinsics(document: Document, path: KeyPath, image: ImageEntry) -> In
     return Intrinsics(image.width, image.height, matrix, lens.model, distortion)
 
 
-def _camera_matrix(document: Document, entry: _Matrix) -> Array:
-    path = ("camera_matrix", "data")
-    if (entry.rows, entry.cols) != (3, 3):
-        message = f"found {entry.rows} x {entry.cols}, expected 3 x 3"
-        raise InputError(document.problem("wrong-length", path, message))
-    K = np.array(entry.data).reshape(3, 3)
+def _camera_matrix(document: Document, path: KeyPath, numbers: list[float]) -> Array:
+    K = np.array(numbers).reshape(3, 3)
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         message = (
             f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
@@ -108,7 +132,7 @@ def _camera_matrix(document: Document, entry: _Matrix) -> Array:
     return read_only(K)
 
 
-def _model(document: Document, name: str | None, count: int) -> DistortionModel:
+def _model(document: Document, name: str | None, path: KeyPath, count: int) -> DistortionModel:
     if name is not None:
         for model in DISTORTION_LENGTHS:
             if name == model and model != "none":
@@ -118,7 +142,7 @@ def _model(document: Document, name: str | None, count: int) -> DistortionModel:
         raise InputError(document.problem("unknown-distortion-model", ("distortion_model",), message))
     if count not in _OPENCV_MODELS:
         message = f"with {count} distortion coefficients the file must say `distortion_model`"
-        raise InputError(document.problem("missing-key", ("distortion_coefficients",), message))
+        raise InputError(document.problem("missing-key", path, message))
     return _OPENCV_MODELS[count]
 
 

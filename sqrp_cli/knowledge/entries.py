@@ -41,6 +41,12 @@ class Entry(BaseModel):
         return data
 
 
+class ForeignEntry(BaseModel):
+    """An entry of a file that other programs write: keys that it does not need are ignored."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
 def one_of(*keys: str) -> Discriminator:
     """Chooses the entry of a union by the key that only this entry has; the entry's tag is that key in `<...>`."""
 

@@ -12,7 +12,7 @@ from sqrp_cli.knowledge.read_cell import WORLD, CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.source import Document, read_document
+from sqrp_cli.knowledge.source import Document, parse_document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
@@ -26,16 +26,17 @@ START = "@start"
 """In a skill: behind an object, where it was when the skill began."""
 
 
-def load_workspace(path: Path) -> Workspace:
+def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     """Read and validate the workspace in a folder (its `workspace.yaml`) or in a file.
 
-    Raises InputError with every problem that was found, each with its place.
+    content: what to read in place of the workspace file's own content. Raises InputError with every problem that was
+    found, each with its place.
     """
-    file_path = _workspace_file(path)
-    document = read_document(file_path)
+    file_path = workspace_file(path)
+    document = read_document(file_path) if content is None else parse_document(file_path, content)
     file = validate(document, WorkspaceFile)
     digest = ContentDigest()
-    digest.add("workspace", document.content)
+    digest.add("workspace", file_path, document.content)
     robot_reader = RobotReader(document, file.robot, digest)
     robot = robot_reader.read()
     cell = CellReader(document, file, robot_reader.links, robot_reader.roots, digest)
@@ -65,12 +66,15 @@ def load_workspace(path: Path) -> Workspace:
         tasks=tasks,
         padding=file.padding,
         digest=digest.hexdigest(),
-        warnings=tuple(robot_reader.warnings),
+        files=digest.files,
+        values=document.leaves,
+        warnings=(*robot_reader.warnings, *cell.warnings),
         places=document.places,
     )
 
 
-def _workspace_file(path: Path) -> Path:
+def workspace_file(path: Path) -> Path:
+    """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none."""
     path = Path.cwd() / path
     if path.is_dir():
         if (path / WORKSPACE_FILE).exists():

@@ -14,8 +14,9 @@ from sqrp_cli.knowledge.calibration import image_intrinsics, read_calibration
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere, object_types
-from sqrp_cli.knowledge.source import Document, KeyPath
+from sqrp_cli.knowledge.source import Document, KeyPath, dotted
 from sqrp_cli.knowledge.workspace_file import CameraEntry, ObjectEntry, PartEntry, WorkspaceFile
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
@@ -45,6 +46,7 @@ class CellReader:
     roots: Sequence[Path]
     digest: ContentDigest
     problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
 
     def detectors(self) -> dict[str, Detector]:
         """The detectors by name."""
@@ -85,21 +87,15 @@ class CellReader:
 
     def _camera(self, name: str, entry: CameraEntry) -> Camera:
         path: KeyPath = ("cameras", name)
-        if entry.frame != WORLD and entry.frame not in self.links:
-            expected = expected_names(entry.frame, [WORLD, *self.links])
-            message = f"found `{entry.frame}`, expected `world` or a link; {expected}"
-            self._report("unknown-frame", (*path, "frame"), message)
+        frame, X_FC = self._seat(path, entry)
         if entry.calibration is not None:
             place = self.document.value_place((*path, "calibration"))
             calibration = packages.resolve(entry.calibration, self.document.path.parent, self.roots, place)
             intrinsics, calibration_document = read_calibration(calibration)
-            self.digest.add(f"cameras.{name}.calibration", calibration_document.content)
+            self.digest.add(f"cameras.{name}.calibration", calibration, calibration_document.content)
         else:
             assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             intrinsics = image_intrinsics(self.document, (*path, "image"), entry.image)
-        X_FC = entry.pose.matrix()
-        if entry.convention == "body":
-            X_FC = X_FC @ pose(R_BODY_OPTICAL)
         return Camera(
             name=name,
             width=intrinsics.width,
@@ -107,13 +103,42 @@ class CellReader:
             matrix=intrinsics.matrix,
             distortion_model=intrinsics.distortion_model,
             distortion=intrinsics.distortion,
-            frame=entry.frame,
-            X_FC=read_only(X_FC),
+            frame=frame,
+            X_FC=X_FC,
             near=entry.near,
             far=entry.far,
             rate=entry.rate,
             latency=entry.latency,
         )
+
+    def _seat(self, path: KeyPath, entry: CameraEntry) -> tuple[str, Array]:
+        """The frame that carries a camera, and the pose X_FC of its optical frame in that."""
+        if entry.hand_eye is None:
+            assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
+            frame, X_FC, place = entry.frame or WORLD, entry.pose.matrix(), self.document.value_place((*path, "frame"))
+            mend = None
+        else:
+            seen = self.document.value_place((*path, "hand_eye"))
+            file = packages.resolve(entry.hand_eye, self.document.path.parent, self.roots, seen)
+            found, document = read_hand_eye(file)
+            self.digest.add(".".join(map(str, (*path, "hand_eye"))), document.path, document.content)
+            frame, X_FC, place = entry.frame or found.frame, found.X_FC, found.place
+            mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
+            if "convention" not in entry.model_fields_set:
+                self._doubt_axes(path, found)
+        if frame != WORLD and frame not in self.links:
+            expected = expected_names(frame, [WORLD, *self.links])
+            at = place if entry.frame is None else self.document.value_place((*path, "frame"))
+            message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; {expected}"
+            self.problems.append(Problem("unknown-frame", message, at, mend=mend))
+        return frame, read_only(X_FC @ pose(R_BODY_OPTICAL) if entry.convention == "body" else X_FC)
+
+    def _doubt_axes(self, path: KeyPath, found: HandEye) -> None:
+        if "optical" not in found.camera_frame:
+            message = f"the pose is that of `{found.camera_frame}`, which does not sound like an optical frame"
+            mend = "say `convention: optical` (z forward, y down) or `convention: body` (x forward, z up)"
+            place = self.document.value_place((*path, "hand_eye"))
+            self.warnings.append(Problem("doubtful-axes", message, place, severity="warning", mend=mend))
 
     def _check_object(self, name: str, entry: ObjectEntry) -> None:
         path: KeyPath = ("objects", name)

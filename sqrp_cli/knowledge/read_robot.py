@@ -13,7 +13,7 @@ from sqrp_cli.knowledge import packages, units
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.read_cell import add_mesh
 from sqrp_cli.knowledge.robot import Fingers, JointLimits, Marker, Robot, Tool
-from sqrp_cli.knowledge.scene import Mesh
+from sqrp_cli.knowledge.scene import Mesh, Part
 from sqrp_cli.knowledge.source import Document, KeyPath
 from sqrp_cli.knowledge.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
@@ -47,6 +47,7 @@ class RobotReader:
     digest: ContentDigest
     problems: list[Problem] = field(default_factory=list)
     warnings: list[Problem] = field(default_factory=list)
+    _parts: list[Part] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         folder = self.document.path.parent
@@ -85,6 +86,7 @@ class RobotReader:
             home=self._home(arm),
             limits=self._limits(joints),
             geometry=self.entry.geometry,
+            parts=tuple(self._parts),
             disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
             fingers=self._fingers(joints, arm),
             markers=self._markers(),
@@ -100,7 +102,9 @@ class RobotReader:
         urdf = read_urdf(self._resolve(reference, path))
         role = ".".join(map(str, path))
         self.digest.add_file(role, urdf.path)
-        for part in link_parts(urdf, self.entry.geometry, partial(resolve_mesh, self.roots)):
+        parts = link_parts(urdf, self.entry.geometry, partial(resolve_mesh, self.roots))
+        self._parts += parts
+        for part in parts:
             if isinstance(part.shape, Mesh):
                 add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, urdf.links[part.parent].place)
         return urdf

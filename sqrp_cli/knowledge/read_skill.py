@@ -57,7 +57,7 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
             raise InputError(Problem("missing-file", message, place))
     document = read_document(folder / SKILL_FILE)
     domain = _read_domain(folder / f"{folder.name}.pddl", digest)
-    digest.add(f"skills.{folder.name}.yaml", document.content)
+    digest.add(f"skills.{folder.name}.yaml", document.path, document.content)
     if folder.name not in domain.actions:
         message = f"no action `{folder.name}`; {expected_names(folder.name, domain.actions)}"
         raise InputError(Problem("missing-action", message, Place(domain.path)))
@@ -66,7 +66,7 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
 
 def _read_domain(path: Path, digest: ContentDigest) -> Domain:
     content = read_bytes(path, MAX_BYTES)
-    digest.add(f"skills.{path.stem}.pddl", content)
+    digest.add(f"skills.{path.stem}.pddl", path, content)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

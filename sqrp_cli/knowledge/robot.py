@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.scene import Part
 
 Geometry = Literal["collision", "visual"]
 
@@ -65,6 +66,7 @@ class Robot:
     limit.
     limits: of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say).
     geometry: which geometry of the links is solid and opaque; a link without collision geometry uses its visual one.
+    parts: that geometry, of the robot's links and then of the tool's.
     disabled_pairs: pairs of links whose contact is not checked, each pair in alphabetical order.
     fingers: of its gripper, None if it has none that move. markers: on links, by the link's name.
     """
@@ -78,6 +80,7 @@ class Robot:
     home: Mapping[str, float]
     limits: Mapping[str, JointLimits]
     geometry: Geometry
+    parts: tuple[Part, ...]
     disabled_pairs: frozenset[tuple[str, str]]
     fingers: Fingers | None = None
     markers: Mapping[str, Marker] = field(default_factory=dict)

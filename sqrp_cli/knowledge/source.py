@@ -27,9 +27,13 @@ MAX_DEPTH = 32
 KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top of a document to a value."""
 
+Scalar = str | float | int | bool | None
+
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN|Nan)")
+_CLOSING = re.compile(r"\n---\s*\Z")
+"""The line that ROS prints after each message, which YAML takes for the beginning of another document."""
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 _SYNTAX_HINTS = {
@@ -70,6 +74,11 @@ class Document:
         """Position of every key by its dotted path."""
         return {dotted(path): place for path, place in self.keys.items()}
 
+    @property
+    def leaves(self) -> Mapping[str, Scalar]:
+        """Every value that is neither a mapping nor a list (or an empty one, as None), by its dotted path."""
+        return {dotted(path): value for path, value in _leaves(self.data, ())}
+
     def key_place(self, path: KeyPath) -> Place:
         """Where a key stands; for a key that is missing, where the mapping that should have it stands."""
         while path and path not in self.keys:
@@ -93,7 +102,11 @@ def read_document(path: Path, tags: frozenset[str] = frozenset()) -> Document:
     Raises InputError for a file that is missing, too large, not UTF-8, empty, not a mapping, breaks YAML's syntax,
     repeats a key, or exceeds a limit of this module.
     """
-    content = read_bytes(path, MAX_BYTES)
+    return parse_document(path, read_bytes(path, MAX_BYTES), tags)
+
+
+def parse_document(path: Path, content: bytes, tags: frozenset[str] = frozenset()) -> Document:
+    """As `read_document`, of content that is at hand; path: what problems name."""
     text = _decode(path, content)
     root = _compose(path, text)
     if root is None:
@@ -140,6 +153,14 @@ def missing_file(path: Path) -> Problem:
     return Problem("missing-file", "file not found" + (f"; did you mean `{close}`?" if close else ""), Place(path))
 
 
+def _leaves(value: object, path: KeyPath) -> Iterator[tuple[KeyPath, Scalar]]:
+    if isinstance(value, dict | list) and value:
+        for key, child in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _leaves(child, (*path, key))
+    else:
+        yield path, value if isinstance(value, Scalar) else None
+
+
 def describe(value: object) -> str:
     """How messages name a value that was found."""
     if value is None:
@@ -170,7 +191,7 @@ def _decode(path: Path, content: bytes) -> str:
         raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
     if text.startswith("%YAML:"):  # OpenCV's header, which YAML itself does not know
         text = "#" + text[1:]
-    return text
+    return _CLOSING.sub("\n", text)
 
 
 class _DepthLimitedLoader(yaml.SafeLoader):
@@ -283,7 +304,7 @@ class _Builder:
                 if pair[0].value not in own:
                     yield pair
 
-    def _scalar(self, node: yaml.ScalarNode) -> str | float | int | bool | None:
+    def _scalar(self, node: yaml.ScalarNode) -> Scalar:
         text = str(node.value)
         if node.style is not None:
             return text

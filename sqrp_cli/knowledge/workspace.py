@@ -10,9 +10,11 @@ from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
+from sqrp_cli.knowledge.digest import SourceFile
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import Skill
+from sqrp_cli.knowledge.source import Scalar
 from sqrp_cli.logic.literal import Atom
 
 
@@ -57,6 +59,8 @@ class Workspace:
     """Everything that is known of one cell.
 
     path: the workspace file. digest: SHA-256 over the content of every file that was read, meshes included.
+    files: those files, by the role that each plays, such as `robot.urdf`. values: what the workspace file says, by
+    dotted path.
     warnings: findings that do not prevent its use. places: position of every key of the file, by dotted path.
     """
 
@@ -71,6 +75,8 @@ class Workspace:
     tasks: tuple[ExpectedTask, ...]
     padding: float
     digest: str
+    files: Mapping[str, SourceFile]
+    values: Mapping[str, Scalar]
     warnings: tuple[Problem, ...]
     places: Mapping[str, Place]
 

@@ -158,8 +158,17 @@ class ImageEntry(Entry):
 class CameraEntry(Entry):
     """A camera."""
 
-    frame: Text = Field(default="world", description="`world`, or the link that carries the camera.")
-    pose: CameraPose = Field(description="Pose of the optical frame (z forward, x right, y down) in `frame`.")
+    frame: Text | None = Field(
+        default=None,
+        description="`world` (the default), or the link that carries the camera. With `hand_eye`: instead of the link "
+        "that the file names.",
+    )
+    pose: CameraPose | None = Field(
+        default=None, description="Pose of the optical frame (z forward, x right, y down) in `frame`."
+    )
+    hand_eye: Text | None = Field(
+        default=None, description="A result of easy_handeye or easy_handeye2, instead of `pose`; relative to this file."
+    )
     convention: Literal["optical", "body"] = Field(
         default="optical", description="Axes of the stated orientation; body: x forward, y left, z up."
     )
@@ -172,11 +181,13 @@ class CameraEntry(Entry):
 
     @model_validator(mode="after")
     def _consistent(self) -> CameraEntry:
+        if (self.pose is None) == (self.hand_eye is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `pose`, `hand_eye`")
         if (self.image is None) == (self.calibration is None):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `image`, `calibration`")
         if self.near >= self.far:
             raise PydanticCustomError("empty-range", "`near` must be less than `far`")
-        if self.convention == "body" and self.pose.look_at is not None:
+        if self.convention == "body" and self.pose is not None and self.pose.look_at is not None:
             raise PydanticCustomError(
                 "conflicting-keys",
                 "`look_at` gives the viewing direction; `convention: body` goes with rpy or quaternion",

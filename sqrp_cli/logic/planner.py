@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 from sqrp_cli.logic.conditions import Binding, Failure, Objects, Some, UnmetCondition
 from sqrp_cli.logic.domain import Condition, Domain
@@ -43,15 +43,24 @@ class ProvenImpossible:
 
 @dataclass(frozen=True)
 class GaveUp:
-    """Neither a plan nor a proof was found within the budget; states: how many were looked at."""
+    """Neither a plan nor a proof was found; within: how much was looked at, such as `20,000 states`."""
 
-    states: int
+    within: str
 
 
 _PLATEAU = 500
 """States that hill climbing looks at in order to get nearer to the goal, before it counts as stuck."""
 
 PlanningResult: TypeAlias = Plan | AlreadySatisfied | ProvenImpossible | GaveUp
+
+
+class Planner(Protocol):
+    """Finds plans, as `find_plan` does."""
+
+    def __call__(
+        self, domain: Domain, objects: Objects, facts: frozenset[Atom], goal: Condition, binding: Binding, /
+    ) -> PlanningResult:
+        """A plan that makes the goal true, or why there is none."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +87,7 @@ def find_plan(
     try:
         task = planning_task(domain, objects, facts, goal, binding, budget.actions)
     except TooManyActionsError:
-        return GaveUp(0)
+        return GaveUp(f"{budget.actions:,} ground actions")
     if task.goal.holds(task.initial):
         return AlreadySatisfied()
     reachable = _reachable(task)
@@ -139,7 +148,7 @@ class _Search:
             if found is None:
                 found = self.best_first()
         except _OutOfBudgetError:
-            return GaveUp(self.states)
+            return GaveUp(f"{self.states:,} states")
         if found is None:
             return ProvenImpossible(())
         return Plan(tuple(action.step for action in _without_detours(self.initial, self.goal, found)))

@@ -32,6 +32,7 @@ class Assessment:
     t_eoi: T and T_eoi [s].
     states: number of samples that hold literals. error: bound on the error of Q from bisection. largest_gap: between
     samples [s].
+    ways_around: what goes around what, such as `a1 goes around wall`, where the direct move is blocked.
     verdict: one or two sentences. recalibrated: the qualities with camera poses drawn anew, if that was asked for.
     """
 
@@ -47,6 +48,7 @@ class Assessment:
     states: int | None = None
     error: float | None = None
     largest_gap: float | None = None
+    ways_around: tuple[str, ...] = ()
     verdict: str = ""
     recalibrated: tuple[Qualities, ...] = ()
 
@@ -83,6 +85,7 @@ class Study:
             states=int(timeline.monitored.sum()),
             error=timeline.transition_error,
             largest_gap=timeline.largest_gap,
+            ways_around=self.motion.ways_around,
             verdict=verdict,
         )
 

@@ -13,15 +13,16 @@ from sqrp_cli.programming.solids import load_solids
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """What all candidates of a workspace share; made once."""
+    """What all candidates of a workspace share; made once. seed: of what planning draws at random."""
 
     workspace: Workspace
     model: RobotModel
     collision: CollisionScene
     observer: Observer
+    seed: int = 0
 
     @classmethod
-    def load(cls, workspace: Workspace) -> Cell:
+    def load(cls, workspace: Workspace, seed: int = 0) -> Cell:
         """Read the robot and every mesh. Raises InputError for a URDF or mesh that cannot be used."""
         model = RobotModel.load(workspace.robot)
         objects = [thing for thing in workspace.objects.values() if thing.X_WO is not None]
@@ -31,6 +32,7 @@ class Cell:
             model,
             CollisionScene(model, objects, workspace.robot.disabled_pairs, workspace.padding),
             Observer(tuple(workspace.cameras.values()), load_solids(parts)),
+            seed,
         )
 
     def solid_name(self, index: int) -> str:

@@ -23,7 +23,9 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
     if contact is not None:
         return Infeasible((f"{contact} before anything moves",))
     workspace, skill = cell.workspace, candidate.skill
-    return plan_motion(skill, candidate.objects, candidate.motion, workspace.objects, world, cell.model, cell.collision)
+    return plan_motion(
+        skill, candidate.objects, candidate.motion, workspace.objects, world, cell.model, cell.collision, cell.seed
+    )
 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:

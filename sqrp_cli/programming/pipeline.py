@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import signal
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.assessment import Assessment, study
@@ -16,6 +17,9 @@ from sqrp_cli.programming.robustness import Calibration, under_calibration_error
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.verdict import verdict
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 WORTH_A_PROCESS = 8
 """Candidates that another process should at least have to do; fewer are not worth starting it."""
@@ -48,34 +52,40 @@ class Assignment:
 def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[Assessment]:
     """The assessments in the order of the candidates, each as soon as it and those before it are done.
 
-    jobs: number of processes at most. Processes are forked, so that they share what is loaded; where the platform
-    cannot fork, one does all.
+    jobs: number of processes at most.
     """
-    processes = min(jobs, len(candidates) // WORTH_A_PROCESS)
+    assessments = in_processes(assignment.assess, candidates, min(jobs, len(candidates) // WORTH_A_PROCESS))
+    for candidate, assessment in zip(candidates, assessments, strict=True):
+        # What came back from a process carries its own copy of the skill; the caller's is shared by all.
+        yield replace(assessment, candidate=candidate)
+
+
+def in_processes(work: Callable[[Item], Result], items: Sequence[Item], processes: int) -> Iterator[Result]:
+    """What `work` makes of each item, in order, each as soon as it and those before it are done.
+
+    Processes are forked, so that they share what is loaded, and only results travel; with less than two processes, or
+    where the platform cannot fork, this one does all.
+    """
     if processes < 2 or "fork" not in multiprocessing.get_all_start_methods():
-        yield from map(assignment.assess, candidates)
+        yield from map(work, items)
         return
     context = multiprocessing.get_context("fork")
-    with ProcessPoolExecutor(processes, context, initializer=_start_worker, initargs=(assignment, candidates)) as pool:
+    with ProcessPoolExecutor(processes, context, initializer=_start_worker, initargs=(work, items)) as pool:
         try:
-            for candidate, assessment in zip(
-                candidates, pool.map(_assess_in_worker, range(len(candidates))), strict=True
-            ):
-                # What came back carries its own copy of the skill; the caller's is shared by all.
-                yield replace(assessment, candidate=candidate)
+            yield from pool.map(_do_in_worker, range(len(items)))
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-_inherited: list[tuple[Assignment, Sequence[Candidate]]] = []
+_inherited: list[tuple[Callable[[Any], Any], Sequence[Any]]] = []
 """In a worker: what it was forked with."""
 
 
-def _start_worker(assignment: Assignment, candidates: Sequence[Candidate]) -> None:
+def _start_worker(work: Callable[[Any], Any], items: Sequence[Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which prints what is finished
-    _inherited.append((assignment, candidates))
+    _inherited.append((work, items))
 
 
-def _assess_in_worker(index: int) -> Assessment:
-    assignment, candidates = _inherited[0]
-    return assignment.assess(candidates[index])
+def _do_in_worker(index: int) -> Any:  # noqa: ANN401 # whatever the work results in
+    work, items = _inherited[0]
+    return work(items[index])

@@ -90,7 +90,7 @@ _CRITERIA: dict[Criterion, Callable[[Assessment], float | None]] = {
 def criterion_figure(assessment: Assessment, by: Criterion) -> float | None:
     """The figure that a criterion is about: a quality in 0..1, or a time [s]; None where it is undefined."""
     figure = _CRITERIA[by](assessment)
-    return -figure if figure is not None and by in ("q_eoi", "q_avg") else figure
+    return abs(figure) if figure is not None and by in ("q_eoi", "q_avg") else figure
 
 
 def _parameters(assessment: Assessment) -> list[tuple[float, str]]:

@@ -1,4 +1,4 @@
-"""What would have to be done first: a plan that establishes a failing precondition, each step checked and scored."""
+"""What would have to be done first: a plan for a failing precondition, each step checked and scored in its best way."""
 
 from __future__ import annotations
 
@@ -7,82 +7,152 @@ from typing import Literal
 
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.domain import merge_domains
-from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, ProvenImpossible, find_plan
+from sqrp_cli.logic.planner import (
+    AlreadySatisfied,
+    GaveUp,
+    Plan,
+    Planner,
+    PlanningResult,
+    ProvenImpossible,
+    find_plan,
+)
 from sqrp_cli.logic.planning_task import Step
-from sqrp_cli.programming.assessment import study
+from sqrp_cli.programming.assessment import Assessment, study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import unmet_preconditions
 from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import world_after
-from sqrp_cli.programming.quality import Qualities
+from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.sampling import Adaptive
-from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.task import Candidate, Task, read_task
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SuggestedStep:
-    """One step of a plan with its motion parameters at their defaults.
+    """One step of a suggestion in the best of its ways, as `rank` orders them.
 
-    reasons: why it is infeasible. qualities: None if it is.
+    task: its text, such as `place g2 tray`. action: the same as planners write it. world: that it starts from, None if
+    a step before it cannot be done. assessment: of its best way, or of the first if none can be done.
     """
 
+    task: str
     action: str
-    feasible: bool
-    reasons: tuple[str, ...]
-    qualities: Qualities | None
+    world: World | None
+    assessment: Assessment | None
+
+    @classmethod
+    def of(cls, assessment: Assessment, world: World) -> SuggestedStep:
+        """A candidate that was assessed in a world."""
+        candidate = assessment.candidate
+        action = Step(candidate.skill.action.name, tuple(candidate.objects.values()))
+        return cls(short_text(candidate), str(action), world, assessment)
+
+    @property
+    def feasible(self) -> bool:
+        """Whether it can be done once the steps before it are."""
+        return self.assessment is not None and self.assessment.feasible
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it cannot."""
+        return ("a step before it cannot be done",) if self.assessment is None else self.assessment.reasons
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Suggestion:
     """How planning for a candidate's precondition ended, and the plan if there is one.
 
-    explanation: one sentence; empty if the precondition holds already.
+    steps: the plan. last: the candidate itself, after the plan. explanation: one sentence; empty if the precondition
+    holds already.
     """
 
     outcome: Literal["satisfied", "plan", "impossible", "gave_up"]
-    steps: tuple[SuggestedStep, ...] | None
     explanation: str
+    steps: tuple[SuggestedStep, ...] | None = None
+    last: SuggestedStep | None = None
+
+    @property
+    def feasible(self) -> bool:
+        """Whether every step of a plan can be done, the candidate itself included."""
+        return self.last is not None and self.last.feasible
 
 
-def suggest(cell: Cell, candidate: Candidate, world: World) -> Suggestion:
-    """Plan with the skills of the workspace from `world` to the candidate's precondition, and check every step."""
-    if not unmet_preconditions(cell, candidate, world):
-        return Suggestion("satisfied", None, "")
-    workspace, action = cell.workspace, candidate.skill.action
-    domain = merge_domains([skill.domain for skill in workspace.skills.values()])
-    objects = {name: frozenset(thing.types) for name, thing in workspace.objects.items()}
-    match find_plan(domain, objects, world.facts, action.precondition, candidate.objects):
-        case AlreadySatisfied():
-            return Suggestion("satisfied", None, "")
-        case Plan(steps):
-            checked = _checked(cell, steps, world)
-            listed = ", then ".join(step.action for step in checked)
-            return Suggestion("plan", checked, f"first do {listed}")
-        case ProvenImpossible(never):
-            parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
-            return Suggestion("impossible", None, f"no sequence of this workspace's skills can establish {parts}")
-        case GaveUp(states):
-            return Suggestion("gave_up", None, f"no plan was found among {states:,} states, which proves nothing")
+class Suggester:
+    """Suggests what to do first in one world; what several candidates have in common is computed once."""
+
+    def __init__(self, cell: Cell, world: World, planner: Planner = find_plan, jobs: int = 1) -> None:
+        """planner: finds the plans. jobs: number of processes that score the ways of a step, at most."""
+        self.cell = cell
+        self.world = world
+        self.jobs = jobs
+        self._planner = planner
+        self._domain = merge_domains([skill.domain for skill in cell.workspace.skills.values()])
+        self._plans: dict[tuple[str, ...], PlanningResult] = {}
+        self._done: dict[tuple[Step, ...], tuple[SuggestedStep, World | None]] = {}
+
+    def suggest(self, candidate: Candidate) -> Suggestion:
+        """Plan with the skills of the workspace to the candidate's precondition, and check every step."""
+        if not unmet_preconditions(self.cell, candidate, self.world):
+            return Suggestion("satisfied", "")
+        match self._plan(candidate):
+            case AlreadySatisfied():
+                return Suggestion("satisfied", "")
+            case Plan(steps):
+                done = [self._after(steps[: count + 1]) for count in range(len(steps))]
+                listed = ", then ".join(map(str, steps))
+                last = self._last(candidate, done[-1][1])
+                return Suggestion("plan", f"first do {listed}", tuple(step for step, _ in done), last)
+            case ProvenImpossible(never):
+                parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
+                return Suggestion("impossible", f"no sequence of this workspace's skills can establish {parts}")
+            case GaveUp(within):
+                return Suggestion("gave_up", f"no plan was found within {within}, which proves nothing")
+
+    def _plan(self, candidate: Candidate) -> PlanningResult:
+        key = (candidate.skill.name, *candidate.objects.values())
+        if key not in self._plans:
+            objects = {name: frozenset(thing.types) for name, thing in self.cell.workspace.objects.items()}
+            goal = candidate.skill.action.precondition
+            self._plans[key] = self._planner(self._domain, objects, self.world.facts, goal, candidate.objects)
+        return self._plans[key]
+
+    def _after(self, steps: tuple[Step, ...]) -> tuple[SuggestedStep, World | None]:
+        """The last of several steps in the world that those before it leave, and the world that it leaves itself."""
+        if steps not in self._done:
+            world = self._after(steps[:-1])[1] if len(steps) > 1 else self.world
+            self._done[steps] = self._in_best_way(steps[-1], world)
+        return self._done[steps]
+
+    def _in_best_way(self, step: Step, world: World | None) -> tuple[SuggestedStep, World | None]:
+        task = self._task(step)
+        if world is None:
+            return SuggestedStep(task.text, str(step), None, None), None
+        assignment = Assignment(self.cell, world, Adaptive())
+        best = rank(tuple(assess_all(assignment, task.candidates, self.jobs)), "q_eoi")[0].assessment
+        return SuggestedStep.of(best, world), self._world_after(best, world)
+
+    def _last(self, candidate: Candidate, world: World | None) -> SuggestedStep:
+        if world is None:
+            action = Step(candidate.skill.action.name, tuple(candidate.objects.values()))
+            return SuggestedStep(short_text(candidate), str(action), None, None)
+        return SuggestedStep.of(Assignment(self.cell, world, Adaptive()).assess(candidate), world)
+
+    def _world_after(self, assessment: Assessment, world: World) -> World | None:
+        if not assessment.feasible:
+            return None
+        found = study(self.cell, assessment.candidate, world, Adaptive(), full=False)
+        return None if isinstance(found, Infeasible) else world_after(found)
+
+    def _task(self, step: Step) -> Task:
+        """All ways to do a step."""
+        workspace = self.cell.workspace
+        skill = next(skill for skill in workspace.skills.values() if skill.action.name == step.action)
+        bound = zip((parameter.name for parameter in skill.action.parameters), step.arguments, strict=True)
+        task = read_task(" ".join([skill.name, *(f"{name}={value}" for name, value in bound)]), workspace)
+        return Task(short_text(task.candidates[0]), task.skill, task.candidates)
 
 
-def _checked(cell: Cell, steps: tuple[Step, ...], world: World) -> tuple[SuggestedStep, ...]:
-    """Each step in the world that the steps before it leave, as far as they can be done."""
-    checked: list[SuggestedStep] = []
-    for step in steps:
-        if checked and not checked[-1].feasible:
-            checked.append(SuggestedStep(str(step), False, ("a step before it cannot be done",), None))
-            continue
-        result = study(cell, _default_candidate(cell, step), world, Adaptive(), full=False)
-        if isinstance(result, Infeasible):
-            checked.append(SuggestedStep(str(step), False, result.reasons, None))
-            continue
-        checked.append(SuggestedStep(str(step), True, (), Qualities.of(result.timeline)))
-        world = world_after(result)
-    return tuple(checked)
-
-
-def _default_candidate(cell: Cell, step: Step) -> Candidate:
-    skill = next(skill for skill in cell.workspace.skills.values() if skill.action.name == step.action)
-    names = (parameter.name for parameter in skill.action.parameters)
-    motion = {parameter.name: parameter.values[0] for parameter in skill.motion_parameters}
-    return Candidate(skill, dict(zip(names, step.arguments, strict=True)), motion, str(step))
+def short_text(candidate: Candidate) -> str:
+    """A task for the candidate's skill and objects, such as `place g2 tray`."""
+    return " ".join([candidate.skill.name, *candidate.objects.values()])

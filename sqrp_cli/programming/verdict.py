@@ -120,20 +120,25 @@ class BlindStretch:
 def verdict(cell: Cell, study: Study) -> str:
     """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
 
-    Stretches within the events of interest come first.
+    Stretches within the events of interest come first. Moves that go around something are named at the end.
     """
+    ways = ", ".join(study.motion.ways_around)
+    return _on_coverage(cell, study) + (f" On the way {ways}." if ways else "")
+
+
+def _on_coverage(cell: Cell, study: Study) -> str:
     timeline = study.timeline
     blind = timeline.monitored & ~timeline.covered
     interesting = blind & timeline.interesting
     t = timeline.samples.t
-    stretches = list(_stretches(interesting if interesting.any() else blind))
-    if not stretches:
+    candidates = list(stretches(interesting if interesting.any() else blind))
+    if not candidates:
         return _NOTHING_MISSING
-    stretch = explain_stretch(cell, study, max(stretches, key=lambda rows: t[rows[-1]] - t[rows[0]]))
+    stretch = explain_stretch(cell, study, max(candidates, key=lambda rows: t[rows[-1]] - t[rows[0]]))
     return f"{stretch}. It would help to {stretch.advice}."
 
 
-def _stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
+def stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
     """Runs of neighbouring samples for which `blind` holds; pieces that share an instant are neighbours."""
     rows = np.flatnonzero(blind)
     yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))

@@ -136,6 +136,28 @@ def _read_tabletop() -> dict[str, Any]:
 
 
 @pytest.fixture(scope="session")
+def laying(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A part of the tabletop with a skill that lays down what was picked up."""
+    cell = _read_tabletop()
+    kept = ("table", "g1", "g2", "g3", "g6")
+    cell["objects"] = {name: cell["objects"][name] for name in kept}
+    cell["cameras"] = {name: cell["cameras"][name] for name in ("cam1", "cam2")}
+    cell["state"] = ["hand_empty", *(f"obj_on_table({name})" for name in kept[1:])]
+    cell["skills"].append(str(ROOT / "tests" / "cases" / "lay"))
+    folder = tmp_path_factory.mktemp("laying")
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def holding(laying: Path) -> Path:
+    """A program after which the tool holds g2."""
+    path = laying / "holding.yaml"
+    assert _call("rank", laying, "pickup g2", "--program", path).code == 0
+    return path
+
+
+@pytest.fixture(scope="session")
 def harsh(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The tabletop made hard to see.
 

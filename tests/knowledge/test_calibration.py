@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,40 +12,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.calibration import Intrinsics, read_calibration
 from sqrp_cli.knowledge.load import load_workspace
 
-CAMERA_INFO_MANAGER = """\
-image_width: 1280
-image_height: 720
-camera_name: narrow_stereo
-camera_matrix:
-  rows: 3
-  cols: 3
-  data: [900.12345, 0, 640.5, 0, 901.5, 360.25, 0, 0, 1]
-distortion_model: rational_polynomial
-distortion_coefficients:
-  rows: 1
-  cols: 8
-  data: [0.1, 0.2, 1e-3, -1E-3, 0, .5, 6., -7.25]
-"""
-OPENCV = """\
-%YAML:1.0
----
-calibration_time: "Fri 20 Nov 2026 08:00:00 PM UTC"
-image_width: 640
-image_height: 480
-board_width: 9
-camera_matrix: !!opencv-matrix
-   rows: 3
-   cols: 3
-   dt: d
-   data: [ 6.1720000000000005e+02, 0., 3.2240000000000003e+02, 0.,
-       6.1689999999999998e+02, 2.3810000000000000e+02, 0., 0., 1. ]
-distortion_coefficients: !!opencv-matrix
-   rows: 5
-   cols: 1
-   dt: d
-   data: [ 1.2e-01, -2.4e-01, 4.0e-04, -1.1e-03, 0. ]
-avg_reprojection_error: 2.3e-01
-"""
+CAMERAS = Path(__file__).parents[1] / "cases" / "cameras"
 FISHEYE = """\
 image_width: 800
 image_height: 600
@@ -55,30 +23,93 @@ projection_matrix: {rows: 3, cols: 4, data: [250, 0, 400, 0, 0, 250, 300, 0, 0, 
 """
 
 
+@dataclass(frozen=True)
+class Expected:
+    """What a person reads in a file: width, height; fx, fy, cx, cy; model and coefficients."""
+
+    size: tuple[int, int]
+    pinhole: tuple[float, float, float, float]
+    model: str
+    coefficients: tuple[float, ...]
+
+
+FILES = {
+    "camera_calibration.yaml": Expected(
+        (1280, 720), (912.34871, 911.90217, 641.20553, 358.77120), "plumb_bob",
+        (0.112043, -0.231871, 0.000412, -0.001097, 0.0),
+    ),
+    "rounded_without_projection.yaml": Expected(
+        (640, 480), (617, 617, 322, 238), "plumb_bob", (0.12, -0.24, 0, -0.001, 0)
+    ),
+    "rational.yaml": Expected(
+        (4096, 3072), (1965.2, 1964.7, 2046.8, 1556.1), "rational_polynomial",
+        (0.45, -2.51, 6.1e-4, -2.2e-4, 1.44, 0.33, -2.33, 1.37),
+    ),
+    "fisheye.yaml": Expected(
+        (848, 800), (285.5, 286.4, 421.4, 401.2), "equidistant", (-0.0076, 0.0441, -0.0417, 0.0081)
+    ),
+    "opencv_filestorage.yaml": Expected(
+        (1600, 1200), (1413.2, 1412.8, 799.55, 601.25), "plumb_bob", (-0.091, 0.1, 0.0003, -0.0004, -0.02)
+    ),
+    "camera_info_ros2.yaml": Expected(
+        (1280, 720), (908.5, 907.9, 646.1, 362.4), "plumb_bob", (-0.055, 0.064, -0.0006, 0.0005, -0.02)
+    ),
+    "camera_info_ros1.yaml": Expected(
+        (640, 480), (525.1, 525.3, 319.6, 239.4), "plumb_bob", (0.04, -0.13, -0.001, 0.0006, 0.0)
+    ),
+    "nested_rows.yaml": Expected(
+        (1920, 1200), (1211.0, 1210.5, 959.0, 600.5), "plumb_bob", (-0.11, 0.08, 1e-4, 2e-4, 0.0)
+    ),
+}  # fmt: skip
+
+
 def read(text: str, folder: Path) -> Intrinsics:
     path = folder / "camera.yaml"
     path.write_text(text, encoding="utf-8")
     return read_calibration(path)[0]
 
 
-def test_a_file_of_camera_info_manager_is_read_to_the_last_digit(tmp_path: Path) -> None:
-    camera = read(CAMERA_INFO_MANAGER, tmp_path)
-    assert (camera.width, camera.height, camera.distortion_model) == (1280, 720, "rational_polynomial")
-    assert camera.matrix.tolist() == [[900.12345, 0, 640.5], [0, 901.5, 360.25], [0, 0, 1]]
-    assert camera.distortion.tolist() == [0.1, 0.2, 0.001, -0.001, 0, 0.5, 6, -7.25]
+@pytest.mark.parametrize("name", FILES)
+def test_files_are_read_as_their_programs_write_them(name: str) -> None:
+    camera, expected = read_calibration(CAMERAS / name)[0], FILES[name]
+    fx, fy, cx, cy = expected.pinhole
+    assert (camera.width, camera.height) == expected.size
+    np.testing.assert_allclose(camera.matrix, [[fx, 0, cx], [0, fy, cy], [0, 0, 1]], rtol=1e-12)
+    assert camera.distortion_model == expected.model
+    np.testing.assert_allclose(camera.distortion, expected.coefficients, rtol=1e-12)
 
 
-def test_a_file_of_opencv_is_read_and_its_model_follows_from_the_count(tmp_path: Path) -> None:
-    camera = read(OPENCV, tmp_path)
-    assert camera.distortion_model == "plumb_bob"
-    assert camera.matrix[0, 0] == 617.2
-    assert camera.distortion.tolist() == [0.12, -0.24, 0.0004, -0.0011, 0.0]
+def test_every_file_is_tried() -> None:
+    intrinsic = {path.name for path in CAMERAS.iterdir() if not path.name.startswith("easy_")}
+    assert intrinsic == set(FILES)
 
 
 def test_the_projection_matrix_of_the_rectified_image_is_not_used(tmp_path: Path) -> None:
-    camera = read(FISHEYE, tmp_path)
-    assert camera.distortion_model == "equidistant"
-    assert camera.matrix[0, 0] == 300
+    assert read(FISHEYE, tmp_path).matrix[0, 0] == 300
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("width: 1280", "width: 1280.5", "expected a whole number"),
+        ("- 646.1", "- 646,1", "found `646,1`, expected a number"),
+        ("k:\n- 908.5\n", "k:\n", "found 8 numbers, expected 9"),
+        ("d:\n- -0.055\n", "d:\n", "found 4 distortion coefficients, expected 5 for `plumb_bob`"),
+        ("plumb_bob", "inverse_brown_conrady", "no known distortion model"),
+        ("k:\n", "kk:\n", "lacks the key `camera_matrix`"),
+    ],
+)
+def test_a_printed_message_with_a_mistake_is_refused_where_that_stands(
+    old: str, new: str, says: str, tmp_path: Path
+) -> None:
+    text = (CAMERAS / "camera_info_ros2.yaml").read_text(encoding="utf-8")
+    with pytest.raises(InputError) as caught:
+        read(text.replace(old, new, 1), tmp_path)
+    problem = caught.value.problems[0]
+    assert says in problem.message
+    assert problem.place is not None
+    if "lacks" not in says:
+        assert problem.place.line is not None
 
 
 @pytest.mark.parametrize("model", ["plumb_bob", "rational_polynomial", "equidistant"])

@@ -225,8 +225,8 @@ def test_a_part_of_the_goal_that_only_a_full_search_rules_out_is_named() -> None
 def test_the_search_gives_up_at_its_budget_and_says_after_how_many_states() -> None:
     objects, facts = cell(4, 4)
     goal = goal_of("on c0 t1", "on c1 t0")
-    assert find_plan(CELL, objects, facts, goal, {}, Budget(states=3)) == GaveUp(3)
-    assert find_plan(CELL, objects, facts, goal, {}, Budget(actions=5)) == GaveUp(0)
+    assert find_plan(CELL, objects, facts, goal, {}, Budget(states=3)) == GaveUp("3 states")
+    assert find_plan(CELL, objects, facts, goal, {}, Budget(actions=5)) == GaveUp("5 ground actions")
     assert isinstance(find_plan(CELL, objects, facts, goal, {}), ProvenImpossible)
 
 

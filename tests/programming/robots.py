@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.packages import package_roots
+from sqrp_cli.knowledge.read_robot import resolve_mesh
 from sqrp_cli.knowledge.robot import JointLimits, Robot, Tool
-from sqrp_cli.knowledge.urdf import read_urdf
+from sqrp_cli.knowledge.urdf import link_parts, read_urdf
 from sqrp_cli.programming.arm.kinematics import RobotModel
 
 SUCTION_CUP = Path(__file__).parents[2] / "workspaces" / "robots" / "suction_cup.urdf"
@@ -41,6 +42,11 @@ def robot(
     """A robot with the position limits of its URDFs unless `limits` has others."""
     joints = [joint for path in (urdf, *([tool.urdf] if tool else [])) for joint in read_urdf(path).movable_joints]
     positions = {joint.name: (joint.lower, joint.upper) for joint in joints} | dict(limits or {})
+    parts = [
+        part
+        for path in (urdf, *([tool.urdf] if tool else []))
+        for part in link_parts(read_urdf(path), "collision", partial(resolve_mesh, package_roots()))
+    ]
     return Robot(
         urdf=urdf,
         srdf=None,
@@ -53,6 +59,7 @@ def robot(
             name: JointLimits(*ends, velocity=1.0, acceleration=2.0, jerk=10.0) for name, ends in positions.items()
         },
         geometry="collision",
+        parts=tuple(parts),
         disabled_pairs=frozenset(),
     )
 

@@ -9,7 +9,7 @@ from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.faults import FaultMetrics
 from sqrp_cli.programming.quality import Qualities
-from sqrp_cli.programming.ranking import CRITERIA, rank, winners
+from sqrp_cli.programming.ranking import CRITERIA, criterion_figure, rank, winners
 from sqrp_cli.programming.task import Candidate, read_task
 from tests.programming.conftest import TABLETOP
 
@@ -51,6 +51,10 @@ def test_qualities_that_round_to_the_same_tenth_of_a_point_are_a_tie() -> None:
 
 def test_a_criterion_that_is_null_is_ignored() -> None:
     assert names([assessed(0, None, 0.5, 9.0), assessed(1, None, 0.6, 20.0)]) == ["g2", "g1"]
+
+
+def test_a_quality_of_nothing_is_nought_and_has_no_sign() -> None:
+    assert str(criterion_figure(assessed(0, 0.0, 0.0, 9.0), "q_eoi")) == "0.0"
 
 
 def test_infeasible_candidates_come_last_without_a_rank() -> None:

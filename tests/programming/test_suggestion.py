@@ -9,7 +9,7 @@ from sqrp_cli.programming.assessment import Study, study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.sampling import Adaptive
-from sqrp_cli.programming.suggestion import suggest
+from sqrp_cli.programming.suggestion import Suggester
 from sqrp_cli.programming.task import Candidate, read_task
 from tests.programming.conftest import TABLETOP
 
@@ -62,23 +62,23 @@ def holding(cell: Cell) -> World:
 
 
 def test_a_precondition_that_holds_needs_no_plan(cell: Cell) -> None:
-    suggestion = suggest(cell, candidate(cell, "pickup g2"), cell.workspace.initial_world)
+    suggestion = Suggester(cell, cell.workspace.initial_world).suggest(candidate(cell, "pickup g2"))
     assert (suggestion.outcome, suggestion.steps, suggestion.explanation) == ("satisfied", None, "")
 
 
 def test_a_full_hand_is_emptied_first_and_the_step_is_scored(cell: Cell, holding: World) -> None:
-    suggestion = suggest(cell, candidate(cell, "pickup g3"), holding)
+    suggestion = Suggester(cell, holding).suggest(candidate(cell, "pickup g3"))
     assert suggestion.outcome == "plan"
     assert suggestion.steps is not None
     (step,) = suggestion.steps
     assert (step.action, step.feasible, step.reasons) == ("drop(g2)", True, ())
-    assert step.qualities is not None
-    assert step.qualities.q_eoi is None, "drop has no event of interest"
+    assert step.assessment is not None
+    assert step.assessment.q_eoi is None, "drop has no event of interest"
     assert suggestion.explanation == "first do drop(g2)"
 
 
 def test_what_no_skill_can_establish_is_said_to_be_impossible(cell: Cell, holding: World) -> None:
-    suggestion = suggest(cell, candidate(cell, "pickup g2"), holding)
+    suggestion = Suggester(cell, holding).suggest(candidate(cell, "pickup g2"))
     assert suggestion.outcome == "impossible"
     assert "`obj_on_table(g2)`" in suggestion.explanation
     assert "hand_empty" not in suggestion.explanation
@@ -87,7 +87,7 @@ def test_what_no_skill_can_establish_is_said_to_be_impossible(cell: Cell, holdin
 def test_a_step_that_cannot_be_done_says_why(cell: Cell, holding: World) -> None:
     facts = (holding.facts - {Atom("hold", ("g2",))}) | {Atom("hold", ("g1",))}
     confused = World(facts, cell.workspace.initial_world.X_WO, None, None, holding.joints)
-    suggestion = suggest(cell, candidate(cell, "pickup g3"), confused)
+    suggestion = Suggester(cell, confused).suggest(candidate(cell, "pickup g3"))
     assert suggestion.steps is not None
     (step,) = suggestion.steps
     assert not step.feasible

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, cross, read_only
-from sqrp_cli.knowledge.packages import resolve
 from sqrp_cli.knowledge.robot import JointLimits, Robot
 from sqrp_cli.knowledge.scene import Part
-from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
+from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, read_urdf
 from sqrp_cli.programming.arm.joint_tree import JointTree
 
 
@@ -79,7 +77,7 @@ class RobotModel:
     def load(robot: Robot) -> RobotModel:
         """Read the URDFs of robot and tool and put them together.
 
-        Raises InputError for a URDF or mesh reference that cannot be used, a name that robot and tool share, an unknown
+        Raises InputError for a URDF that cannot be used, a name that robot and tool share, an unknown
         link, a joint without limits, or a tool frame that no joint moves.
         """
         urdf = read_urdf(robot.urdf)
@@ -99,7 +97,6 @@ class RobotModel:
         rest = {**robot.home, **dict(zip(fingers.joints, fingers.open.tolist(), strict=True))}
         couplings = Couplings.of(tree.joints, [*arm, *(index_of[name] for name in fingers.joints)], rest)
         limits = [_limits(robot, tree.joints[index]) for index in arm]
-        parts = tuple(part for model in (urdf, tool) if model for part in _parts(model, robot))
         chain_tree, chain_couplings = tree.along(chain), Couplings.of(tree.joints, arm, rest).along(chain)
         return RobotModel(
             arm=tuple(tree.joints[index].name for index in arm),
@@ -114,8 +111,8 @@ class RobotModel:
             links=tuple(tree.mounts),
             tool_links=frozenset(tool.links if tool else ()),
             tool_frame=robot.tool_frame,
-            parts=parts,
-            adjacent_pairs=_adjacent_pairs(parts, tree),
+            parts=robot.parts,
+            adjacent_pairs=_adjacent_pairs(robot.parts, tree),
             _tree=tree,
             _chain=chain_tree,
             _couplings=couplings,
@@ -175,6 +172,11 @@ class RobotModel:
         arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
         columns = np.concatenate([np.where(turns, cross(axes, arms), axes), np.where(turns, axes, 0.0)], axis=-1)
         return X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios
+
+    @property
+    def tree(self) -> JointTree:
+        """Every joint and link of robot and tool."""
+        return self._tree
 
     @property
     def joints_move_alone(self) -> bool:
@@ -271,13 +273,6 @@ def _check_names(robot: Robot, urdf: UrdfModel, tool: UrdfModel | None) -> None:
     if robot.tool_frame not in links:
         message = f"unknown tool frame `{robot.tool_frame}`; {expected_names(robot.tool_frame, links)}"
         raise InputError(Problem("unknown-link", message, Place(robot.urdf)))
-
-
-def _parts(urdf: UrdfModel, robot: Robot) -> tuple[Part, ...]:
-    def find(reference: str, file: Path) -> Path:
-        return resolve(reference, file.parent, robot.package_roots, Place(file))
-
-    return link_parts(urdf, robot.geometry, find)
 
 
 def _fingers(robot: Robot, tree: JointTree) -> FingerModel:

@@ -30,6 +30,9 @@ RESOLUTION = 0.5e-3
 FIRST_STRETCH = 0.08
 """Motion of the arm's outermost point within half of each stretch that a check begins with [m]."""
 
+FIRST_LOOK = 9
+"""Places along a path that `PlacedScene.is_free` looks at before it proves anything."""
+
 Pairs = frozenset[tuple[str, str]]
 """Pairs of names of links or objects, each in alphabetical order."""
 
@@ -240,6 +243,17 @@ class PlacedScene:
         found = {near.stretch: near.contact for near in self._near(self._all_open(still, still, q, np.zeros_like(q)))}
         return tuple(found.get(k) for k in range(len(q)))
 
+    def is_free(self, path: Path, spare: float = RESOLUTION) -> bool:
+        """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are told sooner.
+
+        spare: what the proof may ask for beyond the clearance [m]; more is told sooner.
+        """
+        samples = np.linspace(0.0, 1.0, FIRST_LOOK)
+        still = np.zeros(FIRST_LOOK)
+        q = path.positions(samples)
+        touching = next(self._near(self._all_open(samples, still, q, np.zeros_like(q))), None)
+        return touching is None and self.check_path(path, spare) is None
+
     def check_fingers(self, q: Array, fingers: Array) -> Contact | None:
         """The first contact while the fingers move evenly to positions (f,) and the arm stands at q, shape (n,).
 
@@ -256,11 +270,11 @@ class PlacedScene:
         """The first contact along a motion; None proves that there is none at any time. See `check_path`."""
         return self.check_path(trajectory.path)
 
-    def check_path(self, path: Path) -> Contact | None:
+    def check_path(self, path: Path, resolution: float = RESOLUTION) -> Contact | None:
         """The first contact along a path; None proves that there is none, not only at samples.
 
         None: all pairs keep their clearance everywhere. A contact: there a pair is closer than its clearance plus
-        `RESOLUTION`; the path keeps the clearance up to there.
+        `resolution` [m]; the path keeps the clearance up to there.
         """
         slopes = path.derivative_bounds()
         first: Contact | None = None
@@ -268,11 +282,11 @@ class PlacedScene:
         stretches = self._all_open(s, half, path.positions(s), _variation(path, slopes, s, half))
         while len(stretches.stretch):
             open_ones, seen = [], -1
-            for near in self._near(stretches):
+            for near in self._near(stretches, resolution):
                 if first is not None and near.stretch > seen and near.contact.s >= first.s:
                     break
                 seen = near.stretch
-                if near.bound >= RESOLUTION:
+                if near.bound >= resolution:
                     open_ones.append(near.combination)
                 if near.touches and (first is None or near.contact.s < first.s):
                     first = near.contact
@@ -294,7 +308,7 @@ class PlacedScene:
         stretch, pairs = np.divmod(np.arange(len(s) * len(self._inner)), len(self._inner) or 1)
         return _Stretches(s, half, q, variation, stretch, pairs)
 
-    def _near(self, stretches: _Stretches) -> Iterator[_Near]:
+    def _near(self, stretches: _Stretches, resolution: float = RESOLUTION) -> Iterator[_Near]:
         """The combinations that are not proven apart over their stretch, in order."""
         carriers = self._model.link_poses(self._model.with_fingers(stretches.q, self._fingers))
         stretch, pairs = stretches.stretch, stretches.pairs
@@ -324,7 +338,7 @@ class PlacedScene:
                 first, placement(j, at), second, placement(i, at), float(need[k] - bound[k]), float(need[k])
             )
             if distance is not None:
-                touches = distance <= need[k] - bound[k] or bound[k] < RESOLUTION
+                touches = distance <= need[k] - bound[k] or bound[k] < resolution
                 contact = Contact(first.name, second.name, float(stretches.s[at]), float(self._clearance[pairs[k]]))
                 yield _Near(k, at, float(bound[k]), bool(touches), contact)
 

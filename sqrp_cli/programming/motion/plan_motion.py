@@ -4,33 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
-from itertools import pairwise, product
+from functools import cache
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import JointMove, MotionValue, Skill, StraightMove
+from sqrp_cli.knowledge.skill import MotionValue, Skill
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.branch_search import Station, fastest_sequence
-from sqrp_cli.programming.motion.collision import CollisionScene, finger_positions
+from sqrp_cli.programming.motion.branch_search import Question, Station, fastest_sequence
+from sqrp_cli.programming.motion.collision import CollisionScene, Contact, finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
-from sqrp_cli.programming.motion.ground_primitives import (
-    GroundPrimitive,
-    GroundSkill,
-    ground_primitives,
-    start_configuration,
-)
-from sqrp_cli.programming.motion.straight_line import LIMIT_SAMPLES, LIMIT_SLACK, ToolLine, follow, limit_reason
-from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration, time_path
-from sqrp_cli.trajectory import Path, Trajectory
+from sqrp_cli.programming.motion.ground_primitives import GroundSkill, ground_primitives, start_configuration
+from sqrp_cli.programming.motion.sections import Branch, BranchFinder, Failures, cut_into_sections, end_of, near_limits
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration
+from sqrp_cli.programming.motion.way_around import find_way
+from sqrp_cli.trajectory import Trajectory
 
 MAX_REASONS = 5
 """Reasons given for an infeasible motion."""
+
+TRIES_PER_WAY = 250
+"""Straight pieces that the search for one way around may look at."""
+
+MOST_TRIES = 1500
+"""Those that all searches for one motion may look at together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +40,7 @@ class TimedPrimitive:
     start, end: [s] from the start of the motion. trajectory: of the driven joints, from 0 to end - start.
     held: the object in the tool all through it (grasp attaches and release detaches at `end`), with its pose in the
     tool frame `X_TO`, shape (4, 4); None if there is none. X_WO: where the objects that are not held rest.
+    around: the link or object that it goes around, None if it is direct.
     """
 
     name: str
@@ -49,6 +50,7 @@ class TimedPrimitive:
     held: str | None
     X_TO: Array | None
     X_WO: Mapping[str, Array]
+    around: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,11 @@ class Motion:
     joint_names: tuple[str, ...]
     primitives: tuple[TimedPrimitive, ...]
     final: World
+
+    @property
+    def ways_around(self) -> tuple[str, ...]:
+        """What goes around what: `a1 goes around wall`."""
+        return tuple(f"{p.name} goes around {p.around}" for p in self.primitives if p.around is not None)
 
     @property
     def time(self) -> float:
@@ -82,223 +89,154 @@ def plan_motion(
     world: World,
     model: RobotModel,
     scene: CollisionScene,
+    seed: int = 0,
 ) -> Motion | Infeasible:
     """The fastest feasible motion of a skill among all branches of inverse kinematics, joint turns included.
 
     binding: the object that each skill parameter stands for. values: of every motion parameter. world: before it.
-    Joint moves are straight in joint space; every move keeps its clearance at all times. Infeasible names, most useful
-    first, what is out of reach, which joint is at its limit, or what hits what and where.
+    seed: of what is drawn at random: ways around, and redundant joints. Every move keeps its clearance at all times.
+    Joint moves are straight in joint space; only where no combination of branches has direct joint moves alone are
+    ways around looked for, most promising combination first. Infeasible names, most useful first, what is out of
+    reach, which joint is at its limit, or what hits what and where.
     """
     grounded = ground_primitives(skill, binding, values, objects, world, model, scene)
     if isinstance(grounded, Infeasible):
         return grounded
-    return _Planner(model, scene, grounded, start_configuration(model, world)).plan()
+    return _Planner(model, scene, grounded, start_configuration(model, world), seed).plan()
 
 
 @dataclass(frozen=True, eq=False)
-class _Section:
-    """A joint move (none at the start of the motion) and what is tied to where it ends, up to the next joint move.
+class _Move:
+    """A joint move between two branches, with what it goes around if it does."""
 
-    first: index of the first tied primitive in the skill.
-    """
-
-    move: GroundPrimitive | None
-    first: int
-    tied: tuple[GroundPrimitive, ...]
-
-    @property
-    def is_fixed(self) -> bool:
-        """Whether it begins at given joint positions, not at any that bring the tool to a pose."""
-        return self.move is None or self.move.home
-
-
-@dataclass(frozen=True, eq=False)
-class _Branch:
-    """One way through a section: where its joint move ends, and the trajectories of the tied primitives.
-
-    turns: offsets by whole turns of joints that keep all of it within the joints' limits, shape (k, n).
-    """
-
-    q: Array
-    trajectories: tuple[Trajectory, ...]
-    turns: Array
-
-    @cached_property
-    def q_end(self) -> Array:
-        return _end(self.trajectories[-1]) if self.trajectories else self.q
-
-    @cached_property
-    def duration(self) -> float:
-        return sum(trajectory.duration for trajectory in self.trajectories)
+    trajectory: Trajectory
+    around: str | None = None
 
 
 class _Planner:
-    """Plans one motion and collects why branches fail."""
+    """Plans one motion: sections, the branches of each, and the moves between them."""
 
-    def __init__(self, model: RobotModel, scene: CollisionScene, skill: GroundSkill, q_start: Array) -> None:
-        self._model, self._skill, self._q_start = model, skill, q_start
+    def __init__(self, model: RobotModel, scene: CollisionScene, skill: GroundSkill, q_start: Array, seed: int) -> None:
+        self._model, self._skill, self._q_start, self._seed = model, skill, q_start, seed
         self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+        self._radii = scene.bound.radii
         placed = cache(scene.placed)
         self._scenes = [placed(primitive.world, primitive.allowed) for primitive in skill.primitives]
-        self._failures: list[tuple[int, str]] = []
+        self._failures = Failures()
+        self._tries_left = MOST_TRIES
 
     def plan(self) -> Motion | Infeasible:
-        sections = _sections(self._skill.primitives)
-        options: list[list[tuple[_Branch, Array]]] = []
+        sections = cut_into_sections(self._skill.primitives)
+        finder = BranchFinder(self._model, self._scenes, self._q_start, self._failures, self._seed)
+        options: list[list[tuple[Branch, Array]]] = []
         for section in sections:
-            options.append([(branch, turn) for branch in self._branches(section) for turn in branch.turns])
+            options.append([(branch, turn) for branch in finder.branches(section) for turn in branch.turns])
             if not options[-1]:
                 return self._infeasible()
         stations = [_station(ways) for ways in options]
         durations = [
-            joint_move_duration(before.q_end[:, None], after.q_start[None], self._move_limits(section.move))
+            joint_move_duration(before.q_end[:, None], after.q_start[None], self._move_limits(section.first - 1))
             for before, after, section in zip(stations[:-1], stations[1:], sections[1:], strict=True)
         ]
 
         @cache
-        def tied_is_free(i: int, branch: _Branch) -> bool:
+        def tied_is_free(i: int, branch: Branch) -> bool:
             tied = [(sections[i].first + k, t) for k, t in enumerate(branch.trajectories)]
-            return all(self._is_free(k, t) and self._fingers_are_free(k, t) for k, t in tied)
+            return all(self._contact(k, t) is None and self._fingers_are_free(k, t) for k, t in tied)
 
-        def works(i: int, previous: int, chosen: int) -> bool:
+        moves: dict[Question, _Move] = {}
+        blocked: dict[Question, Contact] = {}
+
+        def ends(i: int, previous: int, chosen: int) -> tuple[Array, Array]:
+            return stations[i - 1].q_end[previous], stations[i].q_start[chosen]
+
+        @cache
+        def direct_works(i: int, previous: int, chosen: int) -> bool:
             if not tied_is_free(i, options[i][chosen][0]):
                 return False
-            move = sections[i].move
-            if move is None:
+            if sections[i].move is None:
                 return True
-            ends = stations[i - 1].q_end[previous], stations[i].q_start[chosen]
-            return self._is_free(sections[i].first - 1, joint_move(*ends, self._move_limits(move)))
+            index = sections[i].first - 1
+            direct = joint_move(*ends(i, previous, chosen), self._move_limits(index))
+            contact = self._contact(index, direct)
+            if contact is None:
+                moves[i, previous, chosen] = _Move(direct)
+            else:
+                blocked[i, previous, chosen] = contact
+            return contact is None
 
-        chosen = fastest_sequence(stations, durations, works)
+        def way_works(i: int, previous: int, chosen: int) -> bool:
+            contact = blocked.get((i, previous, chosen))
+            if contact is None:
+                return False  # What is tied to the branch is blocked, not the way to it.
+            way = self._way_around(sections[i].first - 1, *ends(i, previous, chosen))
+            if way is not None:
+                moves[i, previous, chosen] = _Move(way, contact.second)
+            return way is not None
+
+        chosen = fastest_sequence(stations, durations, direct_works)
+        if chosen is None:
+            chosen = fastest_sequence(stations, durations, direct_works, way_works)
         if chosen is None:
             return self._infeasible()
-        return self._motion(sections, [ways[k] for ways, k in zip(options, chosen, strict=True)])
+        branches = [ways[k] for ways, k in zip(options, chosen, strict=True)]
+        return self._motion(branches, [moves[i, chosen[i - 1], chosen[i]] for i in range(1, len(chosen))])
 
-    def _branches(self, section: _Section) -> list[_Branch]:
-        """The branches of a section that can be followed, and that are free of contacts where its joint move ends."""
-        move = section.move
-        if move is None:
-            configurations = [self._q_start]
-        elif move.home:
-            configurations = [self._model.home]
-        else:
-            solutions = all_solutions(self._model, move.X_end)
-            configurations = list(solutions.solutions)
-            if not configurations:
-                self._failures.append((section.first - 1, f"{move.name} to `{move.to}`: {solutions.reason}"))
-        branches = []
-        lost = False
-        for q in self._clear_ends(section, configurations):
-            trajectories = self._tied_trajectories(section, q)
-            if trajectories is None:
-                lost = True
-                continue
-            turns = self._turns(section, q, trajectories)
-            if len(turns):
-                branches.append(_Branch(q, trajectories, turns))
-        if lost and not branches:
-            self._note_ends_out_of_reach(section)
-        return branches
-
-    def _note_ends_out_of_reach(self, section: _Section) -> None:
-        """Where a line could not be followed because its very end is out of reach, that is the most useful reason."""
-        for primitive in section.tied:
-            if primitive.kind is StraightMove:
-                solutions = all_solutions(self._model, primitive.X_end)
-                if not len(solutions.solutions):
-                    reason = f"{primitive.name} to `{primitive.to}`: {solutions.reason}"
-                    self._failures.insert(0, (len(self._skill.primitives), reason))
-
-    def _clear_ends(self, section: _Section, configurations: Sequence[Array]) -> list[Array]:
-        """The configurations that a section's joint move may end in without touching anything."""
-        if section.move is None or not configurations:
-            return list(configurations)
-        contacts = self._scenes[section.first - 1].check_all(np.stack(configurations))
-        ends = f"at the end of {section.move.name}"
-        self._failures += [(section.first - 1, f"{contact} {ends}") for contact in contacts if contact is not None]
-        return [q for q, contact in zip(configurations, contacts, strict=True) if contact is None]
-
-    def _tied_trajectories(self, section: _Section, q: Array) -> tuple[Trajectory, ...] | None:
-        trajectories: list[Trajectory] = []
-        for k, primitive in enumerate(section.tied):
-            if primitive.kind is StraightMove:
-                line = ToolLine(primitive.X_start, primitive.X_end)
-                path = follow(self._model, q, line)
-                if isinstance(path, Infeasible):
-                    self._failures += [(section.first + k, f"{primitive.name}: {reason}") for reason in path.reasons]
-                    return None
-                trajectories.append(_straight_move(path, line, primitive, self._limits))
-                q = _end(trajectories[-1])
-            else:
-                trajectories.append(Trajectory.standstill(q, primitive.hold))
-        return tuple(trajectories)
-
-    def _turns(self, section: _Section, q: Array, trajectories: Sequence[Trajectory]) -> Array:
-        """Offsets by whole turns that keep a branch within the joints' limits, shape (k, n); only 0 if q is given.
-
-        A joint without limits goes at most one turn beyond where it is at the start and at home.
-        """
-        s = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
-        passed = np.concatenate([q[None], *(trajectory.path.positions(s) for trajectory in trajectories)])
-        near = np.stack([self._q_start, self._model.home])
-        lower = np.where(np.isinf(self._model.lower), near.min(axis=0) - 2 * np.pi, self._model.lower)
-        upper = np.where(np.isinf(self._model.upper), near.max(axis=0) + 2 * np.pi, self._model.upper)
-        fewest = np.ceil((lower - LIMIT_SLACK - passed.min(axis=0)) / (2 * np.pi))
-        most = np.floor((upper + LIMIT_SLACK - passed.max(axis=0)) / (2 * np.pi))
-        if section.is_fixed:
-            fewest, most = np.maximum(fewest, 0.0), np.minimum(most, 0.0)
-        fewest[~self._model.turns], most[~self._model.turns] = 0.0, 0.0
-        ranges = [np.arange(low, high + 1) for low, high in zip(fewest, most, strict=True)]
-        turns = 2 * np.pi * np.array(list(product(*ranges))).reshape(-1, len(q))
-        if not len(turns):
-            for k, (primitive, trajectory) in enumerate(zip(section.tied, trajectories, strict=True)):
-                reason = limit_reason(self._model, trajectory.path, ToolLine(primitive.X_start, primitive.X_end))
-                if reason is not None:
-                    self._failures.append((section.first + k, f"{primitive.name}: {reason}"))
-                    break
-        return turns
-
-    def _is_free(self, index: int, trajectory: Trajectory) -> bool:
-        """Whether nothing touches during a primitive; notes what does, and when."""
+    def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:
+        """The first contact during a primitive; notes what touches, and when."""
         contact = self._scenes[index].check_motion(trajectory)
         if contact is not None:
             share = trajectory.law.time_at(contact.s) / trajectory.duration if trajectory.duration > 0 else 0.0
-            self._failures.append((index, f"{contact} at {100 * share:.0f} % of {self._skill.primitives[index].name}"))
-        return contact is None
+            self._failures.note(index, f"{contact} at {100 * share:.0f} % of {self._skill.primitives[index].name}")
+        return contact
 
     def _fingers_are_free(self, index: int, trajectory: Trajectory) -> bool:
         """Whether the fingers touch nothing as they move during a primitive; notes what they do."""
         primitive = self._skill.primitives[index]
         if primitive.fingers is None:
             return True
-        contact = self._scenes[index].check_fingers(_end(trajectory), _end(primitive.fingers))
+        contact = self._scenes[index].check_fingers(end_of(trajectory), end_of(primitive.fingers))
         if contact is not None:
-            self._failures.append((index, f"{contact} as the fingers move in {primitive.name}"))
+            self._failures.note(index, f"{contact} as the fingers move in {primitive.name}")
         return contact is None
 
-    def _move_limits(self, move: GroundPrimitive | None) -> MotionLimits:
-        share = 1.0 if move is None else move.speed
-        return replace(self._limits, velocity=share * self._limits.velocity)
+    def _way_around(self, index: int, q0: Array, q1: Array) -> Trajectory | None:
+        """A joint move from q0 to q1 whose direct one is blocked."""
+        tries = min(TRIES_PER_WAY, self._tries_left)
+        if tries == 0:
+            return None
+        bounds = near_limits(self._model, np.stack([self._q_start, self._model.home]))
+        limits = self._move_limits(index)
+        found = find_way(self._scenes[index], q0, q1, bounds, self._radii, limits, tries, self._seed)
+        self._tries_left -= found.tries
+        return found.trajectory
+
+    def _move_limits(self, index: int) -> MotionLimits:
+        return replace(self._limits, velocity=self._skill.primitives[index].speed * self._limits.velocity)
 
     def _infeasible(self) -> Infeasible:
-        """The reasons collected, those of the branches that got furthest first."""
-        furthest_first = sorted(self._failures, key=lambda failure: -failure[0])
-        return Infeasible(tuple(dict.fromkeys(reason for _, reason in furthest_first))[:MAX_REASONS])
+        """The reasons collected, and whether a way around was looked for."""
+        reasons = self._failures.reasons(MAX_REASONS)
+        if (tries := MOST_TRIES - self._tries_left) > 0:
+            reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])
+        return Infeasible(reasons)
 
-    def _motion(self, sections: Sequence[_Section], chosen: Sequence[tuple[_Branch, Array]]) -> Motion:
-        q = self._q_start
-        trajectories = []
-        for section, (branch, turn) in zip(sections, chosen, strict=True):
-            if section.move is not None:
-                trajectories.append(joint_move(q, branch.q + turn, self._move_limits(section.move)))
-            trajectories += [Trajectory(t.path.shifted(turn), t.law) for t in branch.trajectories]
-            q = branch.q_end + turn
+    def _motion(self, branches: Sequence[tuple[Branch, Array]], moves: Sequence[_Move]) -> Motion:
+        """The motion of a branch for each section, with its turn, and the moves between them."""
+        done: list[_Move] = []
+        for i, (branch, turn) in enumerate(branches):
+            done += moves[i - 1 : i] if i else []
+            done += [_Move(Trajectory(t.path.shifted(turn), t.law)) for t in branch.trajectories]
+        q = branches[-1][0].q_end + branches[-1][1]
         primitives, start = [], 0.0
-        for primitive, trajectory in zip(self._skill.primitives, trajectories, strict=True):
-            world, end = primitive.world, start + trajectory.duration
+        for primitive, move in zip(self._skill.primitives, done, strict=True):
+            world, end = primitive.world, start + move.trajectory.duration
+            fingers = primitive.fingers
+            moving = with_fingers(self._model, move.trajectory, fingers, finger_positions(self._model, world))
             resting = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
-            all_joints = with_fingers(self._model, trajectory, primitive.fingers, finger_positions(self._model, world))
-            primitives.append(TimedPrimitive(primitive.name, start, end, all_joints, world.held, world.X_TO, resting))
+            primitives.append(
+                TimedPrimitive(primitive.name, start, end, moving, world.held, world.X_TO, resting, move.around)
+            )
             start = end
         return Motion(self._model.joints, tuple(primitives), self._final(q))
 
@@ -310,36 +248,9 @@ class _Planner:
         return replace(world, X_WO=X_WO, joints={**world.joints, **dict(zip(self._model.arm, q.tolist(), strict=True))})
 
 
-def _sections(primitives: Sequence[GroundPrimitive]) -> list[_Section]:
-    """The primitives cut before each joint move; the first section has none, and may be empty."""
-    cuts = [i for i, primitive in enumerate(primitives) if primitive.kind is JointMove]
-    sections = [_Section(None, 0, tuple(primitives[: cuts[0] if cuts else None]))]
-    for cut, following in pairwise([*cuts, len(primitives)]):
-        sections.append(_Section(primitives[cut], cut + 1, tuple(primitives[cut + 1 : following])))
-    return sections
-
-
-def _station(ways: Sequence[tuple[_Branch, Array]]) -> Station:
+def _station(ways: Sequence[tuple[Branch, Array]]) -> Station:
     return Station(
         np.stack([branch.q + turn for branch, turn in ways]),
         np.stack([branch.q_end + turn for branch, turn in ways]),
         np.array([branch.duration for branch, _ in ways]),
     )
-
-
-def _straight_move(path: Path, line: ToolLine, primitive: GroundPrimitive, limits: MotionLimits) -> Trajectory:
-    """The motion along a tool line at the primitive's speed, or slower where the joints cannot keep up.
-
-    A line on which the tool only turns has no speed; the joints alone limit it.
-    """
-    tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
-    if line.length > 1e-9:
-        return time_path(path, limits, MotionLimits(*(tool / line.length)))
-    if line.turn.any():
-        return time_path(path, limits)
-    return Trajectory.standstill(path.positions([0.0])[0], 0.0)
-
-
-def _end(trajectory: Trajectory) -> Array:
-    q: Array = trajectory.path.positions([1.0])[0]
-    return q

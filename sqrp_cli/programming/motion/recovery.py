@@ -18,7 +18,9 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     """Stop and move-back times from `start` [s] to the end of a motion.
 
     Stopping: every joint of the arm comes to rest as soon as its acceleration and jerk limits allow; the slowest
-    counts. Moving back: a joint move from where the joints then are to where they were at the start of the motion.
+    counts. Moving back: a joint move from where the joints then are to where they were at the start of the motion. What
+    the motion went around is gone around on the way back as well: after that primitive by a joint move to its end and
+    back along it, within it back along what has been gone, in the time that this took.
     """
     limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
     t = np.linspace(min(start, motion.time), motion.time, INSTANTS)
@@ -33,8 +35,17 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
         velocity[rows] = primitive.trajectory.derivatives(local, 1)[:, :n]
         acceleration[rows] = primitive.trajectory.derivatives(local, 2)[:, :n]
     stopping, displacement = stop(velocity, acceleration, limits)
-    q_start = motion.positions(0, np.zeros(1))[:, :n]
-    back = joint_move_duration(q + displacement, q_start, limits)
+    q, target, further = q + displacement, motion.positions(0, np.zeros(1))[:, :n], 0.0
+    back = joint_move_duration(q, target, limits)
+    for index, primitive in enumerate(motion.primitives):
+        if primitive.around is None:
+            continue
+        start_of_way, end_of_way = primitive.trajectory.path.positions([0.0, 1.0])[:, :n]
+        from_start = further + float(joint_move_duration(start_of_way, target[0], limits))
+        within, after = of_instant == index, of_instant > index
+        back[within] = from_start + t[within] - primitive.start
+        target, further = end_of_way[None], from_start + primitive.trajectory.duration
+        back[after] = further + joint_move_duration(q[after], target, limits)
     return Recovery(t, stopping.max(axis=1) + back)
 
 

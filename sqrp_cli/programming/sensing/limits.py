@@ -109,7 +109,13 @@ def _hull_areas(u: Array, v: Array, enough: float) -> Array:
 
 
 def hull_area(points: Array) -> float:
-    """Area of the convex hull of points (n, 2), by Andrew's monotone chain and the shoelace formula."""
+    """Area of the convex hull of points (n, 2), by the shoelace formula."""
+    hull = convex_hull(points)
+    return 0.5 * abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(hull, hull[1:] + hull[:1], strict=True)))
+
+
+def convex_hull(points: Array) -> list[tuple[float, float]]:
+    """The corners of the convex hull of points (n, 2) in order, by Andrew's monotone chain."""
     ordered = sorted(map(tuple, points.tolist()))
     hull: list[tuple[float, float]] = []
     for chain in (ordered, ordered[::-1]):
@@ -119,7 +125,7 @@ def hull_area(points: Array) -> float:
                 hull.pop()
             hull.append(point)
         hull.pop()
-    return 0.5 * abs(sum(a[0] * b[1] - b[0] * a[1] for a, b in zip(hull, hull[1:] + hull[:1], strict=True)))
+    return hull
 
 
 def _cross(origin: tuple[float, float], first: tuple[float, float], second: tuple[float, float]) -> float:

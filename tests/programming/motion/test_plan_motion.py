@@ -5,16 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import replace
-from itertools import combinations, product
+from itertools import product
 
-import coal
 import numpy as np
-import pinocchio as pin
 import pytest
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
-from sqrp_cli.knowledge.robot import Robot
-from sqrp_cli.knowledge.scene import Box, Part, SceneObject
 from sqrp_cli.knowledge.skill import (
     HOME,
     GraspWaypoint,
@@ -31,45 +27,21 @@ from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.collision import CLEARANCE, CollisionScene, pair
-from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
+from sqrp_cli.programming.motion.collision import CLEARANCE, pair
+from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.straight_line import ToolLine, straight_line
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples, time_path
 from sqrp_cli.trajectory import Path
+from tests.programming.motion.cells import VALUES, Cell, PinocchioCell, thing
 
-VALUES = {"approach_yaw": 0.3, "lift": 0.1, "speed": 1.0}
 PLACED = pose(axis_rotation(0, np.pi), (0.35, 0.35, 0.041))
 """The tool frame pointing down, where a cube held by its top stands 1 mm above the table."""
-
-
-def thing(name: str, size: tuple[float, float, float], X_WO: Array | None, fixed: bool = True) -> SceneObject:
-    return SceneObject(
-        name, "thing", None, (), size, X_WO, fixed, None, None, (Part(name, name, Box(size), np.eye(4)),)
-    )
 
 
 TABLE = thing("table", (1.4, 1.8, 0.04), pose(position=(0.35, 0, -0.02)))
 CUBE = thing("cube", (0.04, 0.04, 0.04), pose(position=(0.45, -0.25, 0.02)), fixed=False)
 OTHER = thing("other", (0.04, 0.04, 0.04), pose(position=(0.55, -0.3, 0.02)), fixed=False)
 POST = thing("post", (0.05, 0.05, 0.25), pose(position=(0.62, -0.12, 0.125)))
-
-
-class Cell:
-    """A robot among things, with the skills to try."""
-
-    def __init__(self, robot: Robot, model: RobotModel, skill: Skill, things: tuple[SceneObject, ...]) -> None:
-        self.robot, self.model, self.skill = robot, model, skill
-        self.objects = {t.name: t for t in things}
-        self.scene = CollisionScene(model, things, robot.disabled_pairs)
-        X_WO = {t.name: t.X_WO for t in things if t.X_WO is not None}
-        self.world = World(frozenset(), X_WO, None, None, dict(zip(model.arm, model.home.tolist(), strict=True)))
-
-    def plan(self, skill: Skill | None = None, world: World | None = None, **values: float) -> Motion | Infeasible:
-        binding = {"object": "cube"}
-        all_values = {**VALUES, **values}
-        return plan_motion(
-            skill or self.skill, binding, all_values, self.objects, world or self.world, self.model, self.scene
-        )
 
 
 @pytest.fixture(scope="module")
@@ -186,68 +158,6 @@ def test_the_world_afterwards_has_the_object_in_the_tool(cell: Cell) -> None:
     assert follow_up == Infeasible(("the tool still holds `cube`, so `a3` cannot grasp `cube`",))
 
 
-class PinocchioCell:
-    """The same cell as Pinocchio reads it itself, to check contacts independently: its geometry, its kinematics."""
-
-    def __init__(self, cell: Cell, margin: float) -> None:
-        robot = cell.robot
-        self.model = pin.buildModelFromUrdf(str(robot.urdf))
-        folders = [str(root) for root in robot.package_roots]
-        kind = pin.GeometryType.COLLISION
-        self.geometry = pin.buildGeomFromUrdf(self.model, str(robot.urdf), kind, package_dirs=folders)
-        flange = self.model.getFrameId("tool0")
-        joint, X_JF = self.model.frames[flange].parentJoint, self.model.frames[flange].placement
-        self.tool = [
-            self._add(f"tool{k}", joint, X_JF * pin.SE3(np.eye(3), np.array([0, 0, z])), coal.Cylinder(radius, length))
-            for k, (z, radius, length) in enumerate([(0.01, 0.03, 0.02), (0.05, 0.01, 0.06), (0.09, 0.016, 0.02)])
-        ]
-        self.X_JT = X_JF * pin.SE3(np.eye(3), np.array([0, 0, 0.1]))
-        self.robot = range(self.geometry.ngeoms)
-        self.things = {name: self._add(name, 0, pin.SE3(t.X_WO), coal.Box(*t.size)) for name, t in cell.objects.items()}
-        self.held = {
-            name: self._add(name + "@tool", joint, pin.SE3.Identity(), coal.Box(*t.size))
-            for name, t in cell.objects.items()
-        }
-        self.last_joint, self.margin = joint, margin
-        self.data = self.model.createData()
-
-    def _add(self, name: str, joint: int, X: pin.SE3, shape: coal.CollisionGeometry) -> int:
-        return self.geometry.addGeometryObject(pin.GeometryObject(name, joint, X, shape))
-
-    def contacts(self, motion: Motion, index: int, touching: set[tuple[str, str]], dt: float) -> set[tuple[str, str]]:
-        """Pairs of names that touch at some step of a primitive, other than the ones named."""
-        primitive = motion.primitives[index]
-        geometry = self.geometry.copy()
-        geometry.removeAllCollisionPairs()
-        objects = geometry.geometryObjects
-        for name, X in primitive.X_WO.items():
-            objects[self.things[name]].placement = pin.SE3(np.asarray(X))
-        if primitive.held is not None:
-            objects[self.held[primitive.held]].placement = self.X_JT * pin.SE3(np.asarray(primitive.X_TO))
-        solid = [*self.robot, *(self.things[name] for name in primitive.X_WO)]
-        solid += [self.held[primitive.held]] if primitive.held is not None else []
-        for i, j in combinations(solid, 2):
-            a, b = objects[i], objects[j]
-            near = a.parentJoint == b.parentJoint or abs(a.parentJoint - b.parentJoint) == 1
-            both_robot = i in self.robot and j in self.robot
-            fixed = a.parentJoint == 0 and b.parentJoint == 0
-            taken = {i, j} & set(self.held.values()) and {i, j} & set(self.tool)
-            named = pair(*("tool" if k in self.tool else objects[k].name.split("@")[0] for k in (i, j))) in touching
-            if not (fixed or taken or named or (both_robot and near)):
-                geometry.addCollisionPair(pin.CollisionPair(i, j))
-        data = geometry.createData()
-        for request in data.collisionRequests:
-            request.security_margin = self.margin
-        found = set()
-        for q in primitive.trajectory.positions(np.arange(0, primitive.end - primitive.start, dt)):
-            pin.computeCollisions(self.model, self.data, geometry, data, q, False)
-            for k, result in enumerate(data.collisionResults):
-                if result.isCollision():
-                    both = geometry.collisionPairs[k]
-                    found.add(pair(objects[both.first].name, objects[both.second].name))
-        return found
-
-
 def test_nothing_touches_at_steps_of_a_millisecond_in_pinocchios_own_model(motion: Motion, cell: Cell) -> None:
     independent = PinocchioCell(cell, 0.9 * CLEARANCE)
     meant = {
@@ -261,13 +171,16 @@ def test_nothing_touches_at_steps_of_a_millisecond_in_pinocchios_own_model(motio
     }
     for index, primitive in enumerate(motion.primitives):
         dt = 1e-3 if primitive.name in ("a1", "a5", "b1", "b6") else 4e-3
-        assert independent.contacts(motion, index, meant.get(primitive.name, set()), dt) == set(), primitive.name
+        t = np.arange(0, primitive.end - primitive.start, dt)
+        assert independent.contacts(motion, index, meant.get(primitive.name, set()), t) == set(), primitive.name
 
 
 def test_the_independent_check_does_see_contacts(cell: Cell) -> None:
     motion = cell.plan()
     assert isinstance(motion, Motion)
-    seen = PinocchioCell(cell, 0.9 * CLEARANCE).contacts(motion, 3, set(), 4e-3)
+    seen = PinocchioCell(cell, 0.9 * CLEARANCE).contacts(
+        motion, 3, set(), np.arange(0, motion.primitives[3].trajectory.duration, 4e-3)
+    )
     assert pair("cube@tool", "table") in seen
 
 

@@ -1,0 +1,51 @@
+"""`sqrp diff`: two versions of a workspace, what differs and what that does to its tasks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Tolerance, job_count, read_sampling
+from sqrp_cli.cli.score import Allow, Cluster, Out
+from sqrp_cli.errors import ExitCode
+
+NAME = "diff"
+
+
+def command(
+    before: Annotated[Path, typer.Argument(metavar="A", help="A workspace as it was.")],
+    after: Annotated[Path, typer.Argument(metavar="B", help="The workspace as it is now.")],
+    allow: Allow = 0.5,
+    out: Out = None,
+    cluster: Cluster = None,
+    samples: SampleCount = None,
+    dt: SampleStep = None,
+    tolerance: Tolerance = None,
+    jobs: Jobs = None,
+    as_json: Json = False,
+) -> ExitCode:
+    """Compare two versions of a workspace.
+
+    Say what differs, field by field, and which literal is no longer seen by which camera, and when, because of it.
+    """
+    from sqrp_cli.cli.console import progress, say_raw
+    from sqrp_cli.cli.documents import as_text
+    from sqrp_cli.cli.score_document import score_document
+    from sqrp_cli.cli.score_table import print_difference
+    from sqrp_cli.scoring.difference import difference, read_version
+    from sqrp_cli.scoring.results_folder import results_in
+    from sqrp_cli.scoring.workers import open_workers
+
+    sampling = read_sampling(samples, dt, tolerance)
+    old, new = read_version(before), read_version(after)
+    with results_in(out) as results, open_workers(job_count(jobs), cluster) as workers:
+        findings = difference(old, new, workers, results, sampling, allow, progress)
+    if as_json:
+        say_raw(as_text(score_document(findings)))
+    else:
+        print_difference(findings)
+    if findings.interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE

@@ -1,0 +1,56 @@
+"""`sqrp init`: a new workspace that ranks at once."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.cli.options import Json
+from sqrp_cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from sqrp_cli.starter.make import Starter
+
+NAME = "init"
+
+
+def command(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The new folder; it must not exist or be empty.")],
+    urdf: Annotated[
+        str | None,
+        typer.Option("--urdf", metavar="FILE", help="Your arm; without it, an arm that comes with the program."),
+    ] = None,
+    as_json: Json = False,
+) -> ExitCode:
+    """Make a new workspace with its skill.
+
+    What is guessed about your arm is marked `check:` in the file. Nothing is ever overwritten.
+    """
+    from sqrp_cli.cli.console import print_problems, say_raw
+    from sqrp_cli.cli.documents import as_text
+    from sqrp_cli.starter.make import make_starter
+
+    starter = make_starter(folder, urdf)
+    print_problems(starter.warnings)
+    if as_json:
+        fields = {"workspace": str(starter.folder), "tool_link": starter.tip, "objects": list(starter.cubes)}
+        say_raw(as_text({"schema": 1, **fields, "task": starter.task}))
+    else:
+        _print(starter, folder, own=urdf is not None)
+    return ExitCode.OK
+
+
+def _print(starter: Starter, folder: Path, *, own: bool) -> None:
+    from sqrp_cli.cli.console import say
+
+    where = shlex.quote(str(folder))
+    say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
+    if own:
+        say(
+            f"The tool is fixed to `{starter.tip}`. Lines marked `check:` were guessed; compare with: sqrp show {where}"
+        )
+    if starter.task is not None:
+        say(f'Try: sqrp rank {where} "{starter.task}"')

@@ -1,0 +1,129 @@
+"""The steps of a program as a table and as a JSON document."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from pathlib import Path
+
+from sqrp_cli.cli.console import Column, Styled, joined, percentage, plain, print_table, say
+from sqrp_cli.cli.json_text import SCHEMA, Document
+from sqrp_cli.joint_trajectory import action_name, tool_commands
+from sqrp_cli.program import Program, Step, workspace_path
+from sqrp_cli.program_totals import Totals
+
+
+def print_program(program: Program, file: Path) -> None:
+    """A row per step, the totals, what the tool has to do when, and how to go on."""
+    count = len(program.steps)
+    totals = Totals.of(program)
+    folder = workspace_path(program, file).parent
+    steps = f"{count} step{'s' * (count != 1)}"
+    length = f", {totals.time:.2f} s" if count else ""
+    say(joined([(file.name, "bold"), f" for {folder.name}: {steps}{length}\n"]))
+    if count:
+        _print_steps(program, totals)
+        _print_tool(program)
+    held = program.steps[-1].after.held if count else None
+    if held is not None:
+        say(f"It leaves {held} in the tool.")
+    say(
+        plain(
+            f"To add a step: sqrp rank {shlex.quote(os.path.relpath(folder))} TASK --program {shlex.quote(str(file))}",
+            "dim",
+        )
+    )
+
+
+def _print_steps(program: Program, totals: Totals) -> None:
+    columns = [Column("#"), Column("step"), *(Column(title, right=True) for title in ("start\n[s]", "time\n[s]"))]
+    columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
+    columns += [Column("fault seen\nat worst [s]", right=True)]
+    rows: list[list[Styled]] = []
+    start = 0.0
+    for number, step in enumerate(program.steps, 1):
+        figures = [percentage(step.q_eoi), percentage(step.q_avg), _worst(step)]
+        rows.append([str(number), step.short_task, f"{start:.2f}", f"{step.time:.2f}", *figures])
+        start += step.time
+    worst = "-" if totals.worst is None else f"{totals.worst.seconds:.2f}"
+    rows.append(["", "in all", "", f"{totals.time:.2f}", percentage(totals.q_eoi), percentage(totals.q_avg), worst])
+    print_table(columns, rows)
+    say()
+    if totals.worst is not None:
+        worst_step = program.steps[totals.worst.step - 1]
+        say(
+            f"At worst {totals.worst.fault} in step {totals.worst.step}, {worst_step.short_task}, is noticed after "
+            f"{totals.worst.seconds:.2f} s. Q in all is weighted with the time of the steps."
+        )
+
+
+def _worst(step: Step) -> Styled:
+    if not step.faults:
+        return plain("-", "dim")
+    unseen = any(fault.unseen > 0 for fault in step.faults.values())
+    return plain(f"{max(fault.delay_worst for fault in step.faults.values()):.2f}", "red" if unseen else "")
+
+
+def _print_tool(program: Program) -> None:
+    commands = tool_commands(program)
+    if commands:
+        say("\nWhat the tool has to do:\n")
+        columns = [Column("step"), Column("tool"), *(Column(title, right=True) for title in ("from [s]", "to [s]"))]
+        print_table(columns, [(str(c.step), str(c), f"{c.start:.2f}", f"{c.end:.2f}") for c in commands])
+        say()
+
+
+def program_document(program: Program, file: Path, *, stale: bool) -> Document:
+    """The steps with their figures, the totals, and what the tool has to do; stale: whether it may no longer hold."""
+    totals = Totals.of(program)
+    return {
+        "schema": SCHEMA,
+        "program": str(file),
+        "workspace": workspace_path(program, file).parent.name,
+        "stale": stale,
+        "steps": _steps(program),
+        "total": {
+            "time": totals.time,
+            "q_avg": totals.q_avg,
+            "q_eoi": totals.q_eoi,
+            "delay_worst": None if totals.worst is None else totals.worst.seconds,
+            "fault": None if totals.worst is None else totals.worst.fault,
+            "step": None if totals.worst is None else totals.worst.step,
+        },
+        "tool": [
+            {"step": c.step, "action": c.action, "object": c.object, "start": c.start, "end": c.end}
+            for c in tool_commands(program)
+        ],
+    }
+
+
+def _steps(program: Program) -> list[Document]:
+    documents = []
+    start = 0.0
+    for step in program.steps:
+        documents.append(
+            {
+                "task": step.task,
+                "skill": step.skill,
+                "parameters": dict(step.parameters),
+                "start": start,
+                "end": start + step.time,
+                "time": step.time,
+                "q_avg": step.q_avg,
+                "q_eoi": step.q_eoi,
+                "faults": {name: fault.model_dump() for name, fault in step.faults.items()},
+                "verdict": step.verdict,
+                "primitives": [
+                    {
+                        "name": primitive.name,
+                        "action": action_name(primitive),
+                        "start": start + primitive.start,
+                        "end": start + primitive.end,
+                        "held": primitive.held,
+                    }
+                    for primitive in step.primitives
+                ],
+            }
+        )
+        start += step.time
+    return documents

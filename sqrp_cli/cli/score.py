@@ -1,0 +1,93 @@
+"""`sqrp score`: every task of many workspaces, with thresholds and a baseline."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Tolerance, job_count, read_sampling
+from sqrp_cli.errors import ExitCode, InputError, Problem
+
+if TYPE_CHECKING:
+    from sqrp_cli.scoring.findings import Findings
+
+NAME = "score"
+
+Paths = Annotated[
+    list[str],
+    typer.Argument(metavar="PATH...", help="Workspaces, folders of workspaces, or patterns such as 'cells/*'."),
+]
+Out = Annotated[
+    Path | None, typer.Option("--out", metavar="DIR", help="Keep results here as they finish; those there are used.")
+]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster", metavar="ADDRESS", help="Compute on this Dask cluster: tcp://HOST:PORT or scheduler file."
+    ),
+]
+Allow = Annotated[
+    float,
+    typer.Option("--allow", metavar="POINTS", min=0.0, help="What may get worse: points of Q, percent of times."),
+]
+
+
+def command(
+    paths: Paths,
+    baseline: Annotated[
+        Path | None, typer.Option("--baseline", metavar="FILE", help="Fail where something is worse than in this file.")
+    ] = None,
+    save_baseline: Annotated[
+        Path | None,
+        typer.Option("--save-baseline", metavar="FILE", help="Write the scores, to compare later ones with."),
+    ] = None,
+    allow: Allow = 0.5,
+    junit: Annotated[
+        Path | None, typer.Option("--junit", metavar="FILE", help="Write a JUnit file for a CI server.")
+    ] = None,
+    summary: Annotated[Path | None, typer.Option("--summary", metavar="FILE", help="Write a Markdown summary.")] = None,
+    out: Out = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted run; needs its --out.")] = False,
+    cluster: Cluster = None,
+    samples: SampleCount = None,
+    dt: SampleStep = None,
+    tolerance: Tolerance = None,
+    jobs: Jobs = None,
+    as_json: Json = False,
+) -> ExitCode:
+    """Score all tasks of many workspaces.
+
+    Each task's best candidate is held against the thresholds that its workspace states, and against a baseline.
+    """
+    from sqrp_cli.cli.score_run import Outputs, ScoreRun
+
+    if resume and out is None:
+        mend = "name the folder of the interrupted run: --out DIR --resume"
+        raise InputError(Problem("bad-option", "--resume needs the folder with the results", mend=mend))
+    outputs = Outputs(junit, summary, save_baseline)
+    outputs.check()
+    with ScoreRun.open(paths, read_sampling(samples, dt, tolerance), job_count(jobs), cluster, out) as run:
+        findings = run.findings(baseline, allow)
+        if not findings.interrupted:
+            run.write(findings, outputs)
+    return show(findings, as_json=as_json)
+
+
+def show(findings: Findings, *, as_json: bool) -> ExitCode:
+    """Print what was found; returns the exit code that it stands for."""
+    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.cli.documents import as_text
+    from sqrp_cli.cli.score_document import score_document
+    from sqrp_cli.cli.score_table import print_report
+
+    if as_json:
+        say_raw(as_text(score_document(findings)))
+    else:
+        print_report(findings)
+    if findings.interrupted:
+        return ExitCode.INTERRUPTED
+    if findings.count("error"):
+        return ExitCode.BAD_INPUT
+    return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE

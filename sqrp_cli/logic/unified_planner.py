@@ -1,0 +1,124 @@
+"""Planning with any engine of the unified-planning library in place of the search in `planner`.
+
+The engine is given the ground planning task, so that it needs neither types nor quantifiers, and its plan is checked
+before it is believed. The library comes with the extra `planners`, engines with packages of their own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.logic.conditions import Binding, Objects
+from sqrp_cli.logic.domain import Condition, Domain
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.planner import AlreadySatisfied, Budget, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible
+from sqrp_cli.logic.planning_task import Need, PlanningTask, TooManyActionsError, planning_task
+
+TIME_LIMIT = 60.0
+"""How long an engine may search [s]."""
+
+
+def engine_planner(name: str) -> Planner:
+    """A planner that asks the engine called `name`.
+
+    Raises InputError if the library is not installed or knows no such engine.
+    """
+    environment = _environment()
+    engines = [engine for engine in environment.factory.engines if _plans(environment, engine)]
+    if name not in engines:
+        mend = None if engines else "pip install up-fast-downward, which brings `fast-downward`"
+        message = f"there is no planner `{name}`; {expected_names(name, engines) if engines else 'none is installed'}"
+        raise InputError(Problem("unknown-planner", message, mend=mend))
+
+    def plan(
+        domain: Domain, objects: Objects, facts: frozenset[Atom], goal: Condition, binding: Binding
+    ) -> PlanningResult:
+        actions = Budget().actions
+        try:
+            task = planning_task(domain, objects, facts, goal, binding, actions)
+        except TooManyActionsError:
+            return GaveUp(f"{actions:,} ground actions")
+        return AlreadySatisfied() if task.goal.holds(task.initial) else _solved(environment, name, task)
+
+    return plan
+
+
+def _environment() -> Any:  # noqa: ANN401 - the library has no types
+    try:
+        from unified_planning.environment import get_environment
+    except ImportError as error:
+        message, mend = "other planners need the extra `planners`", "pip install unified-planning up-fast-downward"
+        raise InputError(Problem("missing-extra", message, mend=mend)) from error
+    environment = get_environment()
+    environment.credits_stream = None
+    return environment
+
+
+def _plans(environment: Any, engine: str) -> bool:  # noqa: ANN401
+    return "[" not in engine and bool(environment.factory.engine(engine).is_oneshot_planner())
+
+
+def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult:  # noqa: ANN401
+    from unified_planning.engines import PlanGenerationResultStatus as Status
+
+    problem = _problem(environment, task)
+    with environment.factory.OneshotPlanner(name=name) as planner:
+        if not planner.supports(problem.kind):
+            message = f"the planner `{name}` cannot plan with negative or disjunctive conditions, which are needed here"
+            raise InputError(Problem("planner-too-weak", message, mend="leave --planner out"))
+        result = planner.solve(problem, timeout=TIME_LIMIT)
+    if result.plan is not None:
+        steps = [task.actions[int(instance.action.name.removeprefix("a"))] for instance in result.plan.actions]
+        state = task.initial
+        for step in steps:
+            if not step.need.holds(state):
+                raise InputError(
+                    Problem("wrong-plan", f"`{name}` returned a plan whose step {step.step} is impossible")
+                )
+            state = step.after(state)
+        if not task.goal.holds(state):
+            raise _wrong_plan(name, "it does not reach the goal")
+        return Plan(tuple(step.step for step in steps))
+    if result.status == Status.UNSOLVABLE_PROVEN:
+        return ProvenImpossible(())
+    ended = "its search" if result.status == Status.UNSOLVABLE_INCOMPLETELY else f"{TIME_LIMIT:g} s"
+    return GaveUp(f"{ended} by `{name}`")
+
+
+def _wrong_plan(name: str, why: str) -> InputError:
+    message = f"the planner `{name}` returned a plan that is wrong: {why}"
+    return InputError(Problem("wrong-plan", message, mend="leave --planner out"))
+
+
+def _problem(environment: Any, task: PlanningTask) -> Any:  # noqa: ANN401
+    """The task as a problem of the library; action number i is called `a<i>`."""
+    from unified_planning.model import InstantaneousAction, Problem
+    from unified_planning.shortcuts import BoolType
+
+    problem = Problem("task", environment)
+    fluents = []
+    for number in range(task.initial.bit_count()):
+        holds = bool(task.initial >> 2 * number & 1)
+        fluents.append(problem.add_fluent(f"f{number}", BoolType(), default_initial_value=holds))
+    manager = environment.expression_manager
+
+    def expression(need: Need) -> Any:  # noqa: ANN401
+        literals = [
+            fluents[bit // 2]() if bit % 2 == 0 else manager.Not(fluents[bit // 2]()) for bit in _bits(need.bits)
+        ]
+        choices = [manager.Or(map(expression, choice)) for choice in need.choices]
+        return manager.And([*literals, *choices])
+
+    for index, action in enumerate(task.actions):
+        added = InstantaneousAction(f"a{index}", _env=environment)
+        added.add_precondition(expression(action.need))
+        for bit in _bits(action.gains):
+            added.add_effect(fluents[bit // 2], bit % 2 == 0)
+        problem.add_action(added)
+    problem.add_goal(expression(task.goal))
+    return problem
+
+
+def _bits(bits: int) -> list[int]:
+    return [bit for bit in range(bits.bit_length()) if bits >> bit & 1]

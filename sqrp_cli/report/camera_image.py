@@ -1,0 +1,90 @@
+"""What a camera's image looks like at an instant: rays through every pixel, with the camera's own lens."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, transform
+from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.sensing.projection import Projection
+from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.report.lens import directions
+from sqrp_cli.report.paint import Color
+from sqrp_cli.report.rays import Hits, RayScene
+
+Image = NDArray[np.uint8]
+"""Rows of pixels, shape (height, width, 3)."""
+
+SUN: Array = np.array([0.35, -0.5, 1.0]) / np.linalg.norm([0.35, -0.5, 1.0])
+"""Direction to the light, in the world."""
+
+_AMBIENT, _SHADE = 0.62, 0.45
+"""Brightness without the light, and share of the light that reaches what lies in a shadow."""
+
+_SKY_LOW, _SKY_HIGH = np.array([215.0, 224.0, 232.0]), np.array([247.0, 250.0, 252.0])
+_OUTSIDE = 24.0
+"""Grey of pixels that the lens does not reach."""
+
+_SAME_SURFACE = 0.95
+"""Cosine of the angle between neighbouring normals below which there is an edge."""
+
+_QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
+"""Where a pixel on an edge is looked at instead of at its centre."""
+
+
+class Photographer:
+    """Takes pictures of a cell in one state."""
+
+    def __init__(self, cell: Cell, states: SceneStates) -> None:
+        """States: of one instant."""
+        self._states = states
+        solids = cell.observer.solids
+        self._scene = RayScene(
+            [(transform(states.X_WF[solid.part.parent][0], solid.vertices), solid.triangles) for solid in solids]
+        )
+
+    def image(self, camera: Camera, colors: Sequence[Color]) -> Image:
+        """What the camera sees; colors: of every solid. Pixels on edges are looked at four times."""
+        projection, width, height = Projection.of(camera), camera.width, camera.height
+        X_WC = self._states.camera_poses(camera)[0]
+        pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
+        shades, hits = self._look(projection, X_WC, pixels, np.array(colors, dtype=float))
+        edges = np.flatnonzero(_edges(hits, (height, width)))
+        finer = (pixels[edges, None] + _QUARTERS).reshape(-1, 2)
+        shades[edges] = self._look(projection, X_WC, finer, np.array(colors, dtype=float))[0].reshape(-1, 4, 3).mean(1)
+        return np.clip(shades, 0, 255).round().astype(np.uint8).reshape(height, width, 3)
+
+    def _look(self, projection: Projection, X_WC: Array, pixels: Array, colors: Array) -> tuple[Array, Hits]:
+        """Colours (n, 3) at pixels (n, 2), and what is hit there."""
+        rays_C, shown = directions(projection, pixels)
+        rays = rays_C @ X_WC[:3, :3].T
+        hits = self._scene.first_hits(X_WC[:3, 3], rays)
+        shades = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
+        rows = np.flatnonzero(hits.mesh >= 0)
+        points, normals = X_WC[:3, 3] + hits.distance[rows, None] * rays[rows], hits.normal[rows]
+        facing = np.maximum(normals @ SUN, 0.0)
+        lit = facing.copy()
+        turned = np.flatnonzero(facing > 0)
+        dark = self._scene.blocked(points[turned], normals[turned], SUN)
+        lit[turned[dark]] *= _SHADE
+        towards = np.abs(np.einsum("ni,ni->n", normals, rays[rows]))
+        light = _AMBIENT * (0.8 + 0.2 * towards) + (1 - _AMBIENT) * lit * 1.15
+        shades[rows] = colors[hits.mesh[rows]] * light[:, None]
+        shades[~shown] = _OUTSIDE
+        return shades, hits
+
+
+def _edges(hits: Hits, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Pixels whose neighbour shows another part, or a surface that is turned otherwise."""
+    mesh, normal = hits.mesh.reshape(shape), hits.normal.reshape(*shape, 3)
+    edges = np.zeros(shape, dtype=bool)
+    for before, after in (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:]):
+        turned = np.einsum("...i,...i", normal[before], normal[after]) < _SAME_SURFACE
+        change = (mesh[before] != mesh[after]) | (turned & (mesh[before] >= 0))
+        edges[before] |= change
+        edges[after] |= change
+    return edges.reshape(-1)

@@ -1,0 +1,58 @@
+// What the page carries, how figures read, and how elements are made: text is only ever set as text.
+
+async function unpack(id) {
+  const packed = Uint8Array.from(atob(document.getElementById(id).textContent), (c) => c.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream('deflate'));
+  return new Response(stream).json();
+}
+
+const byId = (id) => document.getElementById(id);
+
+function make(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith('on')) element.addEventListener(name.slice(2), value);
+    else if (value !== undefined && value !== null && value !== false) element.setAttribute(name, value === true ? '' : value);
+  }
+  element.append(...children);
+  return element;
+}
+
+// A name from a file: isolated, so that right-to-left text in it leaves what is around it alone.
+const named = (text) => make('bdi', {}, text);
+
+const percent = (share) => (share === null ? '–' : (100 * share).toFixed(1) + ' %');
+const seconds = (t, digits = 2) => (t === null ? '–' : t.toFixed(digits) + ' s');
+
+// Kinds of verdicts: colour class, sign within a run, words for the legend.
+const KINDS = {
+  covered: ['covered', '', 'covered'],
+  hidden: ['hidden', 'h', 'hidden'],
+  out_of_image: ['out', 'o', 'out of image'],
+  too_far: ['range', 'f', 'too far'],
+  too_near: ['range', 'n', 'too near'],
+  detector_far: ['range', 'f', 'too far for its detector'],
+  detector_near: ['range', 'n', 'too near for its detector'],
+  oblique: ['angle', 'a', 'seen at too flat an angle'],
+  too_small: ['angle', 's', 'too small'],
+  missed: ['missed', '–', 'not covered'],
+};
+
+const kindOf = (verdict) => (verdict.covered ? 'covered' : verdict.cause || 'missed');
+
+function because(verdict) {
+  const words = KINDS[kindOf(verdict)][2];
+  if (verdict.cause === 'hidden') return `hidden by ${verdict.by}`;
+  return verdict.cause === 'out_of_image' ? `${words} (${verdict.by})` : words;
+}
+
+// The name of a candidate: the values in which it differs from the others, as in the terminal.
+function candidateNames(candidates) {
+  const keys = Object.keys(candidates[0].parameters);
+  const differing = keys.filter((key) => new Set(candidates.map((c) => c.parameters[key])).size > 1);
+  const telling = differing.length ? differing : keys.slice(0, 1);
+  return candidates.map((c) =>
+    telling.map((key) => (typeof c.parameters[key] === 'string' ? c.parameters[key] : `${key}=${+c.parameters[key].toPrecision(4)}`)).join(' '));
+}
+
+const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

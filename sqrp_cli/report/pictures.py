@@ -1,0 +1,146 @@
+"""What every camera sees in the middle of every blind interval, as picture files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.files import write_atomically
+from sqrp_cli.geometry import box_corners, inverse, transform
+from sqrp_cli.programming.assessment import Study
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.explanation import Failure, by_name, first_failures
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.projection import Projection
+from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.stage import Samples
+from sqrp_cli.programming.targets import Target
+from sqrp_cli.programming.verdict import stretches
+from sqrp_cli.report.camera_image import Photographer
+from sqrp_cli.report.drawing import Caption, Outline, Picture, captioned, check_drawing, contact_sheet, outlined, png
+from sqrp_cli.report.paint import COVERED, CULPRIT, HIDDEN, solid_colors
+from sqrp_cli.report.rays import check_rays
+
+SHEET = "contact-sheet.png"
+
+
+@dataclass(frozen=True)
+class BlindInterval:
+    """A stretch in which a state is not covered [s], and the sample that is nearest to its middle."""
+
+    start: float
+    end: float
+    row: int
+    t: float
+
+    def __str__(self) -> str:
+        return f"{self.start:.1f} s to {self.end:.1f} s"
+
+
+def check_pictures(folder: Path) -> None:
+    """Raises InputError, before anything is computed, where a library is missing or `folder` cannot be one."""
+    check_rays()
+    check_drawing()
+    if folder.exists() and not folder.is_dir():
+        raise InputError(Problem("cannot-write", "this is a file; expected the name of a folder", Place(folder)))
+
+
+def blind_intervals(study: Study) -> Iterator[BlindInterval]:
+    """The stretches of a candidate's motion in which a state is not covered."""
+    timeline = study.timeline
+    t = timeline.samples.t
+    for rows in stretches(timeline.monitored & ~timeline.covered):
+        start, end = float(t[rows[0]]), float(t[rows[-1]])
+        row = int(rows[np.abs(t[rows] - 0.5 * (start + end)).argmin()])
+        yield BlindInterval(start, end, row, float(t[row]))
+
+
+def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
+    """Write a picture per blind interval and camera, and all of them on one sheet; returns the number of intervals.
+
+    Raises InputError where a file cannot be written or a library is missing.
+    """
+    sheet = []
+    for interval in blind_intervals(study):
+        samples = Samples(study.timeline.samples.piece[[interval.row]], study.timeline.samples.t[[interval.row]])
+        states = study.stage.states(samples)
+        photographer = Photographer(cell, states)
+        pictures = []
+        for camera in range(len(cell.observer.cameras)):
+            made = _picture(cell, study, interval, states, photographer, camera)
+            name = f"{interval.start:05.1f}s-{interval.end:05.1f}s_{cell.observer.cameras[camera].name}"
+            _write(folder / f"{_file_name(name)}.png", captioned(made))
+            pictures.append(made)
+        if pictures:
+            sheet.append((f"blind from {interval}; seen at {interval.t:.1f} s", pictures))
+    if sheet:
+        _write(folder / SHEET, contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
+    return len(sheet)
+
+
+def folder_of(study: Study, folder: Path) -> Path:
+    """Where the pictures of a candidate go if there are several."""
+    return folder / _file_name(study.candidate.name)
+
+
+def _picture(
+    cell: Cell, study: Study, interval: BlindInterval, states: SceneStates, photographer: Photographer, index: int
+) -> Picture:
+    """The picture of one camera."""
+    camera = cell.observer.cameras[index]
+    colors = solid_colors(cell)
+    captions = [Caption(f"{camera.name} at {interval.t:.2f} s")]
+    outlines = []
+    X_CW = inverse(states.camera_poses(camera)[0])
+    for target, failure, failures in _asked(study, interval.row, index):
+        seen = failure.cause is Cause.NONE
+        captions.append(Caption(f"{target.atom}: {_because(cell, failure)}", COVERED if seen else HIDDEN))
+        for box, cause in zip(target.boxes, failures, strict=True):
+            corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
+            outlines.append(Outline(corners, COVERED if cause is Cause.NONE else HIDDEN))
+        if failure.cause is Cause.HIDDEN:
+            culprit = cell.solid_name(failure.by)
+            colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
+    return outlined(photographer.image(camera, colors), Projection.of(camera), outlines, captions)
+
+
+def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[Target, Failure, list[Cause]]]:
+    """The targets that must be seen at a sample, with how the camera fails them first and the cause of every box."""
+    observation = study.timeline.observation
+    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+        if observation.required[row, column]:
+            failure = next(first_failures(boxes, np.array([row]), camera))
+            yield target, failure, [Cause(int(box.cause[row, camera])) for box in boxes]
+
+
+def _because(cell: Cell, failure: Failure) -> str:
+    by = by_name(cell, failure.cause, failure.by)
+    match failure.cause:
+        case Cause.NONE:
+            return "covered"
+        case Cause.HIDDEN:
+            return f"{failure.cause.words} by {by}"
+        case Cause.OUT_OF_IMAGE:
+            return f"{failure.cause.words} ({by})"
+        case _:
+            return failure.cause.words
+
+
+def _write(path: Path, image: Any) -> None:  # noqa: ANN401
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        message = f"this folder cannot be made: {error.strerror or error}"
+        raise InputError(Problem("cannot-write", message, Place(path.parent))) from error
+    write_atomically(path, png(image))
+
+
+def _file_name(name: str) -> str:
+    """A name that every file system takes."""
+    return re.sub(r"[^\w.=+-]+", "_", name).strip("_.") or "unnamed"

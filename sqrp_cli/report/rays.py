@@ -1,0 +1,63 @@
+"""What rays hit first. The only module that knows Embree, which needs neither a display nor a graphics card."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.geometry import Array
+
+_LIFT = 1e-4
+"""How far above a surface a ray to the light starts [m], so that the surface does not shade itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """What n rays hit first: index of the mesh, -1 for none, (n,); distance [m], (n,); unit normal, (n, 3)."""
+
+    mesh: NDArray[np.int64]
+    distance: Array
+    normal: Array
+
+
+class RayScene:
+    """Triangle meshes that rays are cast at."""
+
+    def __init__(self, meshes: Sequence[tuple[Array, NDArray[np.int64]]]) -> None:
+        """Meshes as vertices, (V, 3) [m], and triangles, (F, 3). Raises InputError where Embree is missing."""
+        construction, scene = check_rays()
+        self._scene = scene.EmbreeScene()
+        for vertices, triangles in meshes:
+            construction.TriangleMesh(self._scene, vertices.astype(np.float32), triangles.astype(np.int32))
+
+    def first_hits(self, origin: Array, directions: Array) -> Hits:
+        """What rays from `origin`, (3,), along unit vectors, (n, 3), hit first; normals look towards the origin."""
+        origins = np.broadcast_to(origin, directions.shape).astype(np.float32)
+        found = self._scene.run(origins, directions.astype(np.float32), output=True)
+        normal = found["Ng"].astype(float)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        away = np.einsum("ni,ni->n", normal, directions) > 0
+        normal[away] *= -1
+        return Hits(found["geomID"].astype(np.int64), found["tfar"].astype(float), normal)
+
+    def blocked(self, points: Array, normals: Array, direction: Array) -> NDArray[np.bool_]:
+        """Whether anything lies beyond points, (n, 3), along one unit vector, (3,): (n,)."""
+        origins = (points + _LIFT * normals).astype(np.float32)
+        directions = np.broadcast_to(direction, points.shape).astype(np.float32)
+        blocked: NDArray[np.bool_] = self._scene.run(origins, directions, query="OCCLUDED") >= 0
+        return blocked
+
+
+def check_rays() -> tuple[ModuleType, ModuleType]:
+    """Embree's modules. Raises InputError, with the command that installs it, where it is missing."""
+    try:
+        from embreex import mesh_construction, rtcore_scene
+    except ImportError as error:
+        message = "pictures need the Python package `embreex`, which is not installed"
+        raise InputError(Problem("missing-extra", message, mend="pip install embreex")) from error
+    return mesh_construction, rtcore_scene

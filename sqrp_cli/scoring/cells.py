@@ -1,0 +1,75 @@
+"""What is to be scored: every workspace with its tasks, or why it cannot be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.knowledge.lint import lint
+from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace import Thresholds, Workspace
+from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.scoring.discovery import short_names
+from sqrp_cli.scoring.identity import content_digest
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredTask:
+    """A task that a workspace lists.
+
+    task: with its candidates; None where the text cannot be read, and then `problems` says why. content: see
+    `identity.content_digest`.
+    """
+
+    text: str
+    thresholds: Thresholds
+    task: Task | None
+    content: str
+    problems: tuple[Problem, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredCell:
+    """A workspace to be scored. name: what output calls it. workspace: None where `problems` has an error."""
+
+    name: str
+    workspace: Workspace | None
+    tasks: tuple[ScoredTask, ...] = ()
+    problems: tuple[Problem, ...] = ()
+
+
+def read_cells(files: Sequence[Path], advance: Callable[[], None]) -> tuple[ScoredCell, ...]:
+    """The workspaces in some files; `advance` is called after each."""
+    cells = []
+    for file, name in short_names(files).items():
+        cells.append(read_cell(file, name))
+        advance()
+    return tuple(cells)
+
+
+def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell:
+    """A workspace, read as `load_workspace` does."""
+    try:
+        workspace = load_workspace(file, content)
+    except InputError as error:
+        return ScoredCell(name, None, problems=error.problems)
+    problems = (*workspace.warnings, *lint(workspace))
+    errors = tuple(problem for problem in problems if problem.severity == "error")
+    if errors:
+        return ScoredCell(name, None, problems=errors)
+    return ScoredCell(name, workspace, _tasks(workspace), problems)
+
+
+def _tasks(workspace: Workspace) -> tuple[ScoredTask, ...]:
+    tasks = []
+    for expected in workspace.tasks:
+        try:
+            task = read_task(expected.task, workspace)
+        except InputError as error:
+            tasks.append(ScoredTask(expected.task, expected.thresholds, None, "", error.problems))
+            continue
+        content = content_digest(workspace, task.skill.name)
+        tasks.append(ScoredTask(expected.task, expected.thresholds, task, content))
+    return tuple(tasks)

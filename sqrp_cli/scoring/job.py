@@ -1,0 +1,65 @@
+"""One portion of the work, as it travels to a process or a machine, and what is done there."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from dataclasses import dataclass
+
+from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.programming.assessment import Assessment, study
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage import coverage_of
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.verdict import verdict
+from sqrp_cli.scoring.outcome import Outcome
+
+CELLS_KEPT = 4
+"""Cells that a worker keeps loaded; the portions of one workspace mostly come one after the other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """Some candidates of a task.
+
+    content: digest of the workspace, under which a worker keeps its cell. coverage: whether their coverage is wanted
+    besides their figures.
+    """
+
+    workspace: Workspace
+    content: str
+    candidates: tuple[Candidate, ...]
+    sampling: Sampling
+    coverage: bool
+
+
+def run_job(job: Job) -> tuple[str, ...]:
+    """The outcome of each candidate, as text. Raises InputError for meshes or a sampling that cannot be used."""
+    with _one_at_a_time:  # a cell has working memory of its own, and a cluster may run threads
+        cell = _cell(job)
+        return tuple(_outcome(cell, job, candidate).to_text() for candidate in job.candidates)
+
+
+def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
+    world = cell.workspace.initial_world
+    if not job.coverage:
+        return Outcome(Assignment(cell, world, job.sampling).assess(candidate), None)
+    found = study(cell, candidate, world, job.sampling, full=True)
+    if isinstance(found, Infeasible):
+        return Outcome(Assessment(candidate, feasible=False, reasons=found.reasons), None)
+    return Outcome(found.assessment(verdict(cell, found)), coverage_of(cell, found))
+
+
+_cells: OrderedDict[str, Cell] = OrderedDict()
+_one_at_a_time = threading.Lock()
+
+
+def _cell(job: Job) -> Cell:
+    cell = _cells.pop(job.content, None) or Cell.load(job.workspace)
+    _cells[job.content] = cell
+    if len(_cells) > CELLS_KEPT:
+        _cells.popitem(last=False)
+    return cell

@@ -1,0 +1,103 @@
+"""What is kept of a computed candidate: its figures, and its coverage where that was asked for, as text."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.programming.assessment import Assessment
+from sqrp_cli.programming.coverage import BlindSpan, Coverage, TargetCoverage
+from sqrp_cli.programming.faults import FaultMetrics
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.task import Candidate
+
+_FIGURES = ("time", "q_avg", "q_eoi", "t_total", "t_eoi", "states", "error", "largest_gap")
+
+Numbers = dict[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """A computed candidate; coverage: None where it was not asked for, or the candidate is infeasible."""
+
+    assessment: Assessment
+    coverage: Coverage | None
+
+    def to_text(self) -> str:
+        """One line of JSON, the same for the same figures."""
+        assessment = self.assessment
+        document = {
+            "feasible": assessment.feasible,
+            "reasons": list(assessment.reasons),
+            **{name: getattr(assessment, name) for name in _FIGURES},
+            "faults": {name: asdict(fault) for name, fault in assessment.faults.items()},
+            "verdict": assessment.verdict,
+            "coverage": None if self.coverage is None else coverage_numbers(self.coverage),
+        }
+        return json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n"
+
+    @staticmethod
+    def from_text(text: str, candidate: Candidate) -> Outcome:
+        """What `to_text` wrote of a candidate. Raises ValueError for text that it did not write."""
+        try:
+            document = json.loads(text)
+            assessment = Assessment(
+                candidate=candidate,
+                feasible=document["feasible"],
+                reasons=tuple(document["reasons"]),
+                faults={name: FaultMetrics(**numbers) for name, numbers in document["faults"].items()},
+                verdict=document["verdict"],
+                **{name: document[name] for name in _FIGURES},
+            )
+            numbers = document["coverage"]
+            return Outcome(assessment, None if numbers is None else read_coverage(numbers))
+        except (LookupError, TypeError, AttributeError) as error:
+            raise ValueError(f"no outcome of a candidate: {error!r}") from error
+
+
+def coverage_numbers(coverage: Coverage) -> Numbers:
+    """A coverage as plain lists and numbers, times to 1 ms."""
+    return {
+        "primitives": {name: _rounded(end) for name, end in coverage.primitives.items()},
+        "targets": {
+            atom: {
+                "needed": target.needed,
+                "required": [_ends(stretch) for stretch in target.required],
+                "blind": {
+                    camera: [[*_ends(span.stretch), span.cause.label, span.by] for span in spans]
+                    for camera, spans in target.blind.items()
+                },
+            }
+            for atom, target in coverage.targets.items()
+        },
+    }
+
+
+def read_coverage(numbers: Numbers) -> Coverage:
+    """What `coverage_numbers` made. Raises LookupError, TypeError, ValueError or AttributeError for anything else."""
+    return Coverage(
+        dict(numbers["primitives"]),
+        {
+            atom: TargetCoverage(
+                target["needed"],
+                tuple(Stretch(start, end) for start, end in target["required"]),
+                {
+                    camera: tuple(
+                        BlindSpan(Stretch(start, end), Cause[label.upper()], by) for start, end, label, by in spans
+                    )
+                    for camera, spans in target["blind"].items()
+                },
+            )
+            for atom, target in numbers["targets"].items()
+        },
+    )
+
+
+def _ends(stretch: Stretch) -> list[float]:
+    return [_rounded(stretch.start), _rounded(stretch.end)]
+
+
+def _rounded(t: float) -> float:
+    return round(t, 3)

@@ -1,0 +1,95 @@
+"""Where outcomes are kept: in memory, and in a folder from which an interrupted run goes on."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.files import write_atomically
+
+LOCK = ".lock"
+
+
+@contextmanager
+def results_in(folder: Path | None) -> Iterator[Results]:
+    """Results in a folder, or in memory only; other runs may use the folder afterwards. Raises as `Results`."""
+    results = Results(folder)
+    try:
+        yield results
+    finally:
+        results.close()
+
+
+class Results:
+    """Outcomes by the key of what was computed; see `identity.candidate_key`.
+
+    With a folder each is a file of its own there, named by its key and written whole or not at all, so that whatever
+    happens to a run, the next one finds what is finished.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        """Open or make the folder. Raises InputError where it cannot be written or another run is using it."""
+        self._texts: dict[str, str] = {}
+        self.folder = folder
+        self._lock: IO[str] | None = None
+        if folder is not None:
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                self._lock = _locked(folder)
+            except OSError as error:
+                message = f"results cannot be kept in this folder: {error.strerror or error}"
+                raise InputError(Problem("cannot-write", message, Place(folder))) from error
+            for leftover in folder.glob("*/.*.json.*"):  # of a run that was killed as it wrote
+                leftover.unlink()
+
+    def get(self, key: str) -> str | None:
+        """What is kept under a key, if anything."""
+        if key not in self._texts and self.folder is not None:
+            path = self._path(self.folder, key)
+            if path.is_file():
+                self._texts[key] = path.read_text(encoding="utf-8")
+        return self._texts.get(key)
+
+    def keep(self, key: str, text: str) -> None:
+        """Keep an outcome. Raises InputError where it cannot be written."""
+        self._texts[key] = text
+        if self.folder is not None:
+            path = self._path(self.folder, key)
+            try:
+                path.parent.mkdir(exist_ok=True)
+            except OSError as error:
+                message = f"results cannot be kept in this folder: {error.strerror or error}"
+                raise InputError(Problem("cannot-write", message, Place(self.folder))) from error
+            write_atomically(path, text)
+
+    def close(self) -> None:
+        """Let other runs use the folder."""
+        if self._lock is not None:
+            self._lock.close()
+
+    @staticmethod
+    def _path(folder: Path, key: str) -> Path:
+        return folder / key[:2] / f"{key}.json"
+
+
+def _locked(folder: Path) -> IO[str]:
+    """A file that is open as long as this run uses the folder. Raises OSError, and InputError where it is in use."""
+    file = (folder / LOCK).open("w")
+    try:
+        import fcntl
+
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:  # no such locks here: whoever starts two runs at a time computes some things twice
+        pass
+    except OSError as error:
+        file.close()
+        if error.errno not in (errno.EACCES, errno.EAGAIN):
+            raise
+        message = "another `sqrp score` is writing to this folder"
+        mend = "wait for it, or name another folder"
+        raise InputError(Problem("folder-in-use", message, Place(folder), mend=mend)) from error
+    return file

@@ -1,0 +1,92 @@
+"""Every task of every workspace: its best candidate, and whether that is good enough."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from sqrp_cli.errors import Problem
+from sqrp_cli.programming.ranking import Ranked, rank
+from sqrp_cli.programming.task import Candidate
+from sqrp_cli.scoring.cells import ScoredCell, ScoredTask
+from sqrp_cli.scoring.compute import Computer, Wanted
+from sqrp_cli.scoring.thresholds import shortcomings
+
+Status = Literal["passed", "failed", "error"]
+
+
+@dataclass(frozen=True, eq=False)
+class TaskScore:
+    """How a task fares in a workspace.
+
+    task: None where the workspace itself cannot be used. best: the first in the ranking, None if none is feasible.
+    ways: the best candidate for every choice of objects, by `way_name`; infeasible where none of them is feasible.
+    reasons: one sentence each: what is not good enough, or what the error is. content: digest of the workspace.
+    """
+
+    workspace: str
+    task: str | None
+    status: Status
+    best: Ranked | None
+    ways: Mapping[str, Ranked]
+    reasons: tuple[str, ...]
+    content: str = ""
+
+
+def wanted_of(cell: ScoredCell, task: ScoredTask) -> tuple[Wanted, ...]:
+    """The candidates of a task, to be computed."""
+    if cell.workspace is None or task.task is None:
+        return ()
+    return tuple(Wanted(cell.workspace, task.content, candidate) for candidate in task.task.candidates)
+
+
+def score(cells: Sequence[ScoredCell], computer: Computer, advance: Callable[[int], None]) -> tuple[TaskScore, ...]:
+    """Score every task of some workspaces; a workspace that cannot be used has one score, of no task.
+
+    `advance` is told how many more candidates are done. Raises InputError where results cannot be kept.
+    """
+    computer.compute([want for cell in cells for task in cell.tasks for want in wanted_of(cell, task)], advance)
+    return tuple(result for cell in cells for result in scores_of(cell, computer))
+
+
+def scores_of(cell: ScoredCell, computer: Computer) -> Iterator[TaskScore]:
+    """The scores of a workspace's tasks of which every candidate is computed, or cannot be."""
+    if cell.workspace is None:
+        yield TaskScore(cell.name, None, "error", None, {}, _sentences(cell.problems))
+    for task in cell.tasks:
+        result = _task_score(cell, task, computer)
+        if result is not None:
+            yield result
+
+
+def way_name(candidate: Candidate) -> str:
+    """What tells apart the choices of objects of a task, such as `g1` or `g1 tray`."""
+    return " ".join(candidate.objects.values()) or candidate.skill.name
+
+
+def _task_score(cell: ScoredCell, task: ScoredTask, computer: Computer) -> TaskScore | None:
+    if task.task is None:
+        return TaskScore(cell.name, task.text, "error", None, {}, _sentences(task.problems))
+    assessments = []
+    for want in wanted_of(cell, task):
+        problems = computer.why_not(want)
+        if problems:
+            return TaskScore(cell.name, task.text, "error", None, {}, _sentences(problems))
+        outcome = computer.outcome(want)
+        if outcome is None:
+            return None
+        assessments.append(outcome.assessment)
+    ranking = rank(assessments, "q_eoi")
+    ways: dict[str, Ranked] = {}
+    for ranked in ranking:
+        ways.setdefault(way_name(ranked.assessment.candidate), ranked)
+    best = ranking[0] if ranking[0].rank is not None else None
+    first = ranking[0].assessment
+    why_none = f"{first.candidate.name}: {first.reasons[0]}" if best is None else ""
+    reasons = shortcomings(None if best is None else best.assessment, task.thresholds, why_none)
+    return TaskScore(cell.name, task.text, "failed" if reasons else "passed", best, ways, reasons, content=task.content)
+
+
+def _sentences(problems: Sequence[Problem]) -> tuple[str, ...]:
+    return tuple(f"{problem}" + (f"; to mend it: {problem.mend}" if problem.mend else "") for problem in problems)

@@ -1,0 +1,65 @@
+"""What the files of a workspace say, field by field, so that two versions of them can be compared."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.source import Scalar, read_document
+from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.xml_file import Element, read_xml
+
+Fields = dict[str, Scalar]
+
+WORKSPACE = "workspace"
+"""The role of the workspace file itself."""
+
+
+def fields_of(workspace: Workspace, role: str) -> Fields:
+    """The fields of the file that plays a role; none for a file that has no fields to name, such as a mesh."""
+    if role == WORKSPACE:
+        return dict(workspace.values)
+    path = workspace.files[role].path
+    try:
+        match path.suffix.lower():
+            case ".yaml" | ".yml":
+                return dict(read_document(path, frozenset({"!!opencv-matrix"})).leaves)
+            case ".urdf" | ".srdf":
+                return dict(_attributes(read_xml(path, "robot"), ""))
+            case ".pddl":
+                return dict(_statements(path))
+            case _:
+                return {}
+    except InputError:  # changed since it was read
+        return {}
+
+
+def _attributes(element: Element, path: str) -> Iterator[tuple[str, Scalar]]:
+    """Attributes by where they stand: elements by name where they have one, else by number where there are several."""
+    for attribute, value in element.attributes.items():
+        yield f"{path}{attribute}", value
+    numbers: Counter[str] = Counter()
+    counts = Counter(child.tag for child in element.children)
+    for child in element.children:
+        numbers[child.tag] += 1
+        number = f".{numbers[child.tag]}" if counts[child.tag] > 1 else ""
+        label = f".{child.attributes['name']}" if child.attributes.get("name") else number
+        yield from _attributes(child, f"{path}{child.tag}{label}.")
+
+
+def _statements(path: Path) -> Iterator[tuple[str, Scalar]]:
+    """The parts of a PDDL file that begin with a keyword, without comments and layout."""
+    lines = (line.split(";")[0] for line in path.read_text(encoding="utf-8").splitlines())
+    words = " ".join(" ".join(lines).replace("(", " ( ").replace(")", " ) ").split())
+    for index, part in enumerate(words.split(" :")[1:]):
+        keyword, _, rest = part.partition(" ")
+        yield f"{index}.{keyword}", rest.rstrip("( ")
+
+
+def changed_fields(before: Mapping[str, Scalar], now: Mapping[str, Scalar]) -> Iterator[tuple[str, Scalar, Scalar]]:
+    """The fields that differ, with both values; None where a field is not there."""
+    for field in dict.fromkeys((*before, *now)):
+        if before.get(field) != now.get(field):
+            yield field, before.get(field), now.get(field)

@@ -1,0 +1,47 @@
+"""Whether the best candidate of a task reaches what the workspace expects of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sqrp_cli.knowledge.workspace import Thresholds
+from sqrp_cli.programming.assessment import Assessment
+
+
+def shortcomings(best: Assessment | None, thresholds: Thresholds, why_none: str) -> tuple[str, ...]:
+    """One sentence for each expectation that is not met; none if all are.
+
+    best: the first in the ranking; None if no candidate is feasible, and then `why_none` says why. A task is expected
+    to be feasible unless its thresholds say otherwise.
+    """
+    if best is None:
+        return () if thresholds.feasible is False else (f"no candidate can be done: {why_none}",)
+    return tuple(_shortcomings(best, thresholds))
+
+
+def worst_delay(assessment: Assessment) -> float | None:
+    """The longest time that any fault may remain unnoticed [s]; None where there is no fault to notice."""
+    return max((fault.delay_worst for fault in assessment.faults.values()), default=None)
+
+
+def _shortcomings(best: Assessment, thresholds: Thresholds) -> Iterator[str]:
+    name = best.candidate.name
+    if thresholds.feasible is False:
+        yield f"{name} can be done, but no candidate was expected to be"
+    qualities = (("Q_eoi", best.q_eoi, thresholds.min_q_eoi), ("Q_avg", best.q_avg, thresholds.min_q_avg))
+    for label, quality, least in qualities:
+        if least is None:
+            continue
+        if quality is None:
+            yield f"{label} of {name} is undefined, expected at least {100 * least:g} %"
+        elif quality < least:
+            yield f"{label} of {name} is {100 * quality:.1f} %, expected at least {100 * least:g} %: {best.verdict}"
+    if thresholds.max_time is not None and best.time is not None and best.time > thresholds.max_time:
+        yield f"{name} takes {best.time:.2f} s, expected at most {thresholds.max_time:g} s"
+    delay = worst_delay(best)
+    if thresholds.max_delay is not None and delay is not None and delay > thresholds.max_delay:
+        fault = max(best.faults, key=lambda fault: best.faults[fault].delay_worst)
+        most = f"expected at most {thresholds.max_delay:g} s"
+        yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {best.verdict}"
+    if thresholds.winner is not None and thresholds.winner not in best.candidate.objects.values():
+        yield f"{name} is best, expected one with {thresholds.winner}"

@@ -1,0 +1,204 @@
+"""What a starter workspace holds, and its file as text."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import degrees
+
+from sqrp_cli.geometry import Array, matrix_to_rpy
+
+TASK = "pickup green"
+"""The task that a starter workspace is made for."""
+
+TOOL_FRAME = "suction_tip"
+"""The grasping link of the shipped suction cup."""
+
+
+@dataclass(frozen=True)
+class Cube:
+    """A cube on the table: its name, colour and the position of its centre in the world [m]."""
+
+    name: str
+    color: str
+    position: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera: its name, where it is and the point that it looks at, in the world [m]."""
+
+    name: str
+    position: tuple[float, float, float]
+    looks_at: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Position:
+    """Where a joint is [rad, or m if it slides]."""
+
+    value: float
+    turns: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Everything that the file of a starter workspace says.
+
+    urdf, srdf, package_roots: as the file names them. guessed: whether the robot is the user's own, so that what was
+    guessed is marked. lift: height above the table from which the root link stands [m].
+    tip: the link of the robot that carries the suction cup, or grasps itself while there is none.
+    X_LT: pose of the cup's root in that link, shape (4, 4); None while there is no cup.
+    home: of every joint of the arm by name. table_side: of the square table, 0 for none [m].
+    """
+
+    urdf: str
+    srdf: str | None
+    package_roots: tuple[str, ...]
+    guessed: bool
+    tip: str
+    home: Mapping[str, Position]
+    lift: float = 0.0
+    X_LT: Array | None = None
+    table_side: float = 0.0
+    cube_size: float = 0.04
+    cubes: Sequence[Cube] = ()
+    views: Sequence[View] = ()
+
+
+def workspace_text(layout: Layout) -> str:
+    """The workspace file. What was guessed about a robot carries a comment that begins with `check:`."""
+    sections = [_head(layout), _robot(layout), _DETECTORS, _cameras(layout), _skills(layout), _objects(layout)]
+    sections += [_state(layout), _tasks(layout)]
+    return "\n".join(section for section in sections if section)
+
+
+def _check(layout: Layout, what: str) -> str:
+    return f"  # check: {what}" if layout.guessed else ""
+
+
+def _head(layout: Layout) -> str:
+    whose = "your arm" if layout.guessed else "a six-axis arm"
+    return (
+        f"# A cell with {whose}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` do too.\n"
+        + ("# Lines marked `check:` were guessed; `sqrp show` prints what was understood.\n" if layout.guessed else "")
+        + "# Every key: sqrp schema\n"
+    )
+
+
+def _robot(layout: Layout) -> str:
+    lines = ["robot:", f"  urdf: {_text(layout.urdf)}"]
+    if layout.srdf is not None:
+        lines.append(f"  srdf: {_text(layout.srdf)}{_check(layout, 'found beside the URDF')}")
+    if layout.package_roots:
+        roots = ", ".join(map(_text, layout.package_roots))
+        lines.append(f"  package_roots: [{roots}]{_check(layout, 'where the package:// of its meshes is looked up')}")
+    lines.append(
+        f"  base: {{position: [0, 0, {_number(layout.lift)}], rpy: [0, 0, 0 deg]}}"
+        + _check(layout, "pose of the root link in the world; the table's top is z = 0")
+    )
+    if layout.X_LT is None:
+        lines.append(f"  tool_frame: {_text(layout.tip)}")
+    else:
+        lines += [
+            "  tool:" + _check(layout, "a suction cup stands for your tool; its own URDF, fixed to a link of the arm"),
+            "    urdf: robots/suction_cup.urdf",
+            f"    link: {_text(layout.tip)}",
+            f"    pose: {_pose(layout.X_LT)}" + _check(layout, "where the tool begins, its z axis pointing out"),
+            f"  tool_frame: {TOOL_FRAME}" + _check(layout, "the link that grasps; its z axis points into the object"),
+        ]
+    lines.append("  home:" + _check(layout, "where programs start and end"))
+    lines += [f"    {_text(name)}: {_joint(position)}" for name, position in layout.home.items()]
+    lines.append(
+        "  limits: {acceleration: 2, jerk: 20}  # rad/s^2 and rad/s^3, which a URDF cannot say; velocity is the URDF's"
+    )
+    return "\n".join(lines) + "\n"
+
+
+_DETECTORS = """\
+detectors:                  # what your detection algorithms can do
+  color: {kind: color, distance: [20 cm, 5 m], max_incidence: 90 deg, min_pixels: 12, min_visible: 0.5}
+"""
+
+
+def _cameras(layout: Layout) -> str:
+    if not layout.views:
+        return ""
+    lines = ["cameras:                    # pose: where the lens is, and the point that it looks at"]
+    for view in layout.views:
+        lines += [
+            f"  {view.name}:" + _check(layout, "yours; or `calibration: camera.yaml` (ROS) instead of `image`"),
+            f"    pose: {{position: {_vector(view.position)}, look_at: {_vector(view.looks_at)}}}",
+            "    image: {width: 1280, height: 960, horizontal_fov: 60 deg}",
+            "    near: 20 cm",
+            "    far: 6 m",
+            "    rate: 10 Hz",
+            "    latency: 50 ms",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _skills(layout: Layout) -> str:
+    return "skills: [skills/pickup]     # how the task is done and what the cameras must see; yours to change\n" * bool(
+        layout.cubes
+    )
+
+
+_TABLE_PLACE = "pose: {position: [0, 0, -0.02]}, fixed: true"
+
+
+def _objects(layout: Layout) -> str:
+    if not layout.table_side:
+        return ""
+    side = _number(layout.table_side)
+    lines = [
+        "objects:                    # pose: of the centre of a box of `size`",
+        f"  table: {{type: table, color: grey, size: [{side}, {side}, 0.04], {_TABLE_PLACE}}}",
+    ]
+    side = _number(layout.cube_size)
+    lines += [
+        f"  {cube.name}: {{type: cube, color: {cube.color}, size: [{side}, {side}, {side}], "
+        f"pose: {{position: {_vector(cube.position)}}}, on: table}}"
+        for cube in layout.cubes
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _state(layout: Layout) -> str:
+    if not layout.cubes:
+        return ""
+    facts = ["hand_empty", *(f"obj_on_table({cube.name})" for cube in layout.cubes)]
+    heading = "state:                      # what the sensors report now; every other fact is false"
+    return "\n".join([heading, *(f"  - {fact}" for fact in facts)]) + "\n"
+
+
+def _tasks(layout: Layout) -> str:
+    return f"tasks:\n  - {{task: {TASK}}}\n" if layout.cubes else ""
+
+
+def _text(value: str) -> str:
+    """Text as YAML; in quotes where it could be taken for something else."""
+    plain = value[:1].isalpha() or value.startswith(("../", "./", "/"))
+    harmless = all(character.isalnum() or character in "/._-:" for character in value) and not value.endswith(":")
+    words = {"true", "false", "null"}
+    return value if plain and harmless and value.lower() not in words else json.dumps(value, ensure_ascii=False)
+
+
+def _number(value: float) -> str:
+    return f"{round(value, 4) + 0.0:g}"
+
+
+def _vector(values: Sequence[float]) -> str:
+    return "[" + ", ".join(_number(value) for value in values) + "]"
+
+
+def _joint(position: Position) -> str:
+    if position.turns:
+        return f"{round(degrees(position.value), 1) + 0.0:g} deg"
+    return f"{_number(position.value)} m"
+
+
+def _pose(X: Array) -> str:
+    rpy = ", ".join(f"{round(degrees(value), 4) + 0.0:g} deg" for value in matrix_to_rpy(X[:3, :3]))
+    return f"{{position: {_vector(X[:3, 3].tolist())}, rpy: [{rpy}]}}"

@@ -1,0 +1,174 @@
+"""Making a new workspace: tried out in a folder of its own before that takes its name."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.lint import lint
+from sqrp_cli.knowledge.load import WORKSPACE_FILE, load_workspace
+from sqrp_cli.knowledge.urdf import UrdfJoint
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.starter import search
+from sqrp_cli.starter.arm_guess import guess_arm
+from sqrp_cli.starter.description import Description, describe_robot
+from sqrp_cli.starter.layout import TASK, Layout, Position, workspace_text
+
+SHIPPED = Path(__file__).parent
+"""Folder with the skills and robots that come with the program."""
+
+OWN_ARM = "robots/six_axis_arm.urdf"
+SUCTION_CUP = "robots/suction_cup.urdf"
+SKILL = "skills/pickup"
+
+LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02
+"""Side of a cube [m]; between these a twentieth of the arm's reach."""
+
+LIFTS = (0.0, 0.15, 0.3, 0.45)
+"""Heights of a pedestal that are tried, as shares of the reach: small arms cannot point a tool down from less."""
+
+LIFT = 0.1
+"""How far the skill lifts a cube [m]."""
+
+
+@dataclass(frozen=True)
+class Starter:
+    """A workspace that was made.
+
+    folder: where. tip: the link that carries the tool. cubes: those within reach. task: what can be ranked there; None
+    if nothing is within reach. warnings: what could not be guessed.
+    """
+
+    folder: Path
+    tip: str
+    cubes: tuple[str, ...]
+    task: str | None
+    warnings: tuple[Problem, ...]
+
+
+def make_starter(folder: Path, robot: str | None) -> Starter:
+    """Make a workspace in a folder that does not exist or is empty.
+
+    robot: the URDF of the user's arm, a path or `package://...`; None for an arm that comes with the program.
+    Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
+    """
+    folder = folder.absolute()
+    _check_free(folder)
+    draft = folder.with_name(f".{folder.name}.{os.getpid()}")  # beside it, so that relative paths stay true
+    try:
+        _copy_shipped(draft, own_arm=robot is None)
+        description = describe_robot(str(draft / OWN_ARM) if robot is None else robot, draft)
+        layout, warnings = _fill(draft, description, guessed=robot is not None)
+        _move(draft, folder)
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+    cubes = tuple(cube.name for cube in layout.cubes)
+    return Starter(folder, layout.tip, cubes, TASK if cubes else None, (*description.warnings, *warnings))
+
+
+def _check_free(folder: Path) -> None:
+    """Raises InputError where a new folder cannot be made, or something is in it already."""
+    parent = folder.parent
+    if folder.is_dir():
+        if any(folder.iterdir()):
+            message = "this folder is not empty, and nothing is ever overwritten; expected the name of a new folder"
+            raise InputError(Problem("not-empty", message, Place(folder)))
+    elif folder.exists() or folder.is_symlink():
+        raise InputError(Problem("cannot-write", "this is a file; expected the name of a new folder", Place(folder)))
+    if not parent.is_dir():
+        raise InputError(
+            Problem(
+                "cannot-write",
+                f"there is no folder {parent}",
+                Place(folder),
+                mend=f"mkdir -p {shlex.quote(str(parent))}",
+            )
+        )
+    if not os.access(parent, os.W_OK):
+        raise InputError(Problem("cannot-write", f"the folder {parent} cannot be written to", Place(folder)))
+
+
+def _copy_shipped(draft: Path, *, own_arm: bool) -> None:
+    """The skill and the robots that a workspace needs."""
+    shutil.copytree(SHIPPED / SKILL, draft / SKILL)
+    (draft / "robots").mkdir()
+    for file in (SUCTION_CUP, *([OWN_ARM] if own_arm else [])):
+        shutil.copyfile(SHIPPED / file, draft / file)
+
+
+def _move(draft: Path, folder: Path) -> None:
+    """Give the draft its name; into a folder that is there already, its workspace file goes last."""
+    if not folder.exists():
+        draft.replace(folder)
+        return
+    for entry in sorted(draft.iterdir(), key=lambda entry: entry.name == WORKSPACE_FILE):
+        entry.replace(folder / entry.name)
+
+
+def _fill(draft: Path, description: Description, *, guessed: bool) -> tuple[Layout, tuple[Problem, ...]]:
+    """Find out, one thing after the other, what the workspace file is to say, and write it."""
+    arm = guess_arm(description.urdf)
+    layout = Layout(
+        urdf=description.reference,
+        srdf=description.srdf,
+        package_roots=description.package_roots,
+        guessed=guessed,
+        tip=arm.tip,
+        home={joint.name: _resting(joint) for joint in arm.joints},
+    )
+    bare = _load(draft, layout)
+    layout = replace(layout, X_LT=search.tool_seat(bare, arm.tip, arm.carried, arm.out))
+    reach = search.arm_reach(_load(draft, layout).model)
+    side = round(2.4 * reach, 1)
+    layout = replace(layout, table_side=side, cube_size=_cube_size(reach))
+    floor = max(0.0, -round(search.lowest_point(bare), 3))
+    tried: list[Layout] = []
+    for share in LIFTS:
+        tried.append(_with_work(draft, replace(layout, lift=round(floor + share * reach, 3)), reach))
+        if len(tried[-1].cubes) == len(search.COLORS):
+            break
+    best = max(tried, key=lambda layout: len(layout.cubes))  # the first of equals: the least lifted
+    _write(draft, best)
+    if not best.cubes:
+        message = "no place on the table was found from which the arm can pick something up from above"
+        mend = (
+            "check `robot.base`, `robot.tool` and `robot.home`, then add cameras, objects and `skills: [skills/pickup]`"
+        )
+        return best, (Problem("nothing-in-reach", message, severity="warning", mend=mend),)
+    workspace = load_workspace(draft)
+    return best, (*workspace.warnings, *lint(workspace))
+
+
+def _with_work(draft: Path, layout: Layout, reach: float) -> Layout:
+    """The layout with a home position, cubes that the arm can pick up and cameras, as far as they are found."""
+    cell = _load(draft, layout)
+    home = search.find_home(cell, reach)
+    if home is None:
+        return layout
+    layout = replace(layout, home=home.positions)
+    trial = [*search.places_to_try(cell.model, reach, home.direction, layout.cube_size)]
+    cubes = search.cubes_in_reach(_load(draft, replace(layout, cubes=trial)))
+    return replace(layout, cubes=cubes, views=search.views_of(cubes, home.direction, LIFT) if cubes else ())
+
+
+def _load(draft: Path, layout: Layout) -> Cell:
+    _write(draft, layout)
+    return Cell.load(load_workspace(draft))
+
+
+def _write(draft: Path, layout: Layout) -> None:
+    (draft / WORKSPACE_FILE).write_text(workspace_text(layout), encoding="utf-8")
+
+
+def _resting(joint: UrdfJoint) -> Position:
+    """Where a joint is until a home position is found: at 0, or in the middle of limits that exclude it."""
+    within = joint.lower <= 0.0 <= joint.upper
+    return Position(0.0 if within else 0.5 * (joint.lower + joint.upper), turns=joint.type != "prismatic")
+
+
+def _cube_size(reach: float) -> float:
+    return min(max(round(reach / 20, 2), SMALLEST_CUBE), LARGEST_CUBE)

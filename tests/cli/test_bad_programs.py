@@ -1,0 +1,116 @@
+"""Programs that were damaged: each is refused with one clear message, by every command, and left as it was."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "bad_programs.yaml").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def sound(sqrp, laying, holding) -> Path:
+    path = laying / "sound.yaml"
+    shutil.copy(holding, path)
+    assert sqrp("rank", laying, "lay g2", "--program", path).code == 0
+    return path
+
+
+def follow(document: Any, dotted: str) -> tuple[Any, Any]:
+    """The container of a value, and its key there."""
+    *path, last = dotted.split(".")
+    for key in path:
+        document = document[int(key) if isinstance(document, list) else key]
+    return document, int(last) if isinstance(document, list) else last
+
+
+def damaged(text: str, case: dict[str, Any]) -> str:
+    for old, new in case.get("replace", {}).items():
+        assert old in text
+        text = text.replace(old, new, 1)
+    for old, new in case.get("rename", {}).items():
+        text = re.sub(rf"\b{old}\b", new, text)
+    if "set" in case or "remove" in case:
+        document = yaml.load(text, Loader=yaml.CSafeLoader)
+        for path, value in case.get("set", {}).items():
+            container, key = follow(document, path)
+            container[key] = float("nan") if value == ".nan" else value
+        for path in case.get("remove", []):
+            container, key = follow(document, path)
+            del container[key]
+        text = yaml.dump(document, Dumper=yaml.CSafeDumper, sort_keys=False)
+    return text
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case["case"] for case in CASES])
+def test_a_damaged_program_is_refused_with_place_and_reason_and_left_as_it_was(sqrp, laying, sound, case):
+    path = laying / "damaged.yaml"
+    path.write_text(damaged(sound.read_text(encoding="utf-8"), case), encoding="utf-8")
+    before = path.read_bytes()
+    outcome = sqrp("check", laying, "pickup g3", "--program", path, "--json")
+    assert outcome.code == 2
+    first = outcome.document["problems"][0]
+    assert (first["code"], first["severity"], first["file"]) == (case["code"], "error", str(path))
+    for fragment in case["says"]:
+        assert fragment in first["message"]
+    if "line" in case:
+        assert case["line"] in path.read_text(encoding="utf-8").splitlines()[first["line"] - 1]
+    assert path.read_bytes() == before
+    path.unlink()
+
+
+@pytest.mark.parametrize("case", CASES[::9], ids=[case["case"] for case in CASES[::9]])
+def test_every_command_refuses_a_damaged_program_alike(sqrp, laying, sound, case):
+    path = laying / "damaged.yaml"
+    path.write_text(damaged(sound.read_text(encoding="utf-8"), case), encoding="utf-8")
+    before = path.read_bytes()
+    listed = sqrp("program", path)
+    assert listed.err.startswith(f"error: {path}")
+    assert "Traceback" not in listed.err
+    commands = (["program", path, "--drop-last"], ["program", path, "--export", laying / "no.csv"])
+    for arguments in (["program", path], *commands, ["rank", laying, "pickup g3", "--program", path]):
+        outcome = sqrp(*arguments)
+        assert (outcome.code, outcome.out, outcome.err) == (2, "", listed.err)
+    assert path.read_bytes() == before
+    assert not (laying / "no.csv").exists()
+    path.unlink()
+
+
+def test_the_undamaged_program_is_sound(sqrp, sound):
+    outcome = sqrp("program", sound)
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def copied(laying: Path, folder: Path, old: str, new: str) -> Path:
+    """A copy of the cell, with a lay skill of its own in which something is replaced."""
+    shutil.copytree(Path(__file__).parents[1] / "cases" / "lay", folder / "lay")
+    for path in (folder / "lay").iterdir():
+        path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    cell = yaml.safe_load((laying / "workspace.yaml").read_text(encoding="utf-8"))
+    cell["skills"][-1] = "lay"
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("(hand_empty))\n", "(hand_empty ?object - movable))\n", "hand_empty"),
+        ("always[l1.start, l2.end] hold", "always[l1.start, l2.end] (hold and not hold)", "hold"),
+    ],
+    ids=["predicates that differ", "a formula that contradicts itself"],
+)
+def test_contradictory_skills_are_refused_and_nothing_is_written(sqrp, laying, tmp_path, old, new, word):
+    cell = copied(laying, tmp_path / "cell", old, new)
+    program = tmp_path / "program.yaml"
+    for command in ("check", "rank"):
+        outcome = sqrp(command, cell, "pickup g2", "--program", program)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert word in outcome.err
+        assert "Traceback" not in outcome.err
+    assert not program.exists()

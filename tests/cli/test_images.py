@@ -1,0 +1,138 @@
+"""`explain --images`: a picture per blind interval and camera, in which the target is outlined where it is."""
+
+from __future__ import annotations
+
+import builtins
+
+import cv2
+import numpy as np
+import pytest
+
+GREEN, RED = (42, 157, 111), (208, 58, 75)
+
+
+def read(path) -> np.ndarray:
+    """Pixels of a picture as red, green, blue."""
+    return cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+
+
+def outline(image: np.ndarray, color: tuple[int, int, int]) -> tuple[float, float, float, float]:
+    """Least and greatest column and row of the pixels of a colour."""
+    rows, columns = np.nonzero((image == color).all(axis=2))
+    return columns.min(), columns.max(), rows.min(), rows.max()
+
+
+@pytest.fixture(scope="module")
+def turned(sqrp, watch, tmp_path_factory):
+    """Pictures of a cube whose marker is turned away for a second; the camera looks along x from (0, 0, 1)."""
+    folder = tmp_path_factory.mktemp("pictures") / "turned"
+    outcome = sqrp("explain", watch, "watch turned", "--images", folder)
+    assert outcome.code == 0, outcome.err
+    return folder, outcome
+
+
+def test_there_is_a_picture_per_blind_interval_and_camera_and_a_sheet(turned):
+    folder, outcome = turned
+    assert sorted(path.name for path in folder.iterdir()) == ["000.5s-001.5s_eye.png", "contact-sheet.png"]
+    assert f"1 blind interval, see {folder / 'contact-sheet.png'}" in outcome.err
+
+
+def test_the_picture_has_the_cameras_size_and_lines_under_it(turned):
+    image = read(turned[0] / "000.5s-001.5s_eye.png")
+    assert image.shape[1] == 641
+    assert 481 + 40 < image.shape[0] < 481 + 120
+
+
+def test_things_are_where_the_intrinsics_put_them(turned):
+    image = read(turned[0] / "000.5s-001.5s_eye.png").astype(int)
+    # `seen` is green, at y = 0.3 m; its face is 1.95 m away: u = 320 - 400 * 0.3 / 1.95.
+    red, green, blue = image[240, round(320 - 400 * 0.3 / 1.95)]
+    assert green > red + 20
+    assert green > blue + 20
+    face = image[240, :320, 1] - image[240, :320, 0] > 20
+    assert np.flatnonzero(face).min() == pytest.approx(320 - 400 * 0.35 / 1.95, abs=1)
+    assert abs(image[20, 320] - image[20, 321]).max() < 3, "the sky"
+
+
+def test_the_target_that_is_not_covered_is_outlined_in_red_where_it_is(turned):
+    image = read(turned[0] / "000.5s-001.5s_eye.png")[:481]
+    cosine, sine = np.cos(np.radians(80)), np.sin(np.radians(80))
+    corners = np.array([[x, y, z] for x in (-0.0505, -0.0515) for y in (-0.04, 0.04) for z in (-0.04, 0.04)])
+    x, y = 2 + cosine * corners[:, 0] - sine * corners[:, 1], -0.3 + sine * corners[:, 0] + cosine * corners[:, 1]
+    u, v = 320 - 400 * y / x, 240 - 400 * corners[:, 2] / x
+    assert outline(image, RED) == pytest.approx((u.min(), u.max(), v.min(), v.max()), abs=3)
+
+
+def test_the_target_that_is_covered_is_outlined_in_green(turned):
+    image = read(turned[0] / "000.5s-001.5s_eye.png")[:481]
+    left, right, top, bottom = outline(image, GREEN)
+    reach = 0.05 * (np.cos(np.radians(80)) + np.sin(np.radians(80)))
+    assert (top + bottom) / 2 == pytest.approx(240, abs=2)
+    assert left > 320
+    assert right - left == pytest.approx(400 * 2 * reach / 2, abs=8)
+
+
+def test_a_lens_bends_the_picture_as_it_bends_the_verdicts(sqrp, own_watch, tmp_path):
+    text = (own_watch / "workspace.yaml").read_text()
+    lens = "fx: 400, distortion: {model: plumb_bob, coefficients: [-0.3, 0.1, 0, 0, 0]}}"
+    (own_watch / "workspace.yaml").write_text(text.replace("fx: 400}", lens))
+    assert sqrp("explain", own_watch, "watch turned", "--images", tmp_path / "bent").code == 0
+    face = read(tmp_path / "bent" / "000.5s-001.5s_eye.png").astype(int)[240, :320]
+    x = 0.35 / 1.95
+    edge = 320 - 400 * x * (1 - 0.3 * x**2 + 0.1 * x**4)
+    assert np.flatnonzero(face[:, 1] - face[:, 0] > 20).min() == pytest.approx(edge, abs=1)
+
+
+def test_the_same_pictures_come_out_again(turned, sqrp, watch, tmp_path):
+    assert sqrp("explain", watch, "watch turned", "--images", tmp_path).code == 0
+    for path in turned[0].iterdir():
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+def test_several_candidates_get_a_folder_each(sqrp, watch, tmp_path):
+    outcome = sqrp("explain", watch, "watch green", "--all", "--images", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["turned"]
+    assert "seen: never blind, so there are no pictures" in outcome.err
+
+
+def test_a_document_on_stdout_stays_alone(sqrp, watch, tmp_path):
+    outcome = sqrp("explain", watch, "watch turned", "--json", "--images", tmp_path)
+    assert outcome.document["feasible"]
+    assert (tmp_path / "contact-sheet.png").exists()
+
+
+def test_a_file_in_place_of_the_folder_is_refused_before_anything_is_computed(sqrp, watch, tmp_path):
+    (tmp_path / "taken").write_text("")
+    outcome = sqrp("explain", watch, "watch turned", "--images", tmp_path / "taken")
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert "expected the name of a folder" in outcome.err
+
+
+@pytest.mark.parametrize(("package", "mend"), [("embreex", "pip install embreex"), ("PIL", "pip install pillow")])
+def test_a_missing_library_is_named_with_the_command_that_installs_it(
+    sqrp, watch, tmp_path, monkeypatch, package, mend
+):
+    import importlib
+
+    real, real_import = importlib.import_module, builtins.__import__
+
+    def refused(name: str) -> bool:
+        return name.split(".")[0] == package
+
+    def refuse(name, *arguments, **keywords):
+        if refused(name):
+            raise ModuleNotFoundError("no such module", name=name)
+        return real_import(name, *arguments, **keywords)
+
+    def refuse_module(name, package=None):
+        if refused(name):
+            raise ModuleNotFoundError("no such module", name=name)
+        return real(name, package)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    monkeypatch.setattr(importlib, "import_module", refuse_module)
+    outcome = sqrp("explain", watch, "watch turned", "--images", tmp_path / "new")
+    assert outcome.code == 2
+    assert mend in outcome.err
+    assert not (tmp_path / "new").exists()

@@ -1,0 +1,109 @@
+"""The joint trajectory that `program --export` writes, played by Pinocchio, which knows nothing of how it was made."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from tests.replay import Replay, assert_continuous, assert_limits, assert_straight
+
+RATE = 50
+
+
+@pytest.fixture(scope="module")
+def program(sqrp, tabletop, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("export") / "pick.yaml"
+    assert sqrp("rank", tabletop, "pickup g2", "--program", path).code == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def listed(sqrp, program) -> Mapping:
+    return sqrp("program", program, "--json").document
+
+
+@pytest.fixture(scope="module")
+def export(sqrp, program) -> Path:
+    path = program.with_name("pick.csv")
+    assert sqrp("program", program, "--export", path, "--rate", f"{RATE} Hz").code == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def replay(shown, export) -> Replay:
+    return Replay(shown.document, export)
+
+
+def test_every_multiple_of_the_period_and_every_edge_of_a_primitive_has_a_row(replay, listed):
+    end = listed["total"]["time"]
+    edges = [edge for step in listed["steps"] for p in step["primitives"] for edge in (p["start"], p["end"])]
+    assert np.abs(np.array(edges)[:, None] - replay.t).min(axis=1).max() < 1e-9
+    multiples = np.arange(0, int(end * RATE) + 1) / RATE
+    assert np.abs(multiples[:, None] - replay.t).min(axis=1).max() <= 0.01 / RATE
+    assert (replay.t[0], replay.t[-1]) == (0.0, pytest.approx(end, abs=1e-9))
+    assert len(replay.t) <= len(multiples) + len(set(edges))
+
+
+def test_limits_are_kept_jerk_included(replay):
+    assert_limits(replay)
+
+
+def test_positions_velocities_and_accelerations_belong_together(replay):
+    assert_continuous(replay)
+
+
+def test_straight_moves_are_straight(replay):
+    assert_straight(replay)
+
+
+def test_nothing_touches(replay):
+    assert replay.contacts() == set()
+
+
+def test_the_check_for_contacts_does_see_some(replay, monkeypatch):
+    monkeypatch.setattr(replay, "q", replay.q[0] + np.outer(np.ones(len(replay.q)), [0, 1.3, 0, 0, 0, 0]))
+    assert any("table" in pair for pair in replay.contacts())
+
+
+def test_the_tool_is_told_once_to_grasp_when_its_tip_is_on_the_object(replay, shown, listed):
+    told = [index for index, row in enumerate(replay.rows) if row["tool"]]
+    assert [replay.rows[index]["tool"] for index in told] == ["grasp g2"]
+    top = np.array(shown.document["objects"]["g2"]["pose"])[:3, 3] + [0, 0, 0.02]
+    np.testing.assert_allclose(replay.tool_pose(replay.q[told[0]]).translation, top, atol=1e-6)
+    (command,) = listed["tool"]
+    assert (command["action"], command["object"], command["step"]) == ("grasp", "g2", 1)
+    assert command["start"] == pytest.approx(replay.t[told[0]], abs=1e-9)
+    first_held = next(index for index, row in enumerate(replay.rows) if row["held"])
+    assert command["end"] == pytest.approx(replay.t[first_held], abs=1e-9)
+    assert {row["held"] for row in replay.rows[first_held:]} == {"g2"}
+    assert np.abs(replay.v[told[0] : first_held + 1]).max() < 1e-8
+
+
+def test_the_ros_message_says_the_same(sqrp, program, export, replay):
+    path = export.with_name("ros.yaml")
+    assert sqrp("program", program, "--export", path, "--rate", RATE).code == 0
+    text = path.read_text(encoding="utf-8")
+    message = yaml.load(text, Loader=yaml.CSafeLoader)
+    assert set(message) == {"header", "joint_names", "points"}
+    fields = {"positions", "velocities", "accelerations", "effort", "time_from_start"}
+    assert all(set(point) == fields for point in message["points"])
+    columns = [message["joint_names"].index(joint) for joint in replay.joints]
+    for field, expected in (("positions", replay.q), ("velocities", replay.v), ("accelerations", replay.a)):
+        np.testing.assert_array_equal(np.array([point[field] for point in message["points"]])[:, columns], expected)
+    times = [point["time_from_start"] for point in message["points"]]
+    assert all(0 <= time["nanosec"] < 10**9 for time in times)
+    np.testing.assert_allclose([time["sec"] + 1e-9 * time["nanosec"] for time in times], replay.t, atol=1e-12)
+    assert "# step 1, a3: grasp, grasp g2" in text
+
+
+def test_an_export_is_replaced_by_the_next_and_is_the_same_every_time(sqrp, program, tmp_path):
+    for name in ("out.csv", "out.yaml"):
+        path = tmp_path / name
+        assert sqrp("program", program, "--export", path).code == 0
+        first = path.read_bytes()
+        assert sqrp("program", program, "--export", path).code == 0
+        assert path.read_bytes() == first

@@ -1,0 +1,146 @@
+"""`sqrp program`: what it lists, what it takes back, and what it refuses."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sqrp_cli.program import load_program, save_program
+
+
+@pytest.fixture(scope="module")
+def made(sqrp, watch, tmp_path_factory) -> Path:
+    """Two steps of 4 s each in the hand-worked cell: `seen` is seen all the time, `turned` at 60 % of it."""
+    path = tmp_path_factory.mktemp("listing") / "program.yaml"
+    for task in ("watch seen", "watch turned"):
+        assert sqrp("rank", watch, task, "--program", path).code == 0
+    return path
+
+
+@pytest.fixture
+def program(made, tmp_path) -> Path:
+    """A copy of it; a program names its workspace relative to itself."""
+    path = tmp_path / "program.yaml"
+    original = load_program(made)
+    workspace = str((made.parent / original.workspace).resolve())
+    save_program(original.model_copy(update={"workspace": workspace}), path)
+    return path
+
+
+def test_totals_weight_quality_with_time_and_name_the_worst_delay(sqrp, program):
+    outcome = sqrp("program", program, "--json")
+    assert (outcome.code, outcome.err) == (0, "")
+    document = outcome.document
+    assert [step["parameters"]["object"] for step in document["steps"]] == ["seen", "turned"]
+    assert [(step["start"], step["end"]) for step in document["steps"]] == [(0.0, 4.0), (4.0, 8.0)]
+    assert document["total"]["time"] == 8.0
+    # Both take 4 s, with Q_avg 1 and 0.6.
+    assert document["total"]["q_avg"] == pytest.approx(0.8, abs=1e-9)
+    assert document["total"]["delay_worst"] == pytest.approx(0.15, abs=1e-9)
+    assert (document["stale"], document["tool"]) == (False, [])
+
+
+def test_the_table_fits_80_columns_and_shows_every_step(sqrp, program):
+    outcome = sqrp("program", program)
+    assert outcome.code == 0
+    assert all(len(line.rstrip()) <= 80 for line in outcome.out.splitlines())
+    assert "1  watch seen" in outcome.out
+    assert "2  watch turned" in outcome.out
+    assert "in all" in outcome.out
+
+
+def test_dropping_the_last_step_leaves_the_program_as_it_was_before_it(sqrp, watch, program):
+    first = load_program(program).steps[0]
+    outcome = sqrp("program", program, "--drop-last")
+    assert outcome.code == 0
+    assert "watch turned" in outcome.err
+    assert load_program(program).steps == (first,)
+    assert sqrp("rank", watch, "watch turned", "--program", program).code == 0
+    assert len(load_program(program).steps) == 2
+
+
+def test_dropping_every_step_leaves_a_program_to_which_steps_can_be_added(sqrp, watch, program):
+    for _ in range(2):
+        assert sqrp("program", program, "--drop-last").code == 0
+    outcome = sqrp("program", program)
+    assert outcome.code == 0
+    assert "0 steps" in outcome.out
+    before = program.read_bytes()
+    outcome = sqrp("program", program, "--drop-last")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "no step" in outcome.err
+    assert program.read_bytes() == before
+    assert sqrp("rank", watch, "watch turned", "--program", program).code == 0
+    assert [step.short_task for step in load_program(program).steps] == ["watch turned"]
+
+
+def test_a_stale_program_is_listed_with_a_warning_but_neither_shortened_nor_exported(sqrp, own_watch, tmp_path):
+    program, export = tmp_path / "stale.yaml", tmp_path / "out.csv"
+    assert sqrp("rank", own_watch, "watch seen", "--program", program).code == 0
+    before = program.read_bytes()
+    file = own_watch / "workspace.yaml"
+    file.write_text(file.read_text(encoding="utf-8").replace("near: 50 cm", "near: 51 cm"), encoding="utf-8")
+    listed = sqrp("program", program, "--json")
+    assert listed.code == 0
+    assert listed.document["stale"] is True
+    assert "warning:" in listed.err
+    assert "sqrp rank" in listed.err
+    for option in (["--drop-last"], ["--export", export]):
+        outcome = sqrp("program", program, *option)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert "has changed" in outcome.err
+    assert program.read_bytes() == before
+    assert not export.exists()
+
+
+def test_a_program_whose_workspace_is_gone_is_listed_with_a_warning(sqrp, own_watch, tmp_path):
+    program = tmp_path / "program.yaml"
+    assert sqrp("rank", own_watch, "watch seen", "--program", program).code == 0
+    shutil.rmtree(own_watch)
+    outcome = sqrp("program", program)
+    assert outcome.code == 0
+    assert "warning:" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        (["--export", "{tmp}/out.txt"], ".csv"),
+        (["--export", "{tmp}/out"], ".csv"),
+        (["--export", "{tmp}/none/out.csv"], "mkdir -p"),
+        (["--export", "{program}"], "left as it is"),
+        (["--export", "{tmp}/out.csv", "--rate", "0"], "--rate"),
+        (["--export", "{tmp}/out.csv", "--rate", "nan"], "--rate"),
+        (["--export", "{tmp}/out.csv", "--rate", "5 mm"], "a frequency"),
+        (["--rate", "100"], "--export"),
+        (["--export", "{tmp}/out.csv", "--drop-last"], "exclude"),
+        (["{tmp}"], "one program"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_misuse_is_refused_and_changes_nothing(sqrp, program, tmp_path, options, word):
+    before = program.read_bytes()
+    filled = [option.format(tmp=tmp_path, program=program) for option in options]
+    outcome = sqrp("program", program, *filled)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert word in outcome.err
+    assert program.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [program]
+
+
+def test_a_missing_program_names_the_nearest(sqrp, program):
+    outcome = sqrp("program", program.with_name("progam.yaml"))
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "did you mean `program.yaml`?" in outcome.err
+
+
+def test_the_steps_of_a_listing_are_those_of_the_file(sqrp, program):
+    steps = yaml.safe_load(program.read_text(encoding="utf-8"))["steps"]
+    listed = sqrp("program", program, "--json").document["steps"]
+    for step, shown in zip(steps, listed, strict=True):
+        assert {name: step[name] for name in ("task", "skill", "time", "q_avg", "faults")} == {
+            name: shown[name] for name in ("task", "skill", "time", "q_avg", "faults")
+        }

@@ -1,0 +1,399 @@
+"""`--report`: one page that needs nothing else, and shows what the documents say."""
+
+from __future__ import annotations
+
+import builtins
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.report.packing import packed, without_repetition
+from sqrp_cli.report.page import PageContent, page
+from tests.cli.browser import Opened, chromium
+
+TASK = "pickup green"
+HOSTILE = "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\u202egnp.\u2066"
+
+
+@pytest.fixture(scope="module")
+def written(sqrp, tabletop, tmp_path_factory):
+    """The page about the tabletop, and what the command left behind."""
+    path = tmp_path_factory.mktemp("report") / "page.html"
+    return path, sqrp("rank", tabletop, TASK, "--report", path, "--jobs", 1)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def opened(browser, written):
+    """The tabletop's page, opened once; every test leaves it with the last candidate at 12.4 s, seen from outside."""
+    return Opened(browser, written[0])
+
+
+@pytest.fixture
+def shown(opened):
+    """The page with the last candidate, `g1`, chosen."""
+    opened.js("() => sqrp.select(4).then(() => { sqrp.look(null); sqrp.seek(12.4); })")
+    return opened
+
+
+def column(opened, number: int) -> list[str]:
+    return opened.texts(f"#ranking tbody tr td:nth-child({number})")
+
+
+# What is written
+
+
+def test_the_table_in_the_terminal_is_the_same_with_a_report(written, sqrp, tabletop):
+    path, outcome = written
+    assert outcome.code == 0
+    assert outcome.out == sqrp("rank", tabletop, TASK).out
+    assert f"open {path} in a browser" in outcome.err
+
+
+def test_the_page_is_small_and_names_no_other_place(written):
+    text = written[0].read_text(encoding="utf-8")
+    assert len(text) < 10e6
+    without_library = re.sub(r"<script>/\*\*.*?</script>", "", text, flags=re.DOTALL)
+    assert "Three.js" not in without_library
+    places = set(re.findall(r"https?://[^\s\"'<>]+", without_library)) - {"http://www.w3.org/2000/svg"}
+    assert places == set()
+    assert not re.findall(r"<(?:link|iframe|img)\b|\bsrc=|@import|url\(", without_library)
+
+
+def test_a_page_with_200_candidates_is_below_25_megabytes(written):
+    text = written[0].read_text(encoding="utf-8")
+    details = [len(found) for found in re.findall(r'id="detail-\d+">([^<]*)<', text)]
+    assert len(details) == 5
+    assert len(text) - sum(details) + 200 * max(details) < 25e6
+
+
+def test_the_same_page_comes_out_again(written, sqrp, tabletop, tmp_path):
+    path = tmp_path / "page.html"
+    assert sqrp("rank", tabletop, TASK, "--report", path, "--jobs", 2).code == 0
+    again = path.read_text(encoding="utf-8")
+    first = written[0].read_text(encoding="utf-8")
+    overview = re.compile(r'id="overview">[^<]*<')  # it has the command in it
+    assert overview.sub("", again) == overview.sub("", first)
+
+
+def test_a_report_about_nothing_feasible_is_written_too(sqrp, watch, tmp_path):
+    assert sqrp("rank", watch, "watch stray", "--report", tmp_path / "page.html").code == 1
+    assert (tmp_path / "page.html").exists()
+
+
+def test_a_report_that_cannot_be_written_is_refused_before_anything_is_computed(sqrp, watch, tmp_path):
+    outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "no" / "page.html")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "mkdir -p" in outcome.err
+
+
+def test_a_missing_library_is_named_with_the_command_that_installs_it(sqrp, watch, tmp_path, monkeypatch):
+    real = builtins.__import__
+
+    def refuse(name, *arguments, **keywords):
+        if name.split(".")[0] == "fast_simplification":
+            raise ModuleNotFoundError("no such module", name=name)
+        return real(name, *arguments, **keywords)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    outcome = sqrp("rank", watch, "watch green", "--report", tmp_path / "page.html")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "pip install trimesh fast-simplification" in outcome.err
+
+
+# What it does in a browser
+
+
+def test_the_page_asks_for_nothing_and_complains_about_nothing(opened, written):
+    assert opened.requests == [written[0].as_uri()]
+    assert opened.complaints == []
+
+
+def test_the_page_says_what_was_computed(opened, written, shown_document):
+    about = dict(zip(opened.texts("#about dt"), opened.texts("#about dd"), strict=True))
+    assert about["command"].startswith("sqrp rank ")
+    assert f"--report {written[0]}" in about["command"]
+    assert about["digest of its files"] == shown_document["digest"]
+    assert about["sampling"].startswith("adaptive")
+
+
+@pytest.fixture(scope="module")
+def shown_document(sqrp, tabletop):
+    return sqrp("show", tabletop, "--json").document
+
+
+def test_the_table_shows_the_figures_in_the_order_of_the_ranking(opened, ranked):
+    candidates = ranked.document["candidates"]
+    assert column(opened, 2) == [candidate["parameters"]["object"] for candidate in candidates]
+    q_eoi = [f"{100 * candidate['q_eoi']:.1f} %" for candidate in candidates if candidate["feasible"]]
+    assert column(opened, 3)[:-1] == q_eoi
+    assert column(opened, 3)[-1].startswith("infeasible: ")
+
+
+def test_a_click_on_a_title_sorts_and_another_one_turns_the_order(opened):
+    button = opened.page.locator("#ranking th", has_text="time [s]").locator("button")
+    button.click()
+    times = [float(text) for text in column(opened, 5)]
+    assert times == sorted(times)
+    assert opened.page.locator("#ranking th[aria-sort=ascending]").inner_text().startswith("time")
+    button.press("Enter")
+    assert [float(text) for text in column(opened, 5)] == times[::-1]
+    assert column(opened, 2)[-1] == "g6", "without a figure, last in either order"
+    opened.page.locator("#ranking th button").first.click()
+    assert column(opened, 1)[0].startswith("1")
+
+
+def test_the_filter_keeps_what_has_its_words(opened):
+    opened.page.fill("#filter", "g4 lift=0.1")
+    assert column(opened, 2) == ["g4"]
+    assert opened.texts("#shown") == ["1 of 6"]
+    opened.page.fill("#filter", "")
+    opened.page.check("#feasible-only")
+    assert len(column(opened, 2)) == 5
+    opened.page.uncheck("#feasible-only")
+    opened.page.check("#pareto-only")
+    assert column(opened, 2) == ["g2"]
+    opened.page.uncheck("#pareto-only")
+
+
+def test_a_candidate_is_chosen_in_table_and_plot_by_mouse_and_by_key(opened, ranked):
+    by_name = {c["parameters"]["object"]: c for c in ranked.document["candidates"]}
+    page = opened.page
+    choices = {
+        "g3": lambda: page.locator("#ranking tbody tr", has_text="g3").click(),
+        "g4": lambda: page.locator("#plot circle[aria-label^='g4:']").click(),
+        "g5": lambda: page.locator("#plot circle[aria-label^='g5:']").press("Enter"),
+        "g1": lambda: page.locator("#ranking button", has_text="g1").press("Enter"),
+    }
+    for name, choose in choices.items():
+        choose()
+        page.wait_for_function("name => document.querySelector('#name').textContent === name && sqrp.motion", arg=name)
+        assert opened.texts("#verdict") == [by_name[name]["verdict"]]
+        assert opened.texts("#ranking tr[aria-selected=true] button") == [name]
+        assert page.locator("#plot circle[aria-pressed=true]").get_attribute("aria-label").startswith(f"{name}:")
+    page.locator("#ranking button", has_text="g6").click()
+    assert opened.texts("#reasons li") == by_name["g6"]["reasons"]
+    assert not page.locator("#study").is_visible()
+
+
+def test_the_slider_moves_robot_and_cursor_and_words_together(shown):
+    def state():
+        return shown.js(
+            """() => [sqrp.time, document.querySelector('#cursor i').style.left,
+                 ...['tool', 'now-time'].map((id) => document.getElementById(id).textContent)]"""
+        )
+
+    before = state()
+    assert float(before[1].rstrip("%")) / 100 == pytest.approx(12.4 / shown.js("sqrp.motion.time"))
+    shown.page.locator("#time").press("PageUp")
+    shown.page.locator("#time").press("ArrowRight")
+    after = state()
+    assert after[0] == pytest.approx(13.5)
+    assert float(after[1].rstrip("%")) / 100 == pytest.approx(13.5 / shown.js("sqrp.motion.time"))
+    assert after[2] != before[2]
+    assert after[3] == "13.50 s, a4"
+
+
+def test_play_goes_on_and_stops(shown):
+    shown.page.select_option("#speed", "4")
+    shown.page.click("#play")
+    shown.page.wait_for_function("() => sqrp.time > 12.6")
+    shown.page.press("#play", "Enter")
+    time = shown.js("sqrp.time")
+    shown.page.wait_for_timeout(100)
+    assert shown.js("sqrp.time") == time
+
+
+def test_robot_objects_and_boxes_are_where_the_documents_say(shown, explained):
+    """The page computes the corners of boxes from joint values; `explain --json` gives them."""
+    document = next(c for c in explained.document["candidates"] if c["parameters"]["object"] == "g1")
+    samples = document["samples"]
+    checked = 0
+    for sample in samples[:: len(samples) // 12]:
+        alone = sum(abs(other["t"] - sample["t"]) < 1e-9 for other in samples) == 1
+        for literal, found in sample["literals"].items() if alone else ():
+            shown.js("t => sqrp.seek(t)", sample["t"])
+            corners = shown.js("atom => sqrp.scene.corners(atom, 0)", literal.removeprefix("not "))
+            assert np.abs(np.array(corners) - found["boxes"][0]["corners"]).max() < 1e-5
+            checked += 1
+    assert checked > 10
+
+
+def test_looking_through_a_camera_uses_its_intrinsics(shown, shown_document):
+    camera = shown_document["cameras"]["cam2"]
+    X_CW = np.linalg.inv(np.array(camera["pose"]))
+    for point in ([0.0, 0.0, 0.3], [-0.3, -0.2, 0.1], [0.5, 0.4, 0.0]):
+        u, v, w = np.array(camera["K"]) @ (X_CW @ [*point, 1.0])[:3]
+        assert shown.js("point => sqrp.scene.pixel('cam2', point)", point) == pytest.approx([u / w, v / w], abs=1e-3)
+
+
+def test_a_click_on_a_camera_changes_the_view(shown):
+    def picture():
+        return shown.js("() => { sqrp.scene.render(); return sqrp.scene.renderer.domElement.toDataURL(); }")
+
+    outside = picture()
+    shown.page.locator("#labels button", has_text="cam2").click()
+    assert shown.texts("#views button[aria-pressed=true]") == ["cam2"]
+    through = picture()
+    assert through != outside
+    shown.page.locator("#views button", has_text="cam4").press("Enter")
+    assert picture() not in (outside, through)
+    shown.page.locator("#views button").first.click()
+    assert picture() == outside
+
+
+def test_the_timeline_tells_cause_and_culprit_to_pointer_and_keyboard(shown):
+    run = shown.page.locator(".run[aria-label^='cam2, hold(g1)'][aria-label*='hidden by upper_arm_link']").last
+    run.hover()
+    assert run.get_attribute("aria-label") in shown.texts("#tip")[0]
+    shown.page.mouse.move(5, 5)
+    assert not shown.page.locator("#tip").is_visible()
+    shown.page.locator(".run[tabindex='0']").focus()
+    for key in ("ArrowDown", "ArrowDown", "ArrowDown", "End", "Home", "ArrowRight"):
+        shown.page.keyboard.press(key)
+    focused = shown.js("document.activeElement.getAttribute('aria-label')")
+    assert focused.startswith("cam2, hold(g1), ")
+    assert focused in shown.texts("#tip")[0]
+    shown.page.keyboard.press("Enter")
+    start = float(re.search(r", ([\d.]+) s to", focused)[1])
+    assert shown.js("sqrp.time") == pytest.approx(start, abs=0.006)
+
+
+def test_the_timeline_is_as_long_as_the_document_says(shown, explained):
+    """Share of the time that each camera's runs cover, against the samples of `explain --json`."""
+    document = next(c for c in explained.document["candidates"] if c["parameters"]["object"] == "g1")
+    samples = document["samples"]
+    t = np.array([sample["t"] for sample in samples])
+    for name in ("cam2", "cam6"):
+        seen = [any(v["cameras"][name]["covered"] for k, v in s["literals"].items() if "hold" in k) for s in samples]
+        covered = float(np.diff(t)[np.array(seen[:-1]) & np.array(seen[1:])].sum())
+        lengths = shown.js(
+            """name => [...document.querySelectorAll(`.run.covered[aria-label^='${name}, hold(g1)']`)]
+                 .reduce((sum, run) => sum + parseFloat(run.style.width) / 100 * sqrp.motion.time, 0)""",
+            name,
+        )
+        assert lengths == pytest.approx(covered, abs=0.1)
+
+
+def test_everything_that_can_be_operated_has_a_name_and_can_be_reached(shown):
+    nameless = shown.js(
+        """() => [...document.querySelectorAll('button, input, select, [role=button], [role=img], table')]
+             .filter((e) => !(e.getAttribute('aria-label') || e.textContent.trim() || e.labels?.length))
+             .map((e) => e.outerHTML)"""
+    )
+    assert nameless == []
+    reached = set()
+    shown.js("document.activeElement.blur()")
+    for _ in range(60):
+        shown.page.keyboard.press("Tab")
+        reached.add(shown.js("document.activeElement.id || document.activeElement.closest('[id]')?.id"))
+    assert {"filter", "ranking", "plot", "view", "views", "time", "play", "timeline", "theme"} <= reached
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_text_stands_out_from_its_ground(browser, written, scheme):
+    """At least 4.5 to 1, as WCAG 2.2 asks for text (success criterion 1.4.3)."""
+    opened = Opened(browser, written[0], color_scheme=scheme)
+    causes = ["covered", "hidden", "out", "range", "angle"]
+    names = ["ink", "faint", "accent", "card", "ground", "sky", "accent-soft", *causes]
+    look_up = (
+        "names => names.map((name) => getComputedStyle(document.documentElement).getPropertyValue('--' + name).trim())"
+    )
+    colors = dict(zip(names, opened.js(look_up, names), strict=True))
+    pairs = [
+        ("ink", "card"),
+        ("faint", "card"),
+        ("accent", "card"),
+        ("ink", "ground"),
+        ("faint", "ground"),
+        ("ink", "sky"),
+        ("ink", "accent-soft"),
+    ]
+    for ink, ground in pairs:
+        assert contrast(colors[ink], colors[ground]) >= 4.5, (ink, ground)
+    sign = "#ffffff" if scheme == "light" else "#10161c"
+    for ground in causes:
+        assert contrast(sign, colors[ground]) >= 4.5, ground
+    opened.context.close()
+
+
+def contrast(first: str, second: str) -> float:
+    """Ratio of luminances of two colours, as WCAG defines it."""
+
+    def luminance(color: str) -> float:
+        digits = color.lstrip("#")
+        digits = "".join(2 * digit for digit in digits) if len(digits) == 3 else digits
+        parts = np.array([int(digits[i : i + 2], 16) / 255 for i in (0, 2, 4)])
+        linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    bright, dark = sorted((luminance(first), luminance(second)), reverse=True)
+    return (bright + 0.05) / (dark + 0.05)
+
+
+def test_names_cannot_break_or_script_the_page(browser, watch_content, tmp_path):
+    """Every name of the cell becomes markup, quotes and marks that turn the direction of writing."""
+
+    def hostile(value):
+        text = json.dumps(value)
+        for name in ("seen", "turned", "eye", "in_place", "moved", "wall", "body", "w2"):
+            text = re.sub(rf"\b{name}\b", lambda found: json.dumps(f"{found[0]}{HOSTILE}")[1:-1], text)
+        return json.loads(text)
+
+    content, studies = watch_content
+    details = [packed(hostile(study)) for study in studies]
+    documents = {name: hostile(getattr(content, name)) for name in ("ranking", "scene", "model")}
+    evil = replace(content, title=HOSTILE, about=[("command", HOSTILE)], details=details, **documents)
+    path = tmp_path / "evil.html"
+    path.write_text(page(evil), encoding="utf-8")
+    opened = Opened(browser, path)
+    assert opened.complaints == []
+    assert opened.requests == [path.as_uri()]
+    assert opened.page.locator("img").count() == 0
+    shown = HOSTILE.replace("\u202e", "\\u{202e}").replace("\u2066", "\\u{2066}")
+    assert opened.texts("#title") == [shown]
+    assert opened.texts("#name") == [f"seen{shown}"]
+    opened.page.locator("#views button").nth(1).click()
+    opened.page.locator(".run").first.hover()
+    assert opened.js("document.body.textContent.includes('\u202e')") is False
+    assert opened.complaints == []
+    opened.context.close()
+
+
+@pytest.fixture(scope="module")
+def watch_content(watch) -> tuple[PageContent, list[dict]]:
+    """What a page about the cell `watch` is made from, and the documents of its candidates."""
+    from sqrp_cli.cli.documents import candidate_document, header, sampling_document
+    from sqrp_cli.cli.scene_document import scene_document
+    from sqrp_cli.cli.session import Session, explain
+    from sqrp_cli.cli.study_document import study_document
+    from sqrp_cli.knowledge.load import load_workspace
+    from sqrp_cli.programming.pipeline import assess_all
+    from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.programming.sampling import Adaptive
+    from sqrp_cli.report.model import model_document
+
+    session = Session.begin(load_workspace(watch), "watch green", None, Adaptive())
+    assessments = list(assess_all(session.assignment, session.task.candidates, 1))
+    explained = [explain(session, ranked) for ranked in rank(assessments, "q_eoi")]
+    studies = [
+        without_repetition(study_document(session.cell, study, ranked, Adaptive()))
+        for ranked, study in explained
+        if study is not None
+    ]
+    ranking = {
+        **header(session.workspace, session.task.text),
+        "by": "q_eoi",
+        "sampling": sampling_document(Adaptive(), assessments),
+        "candidates": [candidate_document(ranked) for ranked, _ in explained],
+    }
+    model = model_document(session.cell)
+    return PageContent("watch", (), ranking, scene_document(session.cell), model, []), studies

@@ -1,0 +1,291 @@
+"""`sqrp score` and `sqrp diff`: what passes, what fails and why, and that nothing is computed twice or lost."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from sqrp_cli.files import os as files_os
+
+ROOT = Path(__file__).parents[2]
+
+
+def edit(workspace: Path, old: str, new: str) -> None:
+    file = workspace / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def computed(outcome) -> int:
+    """How many candidates a run says that it computed."""
+    return int(outcome.err.split(" of ")[0].split()[-1])
+
+
+@pytest.fixture
+def cells(own_watch, tmp_path) -> Path:
+    """A folder with three workspaces: one that passes, one that fails, one that is broken."""
+    folder = tmp_path / "cells"
+    for name in ("good", "low", "broken"):
+        shutil.copytree(own_watch, folder / name)
+    # `behind` is never seen.
+    edit(folder / "low", "task: watch green, min_q_avg: 60 %", "task: watch behind, min_q_avg: 60 %, max_time: 3 s")
+    edit(folder / "broken", "near: 50 cm", "near: 50 kg")
+    return folder
+
+
+def test_a_broken_workspace_is_an_error_and_the_others_are_scored(sqrp, cells, tmp_path):
+    junit, summary = tmp_path / "junit.xml", tmp_path / "summary.md"
+    outcome = sqrp("score", cells, "--json", "--junit", junit, "--summary", summary)
+    assert outcome.code == 2
+    assert "Traceback" not in outcome.err
+    results = {result["workspace"]: result for result in outcome.document["results"]}
+    assert {name: result["status"] for name, result in results.items()} == {
+        "broken": "error", "good": "passed", "low": "failed",
+    }  # fmt: skip
+    assert "workspace.yaml" in results["broken"]["reasons"][0]
+    assert "50 kg" in results["broken"]["reasons"][0]
+    assert len(results["low"]["reasons"]) == 2
+    assert results["good"]["best"]["parameters"] == {"object": "seen"}
+    assert results["good"]["best"]["q_avg"] == pytest.approx(1.0)
+    assert not outcome.document["passed"]
+    root = ElementTree.parse(junit).getroot()  # noqa: S314 - our own file
+    assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("3", "1", "1")
+    assert {suite.get("name") for suite in root} == set(results)
+    assert root.find(".//error").get("message") == results["broken"]["reasons"][0]
+    assert "Q_avg" in root.find(".//failure").get("message")
+    rows = [line for line in summary.read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
+    assert len(rows) == 1 + 3
+
+
+def test_without_the_broken_one_the_exit_code_says_that_a_task_failed(sqrp, cells):
+    outcome = sqrp("score", cells / "good", cells / "low")
+    assert outcome.code == 1
+    assert "1 of 2 tasks passed, 1 failed." in outcome.out
+    assert sqrp("score", cells / "good").code == 0
+
+
+@pytest.mark.parametrize(
+    ("thresholds", "words"),
+    [
+        ("min_q_avg: 100 %", None),
+        ("max_time: 4.1 s", None),
+        ("max_time: 3.9 s", ["4.00 s", "at most 3.9 s"]),
+        ("max_delay: 0.2 s", None),
+        ("max_delay: 0.1 s", ["moved", "0.15 s", "at most 0.1 s"]),
+        ("winner: seen", None),
+        ("winner: turned", ["seen is best", "turned"]),
+        ("feasible: true", None),
+        ("feasible: false", ["can be done", "no candidate was expected"]),
+    ],
+)
+def test_each_threshold_is_held_against_the_best_candidate(sqrp, own_watch, thresholds, words):
+    edit(own_watch, "min_q_avg: 60 %", thresholds)
+    outcome = sqrp("score", own_watch, "--json")
+    (result,) = outcome.document["results"]
+    assert outcome.code == (0 if words is None else 1)
+    assert len(result["reasons"]) == (0 if words is None else 1)
+    for word in words or ():
+        assert word in result["reasons"][0]
+
+
+def test_a_task_that_cannot_be_done_fails_unless_that_is_expected(sqrp, own_watch):
+    edit(own_watch, "task: watch green, min_q_avg: 60 %", "task: watch lost, min_q_avg: 60 %")
+    outcome = sqrp("score", own_watch, "--json")
+    assert outcome.code == 1
+    assert "not known where `lost` is" in outcome.document["results"][0]["reasons"][0]
+    edit(own_watch, "min_q_avg: 60 %", "feasible: false")
+    assert sqrp("score", own_watch).code == 0
+
+
+def test_a_camera_moved_by_10_cm_turns_the_build_red_and_restoring_it_green(sqrp, own_watch, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    arguments = ("score", own_watch, "--json", "--baseline", baseline)
+    # `seen` is 2.022 m away, and 2.121 m from 10 cm further back. It must be seen until 1.5 s and from 2 s to 3 s.
+    edit(own_watch, "body: {kind: color, distance: [1 m, 3 m]", "body: {kind: color, distance: [1 m, 2.1 m]")
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+    assert sqrp(*arguments).code == 0
+    edit(own_watch, "position: [0, 0, 1], look_at", "position: [-0.1, 0, 1], look_at")
+    outcome = sqrp(*arguments)
+    assert outcome.code == 1
+    (result,) = outcome.document["results"]
+    (reason,) = (reason for reason in result["reasons"] if "got worse for seen" in reason)
+    for words in (
+        "watch green",
+        "Q_avg fell from 100.0 % to 0.0 %",
+        "eye no longer sees in_place(seen) from 0.0 s to 1.5 s: too far for its detector (1 more such stretch)",
+        "cameras.eye.pose.position.0: 0 -> -0.1",
+    ):
+        assert words in reason
+    assert result["baseline"]["verdict"] == "regressed"
+    lost = next(way for way in result["baseline"]["ways"] if way["way"] == "seen")["lost"]
+    assert [(loss["start"], loss["end"]) for loss in lost] == [(0.0, 1.5), (2.0, 3.0)]
+    edit(own_watch, "position: [-0.1, 0, 1], look_at", "position: [0, 0, 1], look_at")
+    restored = sqrp(*arguments)
+    assert restored.code == 0
+    assert restored.document["results"][0]["baseline"]["verdict"] == "unchanged"
+
+
+def test_new_and_vanished_tasks_are_named(sqrp, own_watch, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+    edit(own_watch, "watch green", "watch seen")
+    outcome = sqrp("score", own_watch, "--baseline", baseline, "--json")
+    assert outcome.code == 0
+    assert outcome.document["results"][0]["baseline"]["verdict"] == "new"
+    assert outcome.document["vanished"] == [{"workspace": "watch", "task": "watch green"}]
+
+
+def test_a_file_that_is_no_baseline_is_refused(sqrp, own_watch, tmp_path):
+    for content in ("", "{}", '{"format": "sqrp baseline 1", "workspaces": 3}'):
+        (tmp_path / "baseline.json").write_text(content, encoding="utf-8")
+        outcome = sqrp("score", own_watch, "--baseline", tmp_path / "baseline.json")
+        assert outcome.code == 2
+        assert "no baseline" in outcome.err
+
+
+def test_nothing_is_computed_twice(sqrp, own_watch, tmp_path):
+    out = tmp_path / "results"
+    first = sqrp("score", own_watch, "--out", out, "--json")
+    assert computed(first) == 2
+    files = {path: path.read_bytes() for path in out.rglob("*.json")}
+    # Neither comments nor thresholds matter for what is computed, nor where the workspace is.
+    edit(own_watch, "tasks:", "# what is expected\ntasks:")
+    edit(own_watch, "min_q_avg: 60 %", "min_q_avg: 50 %")
+    moved = Path(shutil.copytree(own_watch, tmp_path / "elsewhere" / "watch"))
+    second = sqrp("score", moved, "--out", out, "--resume", "--json")
+    assert computed(second) == 0
+    assert second.out == first.out
+    assert {path: path.read_bytes() for path in out.rglob("*.json")} == files
+    edit(own_watch, "watch green", "watch cube")
+    assert computed(sqrp("score", own_watch, "--out", out)) == 11  # of 13, two of which are the green ones
+    edit(own_watch, "far: 4 m", "far: 3.9 m")
+    assert computed(sqrp("score", own_watch, "--out", out)) == 13
+
+
+def test_a_damaged_result_is_computed_again(sqrp, own_watch, tmp_path):
+    out = tmp_path / "results"
+    first = sqrp("score", own_watch, "--out", out, "--json")
+    damaged = next(out.rglob("*.json"))
+    content = damaged.read_bytes()
+    damaged.write_bytes(content[:30])
+    second = sqrp("score", own_watch, "--out", out, "--json")
+    assert (computed(second), second.out) == (1, first.out)
+    assert damaged.read_bytes() == content
+
+
+def test_results_are_the_same_with_any_number_of_processes(sqrp, own_watch):
+    edit(own_watch, "watch green", "watch cube")
+    assert sqrp("score", own_watch, "--json", "--jobs", 1).out == sqrp("score", own_watch, "--json", "--jobs", 3).out
+
+
+def test_a_run_that_is_killed_goes_on_where_it_was(sqrp, tabletop, tmp_path):
+    undisturbed, out = tmp_path / "undisturbed", tmp_path / "results"
+    whole = sqrp("score", tabletop, "--out", undisturbed, "--json")
+    program = "from sqrp_cli.cli.main import main\nmain()"
+    arguments = [sys.executable, "-c", program, "score", str(tabletop), "--out", str(out), "--jobs", "2"]
+    process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    while process.poll() is None and not list(out.rglob("*.json")):
+        time.sleep(0.005)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    finished = len(list(out.rglob("*.json")))
+    again = sqrp("score", tabletop, "--out", out, "--resume", "--json")
+    assert again.out == whole.out
+    assert computed(again) == computed(whole) - finished
+    assert {p.name: p.read_bytes() for p in out.rglob("*.json")} == {
+        p.name: p.read_bytes() for p in undisturbed.rglob("*.json")
+    }
+
+
+def test_a_folder_that_cannot_be_written_is_refused(sqrp, own_watch, tmp_path):
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        outcome = sqrp("score", own_watch, "--out", out)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert "results cannot be kept in this folder" in outcome.err
+
+
+def test_a_full_disk_ends_with_a_message(sqrp, own_watch, tmp_path, monkeypatch):
+    def full(_descriptor: int) -> None:
+        raise OSError(28, os.strerror(28))
+
+    monkeypatch.setattr(files_os, "fsync", full)
+    outcome = sqrp("score", own_watch, "--out", tmp_path / "results")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "No space left on device" in outcome.err
+    assert not list((tmp_path / "results").rglob("*.json"))
+
+
+def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
+    program = (
+        "import sys; from pathlib import Path; from sqrp_cli.scoring.results_folder import Results\n"
+        "results = Results(Path(sys.argv[1])); print('ready', flush=True); sys.stdin.read()"
+    )
+    arguments = [sys.executable, "-c", program, str(tmp_path / "results")]
+    holder = subprocess.Popen(arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert holder.stdout.readline()
+    outcome = sqrp("score", own_watch, "--out", tmp_path / "results")
+    holder.communicate()
+    assert outcome.code == 2
+    assert "another `sqrp score`" in outcome.err
+    assert sqrp("score", own_watch, "--out", tmp_path / "results").code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nowhere"], ["no such file or folder"]),
+        (["nothing/*"], ["no workspace fits"]),
+        (["--resume"], ["--out"]),
+        (["--cluster", "tcp://127.0.0.1:1"], ["no Dask scheduler", "tcp://127.0.0.1:1"]),
+        (["--junit", "nowhere/junit.xml"], ["no folder"]),
+    ],
+)
+def test_what_cannot_be_used_is_refused(sqrp, own_watch, arguments, words, monkeypatch):
+    from sqrp_cli.scoring import dask_cluster
+
+    monkeypatch.setattr(dask_cluster, "CONNECT_TIMEOUT", 0.2)
+    outcome = sqrp("score", *([own_watch] if arguments[0].startswith("--") else []), *arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.count("error:") == 1
+    for word in words:
+        assert word in outcome.err
+
+
+def test_diff_says_what_differs_and_what_that_does(sqrp, watch, own_watch):
+    edit(own_watch, "position: [0, 0, 1], look_at: [1, 0, 1]", "position: [0, 1.3, 1], look_at: [1, 1.3, 1]")
+    skill = own_watch / "watch" / "skill.yaml"
+    skill.write_text(skill.read_text(encoding="utf-8").replace("wait: 2 s", "wait: 2.5 s"), encoding="utf-8")
+    outcome = sqrp("diff", watch, own_watch)
+    assert outcome.code == 1
+    for line in (
+        "cameras.eye.pose.position.1: 0 -> 1.3",
+        "skills.watch.yaml primitives.2.wait: 2 s -> 2.5 s",
+        "worse   watch green for turned: ",
+        "eye no longer sees",
+    ):
+        assert line in outcome.out
+    document = sqrp("diff", watch, own_watch, "--json").document
+    assert [change["field"] for change in document["changes"]["workspace"]][:1] == ["cameras.eye.pose.position.1"]
+    assert sqrp("diff", watch, watch).code == 0
+
+
+def test_tasks_of_the_same_name_in_workspaces_of_the_same_name_are_told_apart(sqrp, own_watch, tmp_path):
+    for place in ("left", "right"):
+        shutil.copytree(own_watch, tmp_path / place / "watch")
+    document = sqrp("score", tmp_path / "left", tmp_path / "right", "--json").document
+    assert [result["workspace"] for result in document["results"]] == ["left/watch", "right/watch"]
+
+
+def test_a_pattern_finds_the_workspaces_that_it_names(sqrp, cells):
+    outcome = sqrp("score", f"{cells}/[gl]*", "--json")
+    assert [result["workspace"] for result in outcome.document["results"]] == ["good", "low"]

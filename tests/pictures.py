@@ -1,0 +1,46 @@
+"""Makes the pictures of the README into `docs`: `python -m tests.pictures`. The same pictures every time."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+
+from sqrp_cli.cli.main import run
+from tests.cli.browser import Opened, chromium
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+CELL = str(ROOT / "workspaces" / "tabletop")
+TASK = "pickup green"
+SHOW_G1 = "() => sqrp.select(4).then(() => { sqrp.look(null); sqrp.seek(12.4); })"
+
+
+def save(picture: Image.Image, name: str, width: int = 1280) -> None:
+    """A small PNG: at most `width` pixels wide."""
+    picture = picture.convert("RGB")
+    if picture.width > width:
+        size = (width, round(picture.height * width / picture.width))
+        picture = picture.resize(size, Image.Resampling.LANCZOS)
+    picture.save(DOCS / name, optimize=True)
+
+
+def main() -> None:
+    """A page, the view of a camera in it, and what all cameras see in the blind intervals."""
+    with tempfile.TemporaryDirectory() as folder, chromium() as browser:
+        page, pictures = Path(folder) / "page.html", Path(folder) / "pictures"
+        assert run(["rank", CELL, TASK, "--report", str(page)]) == 0
+        assert run(["explain", CELL, TASK, "--choose", "g1", "--images", str(pictures)]) == 0
+        opened = Opened(browser, page)
+        opened.js(SHOW_G1)
+        opened.page.wait_for_timeout(1000)
+        shot = Image.open(io.BytesIO(opened.page.screenshot(full_page=True)))
+        bottom = opened.js("document.querySelector('#candidate').getBoundingClientRect().bottom + scrollY")
+        save(shot.crop((0, 0, shot.width, round(bottom) + 16)), "report.png")
+        save(Image.open(pictures / "contact-sheet.png"), "cameras.png", width=1976)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,185 @@
+"""New workspaces: what is guessed about an arm holds, and what it is said to be able to do it does."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.geometry import matrix_to_rpy, rpy_to_matrix
+from sqrp_cli.knowledge.lint import lint
+from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.packages import package_roots
+from sqrp_cli.programming.assessment import study
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.sampling import FixedCount
+from sqrp_cli.programming.task import read_task
+from sqrp_cli.starter.make import Starter, make_starter
+
+ROBOTS = "package://example-robot-data/robots/"
+
+ARMS = {
+    "own": None,
+    "ur3": f"{ROBOTS}ur_description/urdf/ur3_robot.urdf",
+    "ur10": f"{ROBOTS}ur_description/urdf/ur10_robot.urdf",
+    "panda": f"{ROBOTS}panda_description/urdf/panda.urdf",
+    "xarm7": f"{ROBOTS}xarm_description/urdf/xarm7.urdf",
+    "kinova": f"{ROBOTS}kinova_description/robots/kinova.urdf",
+    "z1": f"{ROBOTS}z1_description/urdf/z1.urdf",
+}
+"""The arms of issue trackers and laboratories; UR3, UR10 and Z1 without a usable SRDF, Z1 too low for its tool."""
+
+LINKS = {
+    "own": "flange",
+    "ur3": "tool0",
+    "ur10": "tool0",
+    "panda": "panda_hand_tcp",
+    "xarm7": "link_eef",
+    "kinova": "j2s6s200_end_effector",
+    "z1": "gripperStator",
+}
+"""Where a robot programmer would fix a tool."""
+
+
+@pytest.fixture(scope="module", params=ARMS)
+def arm(request: pytest.FixtureRequest) -> str:
+    name: str = request.param
+    return name
+
+
+@pytest.fixture(scope="module")
+def starter(arm: str, tmp_path_factory: pytest.TempPathFactory) -> Starter:
+    return make_starter(tmp_path_factory.mktemp(arm) / "cell", ARMS[arm])
+
+
+@pytest.fixture(scope="module")
+def cell(starter: Starter) -> Cell:
+    return Cell.load(load_workspace(starter.folder))
+
+
+@pytest.fixture(scope="module")
+def motions(cell: Cell) -> dict[str, Motion]:
+    world = cell.workspace.initial_world
+    found = {c.name: feasible_motion(cell, c, world) for c in read_task("pickup green", cell.workspace).candidates}
+    return {name: motion for name, motion in found.items() if isinstance(motion, Motion)}
+
+
+def test_the_tool_is_fixed_to_the_link_that_a_programmer_would_take(arm: str, starter: Starter) -> None:
+    assert starter.tip == LINKS[arm]
+
+
+def test_every_object_that_it_puts_there_can_be_picked_up(starter: Starter, motions: dict[str, Motion]) -> None:
+    assert len(motions) == sum(name.startswith("g") for name in starter.cubes) == 3
+    assert starter.task == "pickup green"
+
+
+def test_the_workspace_is_sound_and_its_home_points_down_and_touches_nothing(cell: Cell) -> None:
+    assert [problem for problem in lint(cell.workspace) if problem.severity == "error"] == []
+    assert cell.model.tool_pose(cell.model.home)[2, 2] < np.cos(np.radians(179)) + 1e-3
+    assert cell.collision.placed(cell.workspace.initial_world).check(cell.model.home) is None
+
+
+def test_nothing_of_the_robot_reaches_beyond_the_tool_frame_along_its_axis(cell: Cell) -> None:
+    """So its z axis points out of the arm, and the cup is not inside a gripper that was there before."""
+    X_TW = np.linalg.inv(cell.model.tool_pose(cell.model.home))
+    X_WL = cell.model.link_poses(cell.model.home[None])
+    depth = cell.collision.bound.depth
+    for body in cell.collision.bodies:
+        if depth[body.name] >= depth[cell.model.tool_frame]:
+            center = X_TW @ X_WL[body.name][0] @ np.append(body.X_PB[:3, 3], 1.0)
+            assert center[2] < 0.0, body.name
+
+
+def test_every_motion_keeps_limits_and_distance(cell: Cell, motions: dict[str, Motion]) -> None:
+    """Velocity, acceleration, jerk and position at every millisecond; contacts at every 4 ms."""
+    model = cell.model
+    motion = next(iter(motions.values()))
+    for primitive in motion.primitives:
+        t = np.arange(0, primitive.end - primitive.start, 1e-3)
+        for order, limit in ((1, model.velocity), (2, model.acceleration), (3, model.jerk)):
+            assert (np.abs(primitive.trajectory.derivatives(t, order)) <= limit * (1 + 1e-9)).all(), primitive.name
+        q = primitive.trajectory.positions(t)
+        assert ((q >= model.lower - 1e-6) & (q <= model.upper + 1e-6)).all()
+        if primitive.name in ("a1", "a2"):
+            allowed = frozenset({("g1", link) for link in model.tool_links} if primitive.name == "a2" else ())
+            scene = cell.collision.placed(cell.workspace.initial_world, allowed)
+            assert set(scene.check_all(q[::4])) <= {None}, primitive.name
+
+
+def test_the_cameras_see_all_that_matters_in_one_way_at_least(cell: Cell) -> None:
+    found = []
+    for candidate in read_task("pickup green", cell.workspace).candidates:
+        studied = study(cell, candidate, cell.workspace.initial_world, FixedCount(20), full=False)
+        found.append(studied.assessment("").q_eoi)
+    assert max(found) > 0.9
+
+
+def test_it_is_the_same_every_time(tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        make_starter(tmp_path / name, ARMS["ur3"])
+    one, other = (
+        {f.name: f.read_bytes() for f in (tmp_path / n).rglob("*.*") if f.is_file()} for n in ("one", "other")
+    )
+    assert one == other
+
+
+def test_what_was_guessed_is_marked_and_nothing_else(tmp_path: Path) -> None:
+    own = make_starter(tmp_path / "own", None)
+    assert "check:" not in (own.folder / "workspace.yaml").read_text()
+    theirs = make_starter(tmp_path / "theirs", ARMS["panda"])
+    marked = re.findall(r"^ *(\w+):.*# check:", (theirs.folder / "workspace.yaml").read_text(), re.MULTILINE)
+    assert {"base", "tool", "tool_frame", "home", "srdf"} <= set(marked)
+
+
+def test_an_urdf_of_ones_own_with_meshes_in_its_own_package_needs_no_settings(tmp_path: Path) -> None:
+    """A checkout of a ROS package that no environment variable points at."""
+    data = next(root for root in package_roots() if (root / "example-robot-data").is_dir())
+    source = data / "example-robot-data" / "robots" / "xarm_description"
+    package = tmp_path / "ws" / "my_xarm"
+    package.mkdir(parents=True)
+    (package / "meshes").symlink_to(source / "meshes")
+    text = (source / "urdf" / "xarm7.urdf").read_text()
+    (package / "urdf").mkdir()
+    text = text.replace("package://example-robot-data/robots/xarm_description", "package://my_xarm")
+    (package / "urdf" / "arm.urdf").write_text(text)
+    made = make_starter(tmp_path / "cell", str(package / "urdf" / "arm.urdf"))
+    written = (made.folder / "workspace.yaml").read_text()
+    assert "urdf: ../ws/my_xarm/urdf/arm.urdf" in written
+    assert "package_roots: [../ws]" in written
+    assert made.task is not None
+
+
+@pytest.mark.parametrize("there", ["file", "full", "no-parent"])
+def test_nothing_is_overwritten_or_left_behind(there: str, tmp_path: Path) -> None:
+    folder = tmp_path / "cell"
+    if there == "file":
+        folder.write_text("mine")
+    elif there == "full":
+        folder.mkdir()
+        (folder / "workspace.yaml").write_text("mine")
+    else:
+        folder = tmp_path / "no" / "cell"
+    before = sorted(tmp_path.rglob("*"))
+    with pytest.raises(InputError):
+        make_starter(folder, None)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_robot_that_cannot_be_used_leaves_nothing_behind(tmp_path: Path) -> None:
+    (tmp_path / "arm.urdf").write_text("<robot name='table'><link name='top'/></robot>")
+    with pytest.raises(InputError, match="no joint that moves an arm"):
+        make_starter(tmp_path / "cell", str(tmp_path / "arm.urdf"))
+    assert [path.name for path in tmp_path.iterdir()] == ["arm.urdf"]
+
+
+def test_rotations_survive_being_written_as_roll_pitch_yaw() -> None:
+    steps = np.radians([-180, -90, -30, 0, 45, 90, 180])
+    for rpy in itertools.product(steps, repeat=3):
+        R = rpy_to_matrix(rpy)
+        np.testing.assert_allclose(rpy_to_matrix(matrix_to_rpy(R)), R, atol=1e-9)
