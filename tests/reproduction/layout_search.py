@@ -15,11 +15,10 @@ import numpy as np
 from sqrp_cli.geometry import look_at, pose
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.programming.assessment import Study
-from sqrp_cli.programming.robustness import Calibration, perturbed
+from sqrp_cli.programming.robustness import _error as small_displacement
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 
-ERRORS = Calibration(position=0.002, rotation=np.radians(0.2), seed=7)
 VARIANTS = 7
 """The pose itself and this many, less one, with errors."""
 
@@ -47,9 +46,8 @@ class Sight:
 
 def sight(camera: Camera, observer: Observer, studies: Sequence[Study], variants_: int = VARIANTS) -> Sight:
     """Ask one camera, and the same with errors, about every study."""
-    alone = Observer((camera,), observer.solids)
-    variants = [alone, *(perturbed(alone, _errors_of(camera), draw) for draw in range(variants_ - 1))]
-    crowd = Observer(tuple(v.cameras[0] for v in variants), observer.solids)
+    random = np.random.default_rng(int(1e4 * np.abs(camera.X_FC[:3, 3]).sum()))
+    crowd = Observer((camera, *(displaced(camera, random) for _ in range(variants_ - 1))), observer.solids)
     sees, hidden = [], []
     for study in studies:
         states = study.stage.states(study.timeline.samples)
@@ -60,9 +58,10 @@ def sight(camera: Camera, observer: Observer, studies: Sequence[Study], variants
     return Sight(camera, tuple(sees), tuple(hidden))
 
 
-def _errors_of(camera: Camera) -> Calibration:
-    """Errors of its own for every camera of the pool."""
-    return replace(ERRORS, seed=int(1e4 * np.abs(camera.X_FC[:3, 3]).sum()))
+def displaced(camera: Camera, random: np.random.Generator) -> Camera:
+    """The camera moved by 2 mm in a random direction and turned by 0.2 degrees about a random axis."""
+    position, rotation = (v / np.linalg.norm(v) for v in random.normal(size=(2, 3)))
+    return replace(camera, X_FC=camera.X_FC @ small_displacement(0.002 * position, np.radians(0.2) * rotation))
 
 
 def random_camera(random: np.random.Generator, aims: np.ndarray, model: Camera, fovs: Sequence[float]) -> Camera:

@@ -45,9 +45,9 @@ class Screws:
         interest = s.timeline.interesting
         placed = [x.hidden[2][:, interest, 1].mean() for x in chosen]
         cost += 20 * len(one) * (1 - max(placed))
-        cost += 10 * len(one) * np.mean(np.any([x.sees[2][:, interest, 1] for x in chosen], axis=0))
+        cost += 40 * len(one) * np.mean(np.any([x.sees[2][:, interest, 1] for x in chosen], axis=0))
         useful = sorted(x.sees[0].all(axis=-1).mean() for x in chosen)
-        cost += len(one) * sum(beyond(u, 0.15, 1.0) for u in useful[1:]) * 10
+        cost += len(one) * sum(beyond(u, 0.15, 1.0) for u in useful[1:]) * 2
         return cost / len(one)
 
 

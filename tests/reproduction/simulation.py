@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.programming.assessment import Assessment, Study, study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.grounding import TargetGrounder, ground_formulas
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.quality import Qualities
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.sampling import Adaptive, FixedCount, Sampling
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.scene import SceneStates, fixed_frame
 from sqrp_cli.programming.task import Candidate, read_task
+from tests.reproduction.summary import Summary, always_in_interest, feasible_study, hidden_by_the_robot
 
 WORKSPACE = Path("workspaces/tabletop")
 TASK = "pickup green"
@@ -30,6 +29,7 @@ SAMPLINGS: Mapping[str, Sampling] = {
     "40": FixedCount(40),
     "default": Adaptive(),
 }
+"""Samples per primitive; the paper chooses 10."""
 
 
 @dataclass(frozen=True)
@@ -42,19 +42,21 @@ class Sampled:
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What came out.
+    """What came out, with 10 samples per primitive.
 
-    first: name of the candidate that is ranked first. assessments: by the object's name, with 10 samples per primitive.
-    sampled: of g1, by sampling. hides_g1: cameras that look at g1 throughout the lift past parts of the arm. sees_lift:
-    cameras that see all that matters throughout the lift of g5. sees_g6: cameras that see where g6 is.
+    of: the candidates that can be done, by their object. why_not_g6: why that one cannot. first: the one that is ranked
+    first. sampled: g1 with each sampling. hide_g1: cameras from which the robot hides g1 all through the lift, and that
+    would otherwise see all there is to see. see_lift_of_g5: cameras that see all of it. see_g6: cameras that see it
+    while the robot is at home.
     """
 
+    of: Mapping[str, Summary]
+    why_not_g6: str
     first: str
-    assessments: Mapping[str, Assessment]
     sampled: Mapping[str, Sampled]
-    hides_g1: frozenset[str]
-    sees_lift: frozenset[str]
-    sees_g6: frozenset[str]
+    hide_g1: frozenset[str]
+    see_lift_of_g5: frozenset[str]
+    see_g6: frozenset[str]
 
 
 def tabletop() -> Cell:
@@ -63,54 +65,38 @@ def tabletop() -> Cell:
 
 
 def simulate(cell: Cell) -> Simulation:
-    """Rank the six candidates, look closer at g1 and g5."""
-    workspace, world = cell.workspace, cell.workspace.initial_world
+    """Rank the six candidates, and look closer at g1, g5 and g6."""
+    workspace, ten = cell.workspace, SAMPLINGS["10"]
     candidates = {candidate.name: candidate for candidate in read_task(TASK, workspace).candidates}
-    ten = Assignment(cell, world, SAMPLINGS["10"])
-    assessments = {name: ten.assess(candidate) for name, candidate in candidates.items()}
-    g1, g5, g6 = (candidates[name] for name in ("g1", "g5", "g6"))
-    looks_at_g1 = _throughout_lift(cell, g1, Cause.NONE, Cause.HIDDEN)
+    assignment = Assignment(cell, workspace.initial_world, ten)
+    assessments = {name: assignment.assess(candidate) for name, candidate in candidates.items()}
+    feasible = {name: candidates[name] for name, assessment in assessments.items() if assessment.feasible}
+    g1, g5 = (feasible_study(cell, candidates[name], ten, full=True) for name in ("g1", "g5"))
     return Simulation(
-        rank(tuple(assessments.values()), "q_eoi")[0].assessment.candidate.name,
-        assessments,
-        {name: _sampled(cell, g1, sampling) for name, sampling in SAMPLINGS.items()},
-        looks_at_g1 - _throughout_lift(cell, g1, Cause.NONE),
-        _throughout_lift(cell, g5, Cause.NONE),
-        _sees_at_home(cell, g6),
+        of={name: Summary.of(feasible_study(cell, candidate, ten)) for name, candidate in feasible.items()},
+        why_not_g6=" ".join(assessments["g6"].reasons),
+        first=rank(tuple(assessments.values()), "q_eoi")[0].assessment.candidate.name,
+        sampled={name: _sampled(cell, candidates["g1"], sampling) for name, sampling in SAMPLINGS.items()},
+        hide_g1=always_in_interest(cell, g1, None, Cause.NONE, Cause.HIDDEN) & hidden_by_the_robot(cell, g1, "hold"),
+        see_lift_of_g5=always_in_interest(cell, g5, None, Cause.NONE),
+        see_g6=_seeing_at_home(cell, candidates["g6"]),
     )
 
 
 def _sampled(cell: Cell, candidate: Candidate, sampling: Sampling) -> Sampled:
     begin = time.perf_counter()
-    quality = Qualities.of(_feasible(cell, candidate, sampling, full=False).timeline).q_avg
-    computing = time.perf_counter() - begin
-    assert quality is not None
-    return Sampled(100 * quality, computing)
+    found = Summary.of(feasible_study(cell, candidate, sampling))
+    return Sampled(found.q_avg, time.perf_counter() - begin)
 
 
-def _feasible(cell: Cell, candidate: Candidate, sampling: Sampling, *, full: bool) -> Study:
-    found = study(cell, candidate, cell.workspace.initial_world, sampling, full=full)
-    assert isinstance(found, Study), found
-    return found
-
-
-def _throughout_lift(cell: Cell, candidate: Candidate, *causes: Cause) -> frozenset[str]:
-    """Cameras for which every box of every target has one of the causes in every sample of interest."""
-    found = _feasible(cell, candidate, SAMPLINGS["10"], full=True)
-    interest = found.timeline.interesting
-    boxes = [box.cause[interest] for boxes in found.timeline.observation.full_matrix for box in boxes]
-    always = np.isin(boxes, causes).all(axis=(0, 1))
-    return frozenset(camera.name for camera, is_so in zip(cell.observer.cameras, always, strict=True) if is_so)
-
-
-def _sees_at_home(cell: Cell, candidate: Candidate) -> frozenset[str]:
-    """Cameras that see all that the first formula of a candidate is about while the arm is at home."""
+def _seeing_at_home(cell: Cell, candidate: Candidate) -> frozenset[str]:
+    """Cameras that see where a candidate's object stands while the robot is at home."""
     workspace, model, world = cell.workspace, cell.model, cell.workspace.initial_world
     spans = {primitive.name: (float(i), i + 1.0) for i, primitive in enumerate(candidate.skill.primitives)}
     grounder = TargetGrounder(candidate, world, workspace.objects, workspace.detectors, workspace.robot, model)
     targets = grounder.targets(ground_formulas(candidate, spans, float(len(spans))))
     objects = {name: fixed_frame(X_WO) for name, X_WO in world.X_WO.items()}
-    at_start = {f"{name}@start": X for name, X in objects.items()}
+    at_start = {f"{name}@start": X_WO for name, X_WO in objects.items()}
     frames = {"world": fixed_frame(), **model.link_poses(model.home[None]), **objects, **at_start}
     placed = next(target for target in targets if target.atom.predicate == "obj_on_table")
     boxes = cell.observer.verdicts(placed, SceneStates(1, frames))
