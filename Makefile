@@ -3,17 +3,22 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank test check bench pictures format clean
+.PHONY: all rank run test check bench damage planners pictures format clean
 
 all: .venv/installed
 
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ik,robots,report,cluster,dev]'
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ik,robots,sim,report,cluster,planners,dev]'
 	touch $@
 
 rank: all
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green"
+
+run: all
+	mkdir -p build && rm -f build/pick.yaml
+	$(BIN)/sqrp rank workspaces/tabletop "pickup green" --program build/pick.yaml
+	$(BIN)/sqrp run build/pick.yaml --sim --fault slip@a4+1
 
 test: all
 	$(BIN)/pytest --numprocesses auto
@@ -28,9 +33,16 @@ check: all
 bench: all
 	$(BIN)/python -m tests.benchmarks
 
+# Plans for 300 random problems against Fast Downward, which takes 0.2 s for each.
+planners: all
+	SQRP_PLANNING_PROBLEMS=300 $(BIN)/pytest --numprocesses auto tests/logic/test_planner_against_fast_downward.py
+
 # The pictures in the README; needs Chromium.
 pictures: all
 	$(BIN)/python -m tests.pictures
+
+damage: all
+	$(BIN)/python -m tests.damage
 
 format: all
 	$(BIN)/ruff format .

@@ -97,23 +97,31 @@ def points(program: Program, rate: float) -> Iterator[Point]:
     yield Point(begin, number, primitive, tuple(waiting), step.after.held, *(state[0] for state in states))
 
 
-def as_csv(program: Program, rate: float) -> str:
-    """A line per point under a line of column names: time [s], step, primitive, what the tool does, joint states."""
+def as_csv(program: Program, joints: Sequence[str], rate: float) -> str:
+    """A line per point under a line of column names: time [s], step, primitive, what the tool does, joint states.
+
+    joints: which of the program's joints to write. rate: [Hz].
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     columns = ["time", "step", "primitive", "action", "tool", "held"]
     kinds = ("position", "velocity", "acceleration")
-    writer.writerow([*columns, *(f"{kind}_{joint}" for kind in kinds for joint in program.joints)])
+    writer.writerow([*columns, *(f"{kind}_{joint}" for kind in kinds for joint in joints)])
+    chosen = [program.joints.index(joint) for joint in joints]
     for point in points(program, rate):
-        numbers = (text for state in (point.q, point.v, point.a) for text in _texts(state))
+        numbers = (text for state in (point.q, point.v, point.a) for text in _texts(state[chosen]))
         tool = " and ".join(map(str, point.tool))
         labels = [point.step, point.primitive.name, action_name(point.primitive), tool, point.held or ""]
         writer.writerow([f"{point.time:.{_DIGITS}f}", *labels, *numbers])
     return text.getvalue()
 
 
-def as_ros_yaml(program: Program, rate: float) -> str:
-    """One message of type trajectory_msgs/JointTrajectory; steps, primitives and the tool's doings are comments."""
+def as_ros_yaml(program: Program, joints: Sequence[str], rate: float) -> str:
+    """One message of type trajectory_msgs/JointTrajectory; steps, primitives and the tool's doings are comments.
+
+    joints: which of the program's joints to write; a controller takes its own and no others. rate: [Hz].
+    """
+    chosen = [program.joints.index(joint) for joint in joints]
     time = sum(step.time for step in program.steps)
     lines = [
         f"{YAML_MARK}: {time:.3f} s, a point every {1 / rate:g} s and at both ends of each",
@@ -122,7 +130,7 @@ def as_ros_yaml(program: Program, rate: float) -> str:
         "header:",
         "  stamp: {sec: 0, nanosec: 0}",
         "  frame_id: ''",
-        f"joint_names: [{', '.join(program.joints)}]",
+        f"joint_names: [{', '.join(joints)}]",
         "points:",
     ]
     last: ProgramPrimitive | None = None
@@ -133,16 +141,20 @@ def as_ros_yaml(program: Program, rate: float) -> str:
             last = point.primitive
         seconds, nanoseconds = divmod(round(point.time * 1e9), 10**9)
         lines += [
-            f"- positions: [{', '.join(_texts(point.q))}]",
-            f"  velocities: [{', '.join(_texts(point.v))}]",
-            f"  accelerations: [{', '.join(_texts(point.a))}]",
+            f"- positions: [{', '.join(_texts(point.q[chosen]))}]",
+            f"  velocities: [{', '.join(_texts(point.v[chosen]))}]",
+            f"  accelerations: [{', '.join(_texts(point.a[chosen]))}]",
             "  effort: []",
             f"  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}",
         ]
     return "\n".join(lines) + "\n"
 
 
-FORMATS: Mapping[str, Callable[[Program, float], str]] = {".csv": as_csv, ".yaml": as_ros_yaml, ".yml": as_ros_yaml}
+FORMATS: Mapping[str, Callable[[Program, Sequence[str], float], str]] = {
+    ".csv": as_csv,
+    ".yaml": as_ros_yaml,
+    ".yml": as_ros_yaml,
+}
 """How a program is written, by the ending of the file."""
 
 

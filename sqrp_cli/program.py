@@ -22,7 +22,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.entries import Entry
-from sqrp_cli.knowledge.source import Document, read_document
+from sqrp_cli.knowledge.source import MAX_BYTES, Document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.logic.literal import Atom
@@ -247,13 +247,17 @@ def _problems(document: Document, found: Iterable[Flaw]) -> list[Problem]:
 
 
 def save_program(program: Program, path: Path) -> None:
-    """Write a program file that can be executed, all or nothing. Raises InputError where it cannot be written."""
-    text = yaml.dump(program.model_dump(mode="json"), Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
-    write_atomically(
-        path,
-        f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n{text}",
-        executable=True,
-    )
+    """Write a program file that can be executed, all or nothing.
+
+    Raises InputError where it cannot be written, or would be too large to be read again.
+    """
+    head = f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n"
+    numbers = program.model_dump(mode="json")
+    text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
+    if len(text.encode()) > MAX_BYTES:
+        message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
+        raise InputError(Problem("file-too-large", message, Place(path), mend=f"--after {path} --program ANOTHER"))
+    write_atomically(path, text, executable=True)
 
 
 def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Program:

@@ -6,10 +6,11 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from rich.cells import cell_len
 from rich.console import Console
+from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
@@ -21,6 +22,12 @@ BAR_WIDTH = 8
 
 Styled = str | Text
 """Text with or without a style."""
+
+LONGEST_TITLE = 9
+"""Longest word of a title that is not broken where there is little room."""
+
+LEAST_FOLDED = 16
+"""Cells that a column whose text is folded needs at least."""
 
 _SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
 
@@ -35,6 +42,17 @@ class Column:
     title: str
     right: bool = False
     shrink: bool = False
+
+
+@dataclass(frozen=True)
+class Share:
+    """A cell with a share in 0..1: a bar and a number, or the number alone where there is little room."""
+
+    value: float | None
+
+
+Cell = Styled | Share
+"""What a table may hold."""
 
 
 class _Output(Console):
@@ -60,26 +78,62 @@ def diagnostics() -> Console:
     return Console(stderr=True, highlight=False, emoji=False)
 
 
-def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Styled]]) -> None:
-    """A table without frames, two spaces between columns; where it does not fit, all columns are folded."""
+def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> None:
+    """A table without frames, two spaces between columns.
+
+    Where the terminal is too narrow for it, bars give way and titles are broken; where that is not enough, each row
+    becomes a paragraph of titles and values, which no figure is folded in.
+    """
     console, lines = output(), list(rows)
-    widths = [
-        max((cell_len(line) for cell in cells for line in str(cell).splitlines()), default=0)
-        for cells in zip([column.title for column in columns], *lines, strict=True)
-    ]
-    fits = sum(width + 2 for column, width in zip(columns, widths, strict=True) if not column.shrink) <= console.width
+    for narrow in (False, True):
+        titles = [_broken(column.title) if narrow else column.title for column in columns]
+        cells = [[_styled(cell, bar=not narrow) for cell in line] for line in lines]
+        if _width(columns, titles, cells) <= console.width:
+            console.print(_grid(columns, titles, cells))
+            return
+    for line in lines:
+        head, *values = (_styled(cell, bar=False) for cell in line)
+        named = zip([column.title for column in columns[1:]], values, strict=True)
+        told = [Text.assemble(*_named(title), value) for title, value in named if str(value).strip()]
+        name = Text.assemble(*_named(columns[0].title), head, style="bold")
+        paragraph = Text.assemble(name, ": " if told else "", Text(", ").join(told))
+        for number, piece in enumerate(paragraph.wrap(console, console.width - 2)):
+            console.print(Text.assemble("  " if number else "", piece))
+
+
+def _styled(cell: Cell, *, bar: bool) -> Text:
+    if isinstance(cell, Share):
+        return percentage(cell.value, bar=bar)
+    return cell if isinstance(cell, Text) else Text(cell)
+
+
+def _named(title: str) -> tuple[str, ...]:
+    return (" ".join(title.split()), " ") if title else ()
+
+
+def _broken(title: str) -> str:
+    """A title in short lines."""
+    words = title.split()
+    return "\n".join(word if len(word) <= LONGEST_TITLE else word.replace("_", "_\n") for word in words)
+
+
+def _width(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequence[Text]]) -> int:
+    """Width that a table takes at least."""
+    total = 2 * (len(columns) - 1)
+    for column, title, values in zip(columns, titles, zip(*cells, strict=True) if cells else titles, strict=True):
+        widest = max(cell_len(line) for text in (title, *map(str, values)) for line in text.split("\n"))
+        total += min(widest, LEAST_FOLDED) if column.shrink else widest
+    return total
+
+
+def _grid(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequence[Text]]) -> Table:
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
-    for column in columns:
-        table.add_column(
-            Text(column.title, style="bold"),
-            justify="right" if column.right else "left",
-            no_wrap=not column.shrink and fits,
-            overflow="fold",
-        )
-    for cells in lines:
-        # Leading blanks, as of an empty bar, would take the place that a folded number needs.
-        table.add_row(*(cell if fits else cell[len(str(cell)) - len(str(cell).lstrip()) :] for cell in cells))
-    console.print(table)
+    for column, title in zip(columns, titles, strict=True):
+        justify: Literal["left", "right"] = "right" if column.right else "left"
+        table.add_column(Text(title, style="bold"), justify=justify, no_wrap=not column.shrink, overflow="fold")
+    for line in cells:
+        table.add_row(*line)
+    return table
 
 
 def say(text: Styled = "", style: str | None = None) -> None:
@@ -123,16 +177,16 @@ def print_problems(problems: Iterable[Problem]) -> None:
             console.print(Text.assemble(("  to mend it: ", "dim"), problem.mend), soft_wrap=True)
 
 
-def percentage(share: float | None) -> Text:
-    """A share as a bar and a number: green from 90 %, red below 50 %."""
+def percentage(share: float | None, *, bar: bool = True) -> Text:
+    """A share as a number, with a bar before it: green from 90 %, red below 50 %."""
     if share is None:
-        return Text("-".rjust(BAR_WIDTH + 6), style="dim")
+        return Text("-".rjust(BAR_WIDTH + 6) if bar else "-", style="dim")
     style = "green" if share >= 0.9 else "yellow" if share >= 0.5 else "red"
-    filled = bar(share)
-    return Text.assemble((filled, style), (f"{100 * share:6.1f}", style))
+    figure = f"{100 * share:.1f}"
+    return Text(f"{blocks(share)} {figure:>5}" if bar else figure, style=style)
 
 
-def bar(share: float) -> str:
+def blocks(share: float) -> str:
     """A horizontal bar of `BAR_WIDTH` cells in eighths of a cell."""
     eighths = round(share * BAR_WIDTH * 8)
     full, rest = divmod(eighths, 8)
@@ -162,6 +216,24 @@ def progress(title: str, total: int | None) -> Iterator[Step]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         task = bars.add_task(title, total=total)
         yield lambda count=1: bars.advance(task, count)
+
+
+class Show(Protocol):
+    """Called with the text that is to be shown now."""
+
+    def __call__(self, text: Styled) -> None:
+        """Replace what was shown."""
+
+
+@contextmanager
+def live() -> Iterator[Show | None]:
+    """Text on stderr that changes in place and vanishes when done; None where stderr is no terminal."""
+    console = diagnostics()
+    if not console.is_terminal:
+        yield None
+        return
+    with Live(console=console, transient=True, auto_refresh=False) as screen:
+        yield lambda text: screen.update(text, refresh=True)
 
 
 def plain(text: str, style: str = "") -> Text:

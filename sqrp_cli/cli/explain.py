@@ -82,7 +82,7 @@ def command(
     with progress("Looking up causes", len(chosen)) as advance:
         explained = []
         for ranked in chosen:
-            explained.append(explain(session, ranked))
+            explained.append(explain(session.assignment, ranked))
             advance()
     if as_json:
         documents = [

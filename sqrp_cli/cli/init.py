@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json
+from sqrp_cli.cli.options import Json, Seed
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
@@ -23,6 +23,10 @@ def command(
         str | None,
         typer.Option("--urdf", metavar="FILE", help="Your arm; without it, an arm that comes with the program."),
     ] = None,
+    random: Annotated[bool, typer.Option("--random", help="Fill it at random, for load tests.")] = False,
+    objects: Annotated[int, typer.Option("--objects", min=1, max=1500, help="With --random: so many cubes.")] = 9,
+    cameras: Annotated[int, typer.Option("--cameras", min=1, max=200, help="With --random: so many cameras.")] = 4,
+    seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
     """Make a new workspace with its skill.
@@ -32,8 +36,9 @@ def command(
     from sqrp_cli.cli.console import print_problems, say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.starter.make import make_starter
+    from sqrp_cli.starter.random_cell import Crowd
 
-    starter = make_starter(folder, urdf)
+    starter = make_starter(folder, urdf, Crowd(seed, objects, cameras) if random else None)
     print_problems(starter.warnings)
     if as_json:
         fields = {"workspace": str(starter.folder), "tool_link": starter.tip, "objects": list(starter.cubes)}

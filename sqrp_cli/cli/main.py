@@ -9,7 +9,8 @@ import sys
 import typer
 
 from sqrp_cli import __version__
-from sqrp_cli.cli import check, diff, explain, init, program, rank, schema, score, show
+from sqrp_cli.cli import audit, check, diff, explain, init, program, rank, schema, score, show
+from sqrp_cli.cli import run as run_program
 from sqrp_cli.errors import ExitCode, InputError
 
 UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
@@ -24,7 +25,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
-for module in (check, rank, explain, program, score, diff, show, schema, init):
+for module in (check, rank, explain, program, run_program, audit, score, diff, show, schema, init):
     app.command(module.NAME)(module.command)
 
 

@@ -11,6 +11,7 @@ from sqrp_cli.cli.options import Json
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 
 if TYPE_CHECKING:
+    from sqrp_cli.knowledge.workspace import Workspace
     from sqrp_cli.program import Program
 
 NAME = "program"
@@ -70,15 +71,15 @@ def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as
     from sqrp_cli.program import load_program
 
     program = load_program(file)
-    doubts = _doubts(program, file)
+    workspace, doubts = _judged(program, file)
     if (drop_last or export is not None) and doubts:
         raise InputError(*doubts)
     notes = []
     if drop_last:
         program, dropped = _without_last(program, file)
         notes.append(dropped)
-    if export is not None:
-        notes.append(_export(program, file, export, _read_rate(rate)))
+    if export is not None and workspace is not None:
+        notes.append(_export(program, workspace, file, export, _read_rate(rate)))
     print_problems(doubts)
     if as_json:
         say_raw(as_text(program_document(program, file, stale=bool(doubts))))
@@ -88,8 +89,8 @@ def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as
         note(text)
 
 
-def _doubts(program: Program, file: Path) -> list[Problem]:
-    """Why a program cannot be relied on: its workspace has changed, or is not there.
+def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Problem]]:
+    """The program's workspace, and why the program cannot be relied on: it has changed, or is not there.
 
     Raises InputError where it contradicts a workspace that has not changed.
     """
@@ -103,11 +104,11 @@ def _doubts(program: Program, file: Path) -> list[Problem]:
         workspace = load_workspace(path)
     except InputError as error:
         message = f"its workspace cannot be read, so whether it still holds is not known: {error.problems[0]}"
-        return [Problem("no-workspace", message, Place(file), severity="warning")]
+        return None, [Problem("no-workspace", message, Place(file), severity="warning")]
     if program.digest != workspace.digest:
-        return [replace(stale(program, file, workspace), severity="warning")]
+        return workspace, [replace(stale(program, file, workspace), severity="warning")]
     check_program(program, file, workspace)
-    return []
+    return workspace, []
 
 
 def _without_last(program: Program, file: Path) -> tuple[Program, str]:
@@ -121,8 +122,11 @@ def _without_last(program: Program, file: Path) -> tuple[Program, str]:
     return shorter, f"dropped step {len(program.steps)}, {program.steps[-1].short_task}, from {file}"
 
 
-def _export(program: Program, file: Path, target: Path, rate: float) -> str:
-    """Write the joint trajectory; returns what was written."""
+def _export(program: Program, workspace: Workspace, file: Path, target: Path, rate: float) -> str:
+    """Write the joint trajectory, for ROS without the fingers, which have a controller of their own.
+
+    Returns what was written.
+    """
     from sqrp_cli.files import write_atomically
     from sqrp_cli.joint_trajectory import FORMATS, YAML_MARK
 
@@ -133,7 +137,9 @@ def _export(program: Program, file: Path, target: Path, rate: float) -> str:
     if target.suffix.lower() != ".csv" and target.is_file() and not _begins_with(target, YAML_MARK):
         message = "this file is there already and is no exported trajectory; it was left as it is"
         raise InputError(Problem("would-overwrite", message, Place(target), mend="choose another name"))
-    write_atomically(target, FORMATS[target.suffix.lower()](program, rate))
+    arm = [joint for joint in program.joints if joint in workspace.robot.home]
+    joints = program.joints if target.suffix.lower() == ".csv" else arm
+    write_atomically(target, FORMATS[target.suffix.lower()](program, joints, rate))
     return f"{target} has a point every {1 / rate:g} s and at both ends of each primitive action"
 
 

@@ -70,7 +70,7 @@ def command(
     from sqrp_cli.cli.console import say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
-    from sqrp_cli.cli.report_page import check_report, write_report
+    from sqrp_cli.cli.report_page import check_report, write_ranking
     from sqrp_cli.cli.session import Session, world_before
     from sqrp_cli.programming.ranking import rank
 
@@ -86,16 +86,13 @@ def command(
     if not assessments:
         return ExitCode.INTERRUPTED
     ranking = rank(assessments, criterion)
-    document = _document(session, assessments, ranking, criterion, interrupted=interrupted)
+    if report is not None and not interrupted:
+        write_ranking(session, ranking, criterion, report, context.obj, job_count(jobs))
     if as_json:
-        say_raw(as_text(document))
+        say_raw(as_text(_document(session, assessments, ranking, criterion, interrupted=interrupted)))
     else:
         print_ranking(session, ranking, criterion)
-    if interrupted:
-        return ExitCode.INTERRUPTED
-    if report is not None:
-        write_report(session, ranking, document, report, context.obj, job_count(jobs))
-    return _write_chosen(session, ranking, choose, program)
+    return ExitCode.INTERRUPTED if interrupted else _write_chosen(session, ranking, choose, program)
 
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sqrp_cli.cli.console import Column, Styled, joined, percentage, plain, print_table, say
+from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say
 from sqrp_cli.cli.documents import percentiles
 from sqrp_cli.cli.session import Session
 from sqrp_cli.programming.assessment import Assessment
@@ -37,9 +37,7 @@ _CRITERION_WORDS: dict[Criterion, str] = {
 def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) -> None:
     """The table with a row per feasible candidate, the infeasible ones with reasons, and what to make of it."""
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
-    counts = f"{len(feasible)} of {len(ranking)} candidates can be done"
-    order = f", {_CRITERION_WORDS[by]}" if len(feasible) > 1 else ""
-    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {counts}{order}\n"]))
+    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {summary(ranking, by)}\n"]))
     if feasible:
         _print_feasible(feasible)
     if feasible:
@@ -58,10 +56,17 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
             say(f"Last is {last.candidate.name}: {last.verdict}")
         say(
             plain(
-                f"* none is better in all of Q_eoi, Q_avg and time. {_accuracy(session.assignment.sampling, feasible)}",
+                f"* none is better in all of Q_eoi, Q_avg and time. {accuracy(session.assignment.sampling, feasible)}",
                 "dim",
             )
         )
+
+
+def summary(ranking: Sequence[Ranked], by: Criterion) -> str:
+    """How many candidates can be done, and how they are ordered."""
+    feasible = sum(ranked.rank is not None for ranked in ranking)
+    order = f", {_CRITERION_WORDS[by]}" if feasible > 1 else ""
+    return f"{feasible} of {len(ranking)} candidates can be done{order}"
 
 
 def _print_calibration(session: Session, feasible: Sequence[Ranked], by: Criterion) -> None:
@@ -106,12 +111,12 @@ def _print_feasible(feasible: Sequence[Ranked]) -> None:
     print_table(columns, (_row(ranked, differing, faults) for ranked in feasible))
 
 
-def _row(ranked: Ranked, differing: Sequence[str], faults: Sequence[str]) -> list[Styled]:
+def _row(ranked: Ranked, differing: Sequence[str], faults: Sequence[str]) -> list[Cell]:
     assessment = ranked.assessment
     parameters = assessment.candidate.parameters
-    row: list[Styled] = [f"{ranked.rank}{' *' if ranked.pareto else ''}"]
+    row: list[Cell] = [f"{ranked.rank}{' *' if ranked.pareto else ''}"]
     row += [shown(parameters[name]) for name in differing]
-    row += [percentage(assessment.q_eoi), percentage(assessment.q_avg), f"{assessment.time:.2f}"]
+    row += [Share(assessment.q_eoi), Share(assessment.q_avg), f"{assessment.time:.2f}"]
     for fault in faults:
         row += _fault_cells(assessment.faults[fault])
     return row
@@ -167,7 +172,8 @@ def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
     return f"{rival} is as good"
 
 
-def _accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
+def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
+    """One sentence about how finely motions were sampled, and what that leaves open."""
     error = max(ranked.assessment.error or 0.0 for ranked in feasible)
     gap = max(ranked.assessment.largest_gap or 0.0 for ranked in feasible)
     match sampling:

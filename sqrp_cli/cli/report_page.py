@@ -4,21 +4,32 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sqrp_cli import __version__
 from sqrp_cli.cli.console import note, progress
-from sqrp_cli.cli.documents import Document
+from sqrp_cli.cli.documents import candidate_document
+from sqrp_cli.cli.rank_table import accuracy, differing_parameters, summary
 from sqrp_cli.cli.scene_document import scene_document
 from sqrp_cli.cli.session import Session, explain
 from sqrp_cli.cli.study_document import study_document
 from sqrp_cli.files import check_writable
-from sqrp_cli.programming.pipeline import in_processes
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.pipeline import Assignment, in_processes
+from sqrp_cli.programming.ranking import Criterion, Ranked
 from sqrp_cli.report.libraries import check_libraries
 from sqrp_cli.report.model import model_document
 from sqrp_cli.report.packing import packed, without_repetition
-from sqrp_cli.report.page import PageContent, write_page
+from sqrp_cli.report.page import CellScene, Entry, PageContent, write_page
+
+if TYPE_CHECKING:
+    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.programming.sampling import Sampling
+    from sqrp_cli.scoring.cells import ScoredCell
+    from sqrp_cli.scoring.findings import Findings
+    from sqrp_cli.scoring.score import TaskScore
 
 
 def check_report(path: Path) -> None:
@@ -27,33 +38,105 @@ def check_report(path: Path) -> None:
     check_libraries()
 
 
-def write_report(
-    session: Session, ranking: Sequence[Ranked], document: Document, path: Path, arguments: Sequence[str], jobs: int
+def write_ranking(
+    session: Session, ranking: Sequence[Ranked], by: Criterion, path: Path, arguments: Sequence[str], jobs: int
 ) -> None:
-    """Write the page about a ranking.
-
-    document: of the ranking. arguments: of the command. jobs: processes to use at most.
-    """
-    workspace = session.workspace
+    """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
+    workspace, assignment = session.workspace, session.assignment
     with progress("Writing the report", len(ranking)) as advance:
         details = []
-        for detail in in_processes(lambda ranked: _detail(session, ranked), ranking, min(jobs, len(ranking) // 2)):
+        for detail in in_processes(lambda ranked: _detail(assignment, ranked), ranking, min(jobs, len(ranking) // 2)):
             details.append(detail)
             advance()
-    about = (
-        ("command", shlex.join(["sqrp", *arguments])),
-        ("workspace", str(workspace.path)),
-        ("digest of its files", workspace.digest),
-        ("SQRP", __version__),
-    )
+    differing = differing_parameters([ranked.assessment.candidate for ranked in ranking])
+    entries = [_candidate(ranked, differing, detail) for ranked, detail in zip(ranking, details, strict=True)]
+    about = [*_origin(arguments), ("workspace", str(workspace.path)), ("digest of its files", workspace.digest)]
+    if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
+        about.append(("accuracy", accuracy(assignment.sampling, feasible)))
     title = f"{session.task.text} in {workspace.name}"
-    scene, model = scene_document(session.cell), model_document(session.cell)
-    write_page(PageContent(title, about, document, scene, model, details), path)
+    write_page(
+        PageContent(title, f"{summary(ranking, by)}.", "Candidates", about, entries, [_scene(session.cell)]), path
+    )
     note(f"open {path} in a browser")
 
 
-def _detail(session: Session, ranked: Ranked) -> str | None:
-    explained, found = explain(session, ranked)
+def write_scores(
+    cells: Sequence[ScoredCell],
+    findings: Findings,
+    sampling: Sampling,
+    path: Path,
+    arguments: Sequence[str],
+    jobs: int,
+) -> None:
+    """Write the page about scores, with the best candidate of each task.
+
+    sampling: of the motions. arguments: of the command. jobs: processes to use at most.
+    """
+    usable = [cell for cell in cells if cell.workspace is not None and cell.tasks]
+    scores = [result.score for result in findings.results]
+
+    def shown(cell: ScoredCell) -> tuple[CellScene | None, list[Entry]]:
+        own = [score for score in scores if score.workspace == cell.name]
+        if cell.workspace is None or all(score.best is None for score in own):
+            return None, [_score(score, None, None) for score in own]
+        return _scored(cell.workspace, own, sampling)
+
+    scenes: list[CellScene] = []
+    entries: list[Entry] = [_score(score, None, None) for score in scores if score.task is None]
+    with progress("Writing the report", len(usable)) as advance:
+        for scene, found in in_processes(shown, usable, min(jobs, len(usable))):
+            entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
+            scenes += [] if scene is None else [scene]
+            advance()
+    about = [*_origin(arguments)]
+    about += [(f"digest of {cell.name}", cell.workspace.digest) for cell in usable if cell.workspace is not None]
+    passed = (
+        f"{findings.count('passed')} of {len(findings.results)} tasks passed; of each, the best candidate is shown."
+    )
+    write_page(PageContent("Scores", passed, "Tasks", about, entries, scenes), path)
+    note(f"open {path} in a browser")
+
+
+def _scored(workspace: Workspace, scores: Sequence[TaskScore], sampling: Sampling) -> tuple[CellScene, list[Entry]]:
+    cell = Cell.load(workspace)
+    assignment = Assignment(cell, workspace.initial_world, sampling)
+    details = [None if score.best is None else _detail(assignment, score.best) for score in scores]
+    return _scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
+
+
+def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> Entry:
+    assessment = ranked.assessment
+    parameters = assessment.candidate.parameters
+    mark = "infeasible" if ranked.rank is None else f"{ranked.rank}"
+    labels = {name: parameters[name] for name in differing}
+    return Entry(assessment.candidate.name, mark, labels, candidate_document(ranked), assessment.reasons, 0, detail)
+
+
+def _score(score: TaskScore, scene: int | None, detail: str | None) -> Entry:
+    best = score.best
+    task = score.task or ""
+    labels = {
+        "workspace": score.workspace,
+        "task": task,
+        "best": "" if best is None else best.assessment.candidate.name,
+    }
+    # How the best compares with the others of its task says nothing about the other rows.
+    candidate = None if best is None else {**candidate_document(best), "pareto": False}
+    return Entry(
+        ", ".join(filter(None, labels.values())), score.status, labels, candidate, score.reasons, scene, detail
+    )
+
+
+def _scene(cell: Cell) -> CellScene:
+    return CellScene(scene_document(cell), packed(model_document(cell)))
+
+
+def _origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
+    return [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
+
+
+def _detail(assignment: Assignment, ranked: Ranked) -> str | None:
+    explained, found = explain(assignment, ranked)
     if found is None:
         return None
-    return packed(without_repetition(study_document(session.cell, found, explained, session.assignment.sampling)))
+    return packed(without_repetition(study_document(assignment.cell, found, explained, assignment.sampling)))

@@ -7,7 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Tolerance, job_count, read_sampling
+from sqrp_cli.cli.options import (
+    Jobs,
+    Json,
+    Report,
+    SampleCount,
+    SampleStep,
+    Seed,
+    Tolerance,
+    job_count,
+    read_sampling,
+)
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
@@ -35,6 +45,7 @@ Allow = Annotated[
 
 
 def command(
+    context: typer.Context,
     paths: Paths,
     baseline: Annotated[
         Path | None, typer.Option("--baseline", metavar="FILE", help="Fail where something is worse than in this file.")
@@ -48,9 +59,21 @@ def command(
         Path | None, typer.Option("--junit", metavar="FILE", help="Write a JUnit file for a CI server.")
     ] = None,
     summary: Annotated[Path | None, typer.Option("--summary", metavar="FILE", help="Write a Markdown summary.")] = None,
+    report: Report = None,
     out: Out = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with an interrupted run; needs its --out.")] = False,
     cluster: Cluster = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option("--vary", metavar="PATH=FROM:TO:N", help="Score variants of a workspace, and name the best."),
+    ] = None,
+    draws: Annotated[
+        int | None, typer.Option("--draws", min=1, max=10_000, help="With --vary: so many at random, not a grid.")
+    ] = None,
+    patch: Annotated[
+        Path | None, typer.Option("--patch", metavar="FILE", help="With --vary: where the best variant is written to.")
+    ] = None,
+    seed: Seed = 0,
     samples: SampleCount = None,
     dt: SampleStep = None,
     tolerance: Tolerance = None,
@@ -61,17 +84,29 @@ def command(
 
     Each task's best candidate is held against the thresholds that its workspace states, and against a baseline.
     """
+    from sqrp_cli.cli.report_page import check_report, write_scores
     from sqrp_cli.cli.score_run import Outputs, ScoreRun
+    from sqrp_cli.cli.sweep_run import SweepRequest, run_sweep
 
     if resume and out is None:
         mend = "name the folder of the interrupted run: --out DIR --resume"
         raise InputError(Problem("bad-option", "--resume needs the folder with the results", mend=mend))
+    sampling = read_sampling(samples, dt, tolerance)
+    if vary:
+        if any((baseline, save_baseline, junit, summary, report)):
+            raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
+        request = SweepRequest(paths, tuple(vary), draws, seed, patch)
+        return run_sweep(request, sampling, job_count(jobs), cluster, out, as_json=as_json)
     outputs = Outputs(junit, summary, save_baseline)
     outputs.check()
-    with ScoreRun.open(paths, read_sampling(samples, dt, tolerance), job_count(jobs), cluster, out) as run:
+    if report is not None:
+        check_report(report)
+    with ScoreRun.open(paths, sampling, job_count(jobs), cluster, out) as run:
         findings = run.findings(baseline, allow)
         if not findings.interrupted:
             run.write(findings, outputs)
+    if report is not None and findings.results and not findings.interrupted:
+        write_scores(run.cells, findings, sampling, report, context.obj, job_count(jobs))
     return show(findings, as_json=as_json)
 
 

@@ -63,11 +63,11 @@ def _world_after(path: Path, workspace: Workspace) -> World:
     return program.steps[-1].after.world if program.steps else workspace.initial_world
 
 
-def explain(session: Session, ranked: Ranked) -> tuple[Ranked, Study | None]:
+def explain(assignment: Assignment, ranked: Ranked) -> tuple[Ranked, Study | None]:
     """A candidate with the study of every camera's verdicts and the figures of that; no study if it is infeasible."""
     if ranked.rank is None:
         return ranked, None
-    cell, assignment = session.cell, session.assignment
+    cell = assignment.cell
     found = study(cell, ranked.assessment.candidate, assignment.world, assignment.sampling, full=True)
     if isinstance(found, Infeasible):
         raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")

@@ -95,12 +95,12 @@ def _numbers(
         numbers, stated, expected = entry, count, str(count)
     else:
         path = (key, "data")
-        numbers, stated, expected = entry.data, entry.rows * entry.cols, f"{entry.rows} x {entry.cols} = "
-        expected += str(stated)
+        numbers, stated = entry.data, entry.rows * entry.cols
+        expected = f"`rows` x `cols` = {entry.rows} x {entry.cols} = {stated}"
     if stated is not None and stated != len(numbers):
         raise InputError(document.problem("wrong-length", path, f"found {len(numbers)} numbers, expected {expected}"))
     if count is not None and len(numbers) != count:
-        raise InputError(document.problem("wrong-length", path, f"found {expected}, expected 3 x 3"))
+        raise InputError(document.problem("wrong-length", path, f"found {expected} numbers, expected 3 x 3"))
     return path, numbers
 
 

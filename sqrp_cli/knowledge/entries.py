@@ -21,6 +21,7 @@ from pydantic_core import PydanticCustomError
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, rpy_to_matrix
 from sqrp_cli.knowledge import units
+from sqrp_cli.knowledge.bounds import LARGEST, LARGEST_LENGTH, SHORTEST_DIRECTION, SMALLEST_SIZE
 from sqrp_cli.knowledge.source import describe
 from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity, read_quantity
 
@@ -90,15 +91,22 @@ def _schema(*dimensions: Dimension) -> WithJsonSchema:
     return WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}], "description": described})
 
 
-Length = Annotated[float, BeforeValidator(quantity(units.LENGTH)), _schema(units.LENGTH)]
-Angle = Annotated[float, BeforeValidator(quantity(units.ANGLE)), _schema(units.ANGLE)]
-Time = Annotated[float, BeforeValidator(quantity(units.TIME)), Field(ge=0), _schema(units.TIME)]
-Frequency = Annotated[float, BeforeValidator(quantity(units.FREQUENCY)), Field(gt=0), _schema(units.FREQUENCY)]
-Pixels = Annotated[float, BeforeValidator(quantity(units.PIXELS)), Field(ge=0), _schema(units.PIXELS)]
+_Bounded = Field(ge=-LARGEST, le=LARGEST)
+_BoundedLength = Field(ge=-LARGEST_LENGTH, le=LARGEST_LENGTH)
+_BoundedDistance = Field(ge=0, le=LARGEST_LENGTH)
+_BoundedSize = Field(ge=SMALLEST_SIZE, le=LARGEST_LENGTH)
+
+Length = Annotated[float, BeforeValidator(quantity(units.LENGTH)), _BoundedLength, _schema(units.LENGTH)]
+Angle = Annotated[float, BeforeValidator(quantity(units.ANGLE)), _Bounded, _schema(units.ANGLE)]
+Time = Annotated[float, BeforeValidator(quantity(units.TIME)), Field(ge=0, le=LARGEST), _schema(units.TIME)]
+Frequency = Annotated[
+    float, BeforeValidator(quantity(units.FREQUENCY)), Field(ge=1e-3, le=LARGEST), _schema(units.FREQUENCY)
+]
+Pixels = Annotated[float, BeforeValidator(quantity(units.PIXELS)), Field(ge=0, le=LARGEST), _schema(units.PIXELS)]
 Share = Annotated[float, BeforeValidator(quantity(units.SHARE)), Field(ge=0, le=1), _schema(units.SHARE)]
-Distance = Annotated[float, BeforeValidator(quantity(units.LENGTH)), Field(ge=0), _schema(units.LENGTH)]
-Size = Annotated[float, BeforeValidator(quantity(units.LENGTH)), Field(gt=0), _schema(units.LENGTH)]
-Number = Annotated[float, BeforeValidator(quantity()), WithJsonSchema({"type": "number"})]
+Distance = Annotated[float, BeforeValidator(quantity(units.LENGTH)), _BoundedDistance, _schema(units.LENGTH)]
+Size = Annotated[float, BeforeValidator(quantity(units.LENGTH)), _BoundedSize, _schema(units.LENGTH)]
+Number = Annotated[float, BeforeValidator(quantity()), _Bounded, WithJsonSchema({"type": "number"})]
 
 
 def _joint_quantity(value: object) -> Quantity:
@@ -108,6 +116,9 @@ def _joint_quantity(value: object) -> Quantity:
         raise PydanticCustomError(
             "wrong-unit", "{message}", {"message": f"found {describe(value)}, expected {expected}"}
         )
+    if abs(read.value) > LARGEST:
+        message = f"found {describe(value)}, expected a number of at most {LARGEST:g} in size"
+        raise PydanticCustomError("wrong-value", "{message}", {"message": message})
     return read
 
 
@@ -192,7 +203,7 @@ class CameraPose(Pose):
             raise PydanticCustomError("conflicting-keys", "`look_at` and an orientation are both given; keep one")
         if max(abs(a - b) for a, b in zip(self.look_at, self.position, strict=True)) < 1e-6:
             raise PydanticCustomError("not-a-rotation", "`look_at` is the position of the camera itself")
-        if not any(self.up):
+        if max(map(abs, self.up)) < SHORTEST_DIRECTION:
             raise PydanticCustomError("not-a-rotation", "`up` has length 0")
         return self
 

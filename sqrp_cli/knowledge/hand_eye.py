@@ -49,18 +49,21 @@ class _Transformation(ForeignEntry):
     qw: Number
 
 
-class _Vector(ForeignEntry):
+class _Translation(ForeignEntry):
+    x: Length
+    y: Length
+    z: Length
+
+
+class _Quaternion(ForeignEntry):
     x: Number
     y: Number
     z: Number
-
-
-class _Quaternion(_Vector):
     w: Number
 
 
 class _Transform(ForeignEntry):
-    translation: _Vector
+    translation: _Translation
     rotation: _Quaternion
 
 

@@ -178,5 +178,5 @@ def _check_tasks(
             yield document.problem("unknown-skill", ("tasks", index, "task"), message)
         winner = task.thresholds.winner
         if winner is not None and winner not in objects:
-            message = f"found `{winner}`; {expected_names(winner, objects)}"
+            message = f"found `{winner}`, which is no object; {expected_names(winner, objects)}"
             yield document.problem("unknown-object", ("tasks", index, "winner"), message)

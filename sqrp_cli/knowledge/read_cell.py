@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.hand_eye import HandEye, read_hand_eye
+from sqrp_cli.knowledge.mesh_file import check_mesh
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere, object_types
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted
 from sqrp_cli.knowledge.workspace_file import CameraEntry, ObjectEntry, PartEntry, WorkspaceFile
@@ -26,9 +27,6 @@ UNKNOWN = "unknown"
 
 R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 """Axes of an optical frame (x right, y down, z forward) in a body frame (x forward, y left, z up); REP 103."""
-
-MAX_MESH_BYTES = 200_000_000
-"""Largest mesh file that is read."""
 
 _FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
 
@@ -148,7 +146,11 @@ class CellReader:
             self.problems.append(problem)
         if entry.on is not None and (entry.on == name or entry.on not in self.file.objects):
             others = [other for other in self.file.objects if other != name]
-            self._report("unknown-object", (*path, "on"), f"found `{entry.on}`; {expected_names(entry.on, others)}")
+            self._report(
+                "unknown-object",
+                (*path, "on"),
+                f"found `{entry.on}`, which is no object; {expected_names(entry.on, others)}",
+            )
         if entry.fixed and entry.pose == UNKNOWN:
             self._report(
                 "wrong-value", (*path, "pose"), "found `unknown`, expected a pose, because the object is fixed"
@@ -215,7 +217,9 @@ class CellReader:
             entry = self.file.objects.get(argument)
             if entry is None:
                 self._report(
-                    "unknown-object", path, f"found `{argument}`; {expected_names(argument, self.file.objects)}"
+                    "unknown-object",
+                    path,
+                    f"found `{argument}`, which is no object; {expected_names(argument, self.file.objects)}",
                 )
             elif not domain.fits(object_types(entry.type, entry.fixed), parameter.type):
                 message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
@@ -224,12 +228,9 @@ class CellReader:
 
 
 def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:
-    """Add a mesh file to the digest. Raises InputError if it is too large or cannot be read."""
+    """Add a mesh file to the digest. Raises InputError if it is too large, damaged or cannot be read."""
     try:
-        size = path.stat().st_size
-        if size > MAX_MESH_BYTES:
-            message = f"the mesh {path} has {size:,} bytes, the limit is {MAX_MESH_BYTES:,}"
-            raise InputError(Problem("file-too-large", message, place, mend="simplify the mesh"))
+        check_mesh(path)
         digest.add_file(role, path)
     except OSError as error:
         raise InputError(Problem("unreadable-file", f"{path}: {error.strerror}", place)) from error

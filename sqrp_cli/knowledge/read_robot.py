@@ -10,6 +10,7 @@ from pathlib import Path
 from sqrp_cli.errors import Place, Problem, expected_names
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge import packages, units
+from sqrp_cli.knowledge.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.read_cell import add_mesh
 from sqrp_cli.knowledge.robot import Fingers, JointLimits, Marker, Robot, Tool
@@ -275,9 +276,10 @@ class RobotReader:
                 )
             elif quantity.dimension not in (None, dimensions[name]):
                 self._wrong_unit(paths[name], quantity, dimensions[name])
-        if any(quantity.value <= 0.0 for quantity in values.values()):
-            wrong = next(name for name, quantity in values.items() if quantity.value <= 0.0)
-            self._report("wrong-value", paths[wrong], f"found {values[wrong].value:g}, expected a value above 0")
+        wrong = next((name for name, quantity in values.items() if quantity.value < SMALLEST_LIMIT), None)
+        if wrong is not None:
+            expected = f"expected a value above 0, at least {SMALLEST_LIMIT:g}"
+            self._report("wrong-value", paths[wrong], f"found {values[wrong].value:g}, {expected}")
         return {name: quantity.value for name, quantity in values.items()}
 
     def _wrong_unit(self, path: KeyPath, quantity: Quantity, *dimensions: Dimension) -> None:

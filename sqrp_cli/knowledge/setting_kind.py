@@ -8,6 +8,7 @@ import numpy as np
 
 from sqrp_cli.errors import nearest
 from sqrp_cli.knowledge import units
+from sqrp_cli.knowledge.bounds import LARGEST, SMALLEST_LIMIT
 from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
 
 SIDES = ("+x", "-x", "+y", "-y", "+z", "-z")
@@ -15,12 +16,11 @@ SIDES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
 @dataclass(frozen=True)
 class Kind:
-    """What a setting may be: a quantity of a dimension within bounds (the lower one excluded if `above`), or a word."""
+    """What a setting may be: a quantity of a dimension within bounds, or a word."""
 
     dimension: Dimension | None = None
     least: float = -np.inf
     most: float = np.inf
-    above: bool = False
     words: tuple[str, ...] = ()
 
     def complaint(self, value: Quantity | str) -> tuple[str, str] | None:
@@ -34,9 +34,8 @@ class Kind:
         if self.dimension is None or value.dimension not in (None, self.dimension):
             found = value.dimension.name if value.dimension else f"`{value.value:g}`"
             return "wrong-unit", f"found {found}, expected {self._expected()}"
-        if value.value < self.least or (self.above and value.value <= self.least):
-            bound = f"{'above' if self.above else 'of at least'} {self.least:g}"
-            return "wrong-value", f"found {value.value:g}, expected a value {bound}"
+        if value.value < self.least:
+            return "wrong-value", f"found {value.value:g}, expected a value of at least {self.least:g}"
         if value.value > self.most:
             return "wrong-value", f"found {value.value:g}, expected a value of at most {self.most:g}"
         return None
@@ -47,11 +46,11 @@ class Kind:
         return "one of " + ", ".join(f"`{word}`" for word in self.words)
 
 
-YAW = Kind(units.ANGLE)
+YAW = Kind(units.ANGLE, least=-LARGEST, most=LARGEST)
 SIDE = Kind(words=SIDES)
 DISTANCE = Kind(units.LENGTH, least=0.0, most=100.0)
 SPEED_SHARE = Kind(units.SHARE, least=0.001, most=1.0)
-SPEED = Kind(units.SPEED, least=0.0, above=True)
-ACCELERATION = Kind(units.ACCELERATION, least=0.0, above=True)
-JERK = Kind(units.JERK, least=0.0, above=True)
+SPEED = Kind(units.SPEED, least=SMALLEST_LIMIT, most=LARGEST)
+ACCELERATION = Kind(units.ACCELERATION, least=SMALLEST_LIMIT, most=LARGEST)
+JERK = Kind(units.JERK, least=SMALLEST_LIMIT, most=LARGEST)
 DURATION = Kind(units.TIME, least=0.0, most=3600.0)

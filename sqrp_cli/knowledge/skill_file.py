@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, PlainSerializer, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
+from sqrp_cli.knowledge.bounds import SHORTEST_DIRECTION
 from sqrp_cli.knowledge.entries import (
     Direction,
     Entry,
@@ -223,7 +224,7 @@ class BoxEntry(Entry):
             raise PydanticCustomError("conflicting-keys", "`at` and `margin` go with `fits`, not with `size`")
         if (self.at is None) == (self.fits is not None and self.frame == "tool"):
             raise PydanticCustomError("conflicting-keys", "`at` is needed with `fits` in frame `tool`, and only there")
-        if self.normal is not None and not any(self.normal):
+        if self.normal is not None and max(map(abs, self.normal)) < SHORTEST_DIRECTION:
             raise PydanticCustomError("wrong-value", "`normal` has length 0")
         if self.size is not None and min(self.size) < 0.002 and self.normal is None:
             raise PydanticCustomError("missing-key", "a box with a side under 2 mm needs a `normal`")

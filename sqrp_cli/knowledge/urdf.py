@@ -1,7 +1,7 @@
 """Robot descriptions in URDF: links with their solid geometry, and the joints between them.
 
-The format: http://wiki.ros.org/urdf/XML. Inertias, transmissions, sensors, materials and simulator extensions are not
-read. A `<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.
+The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and simulator extensions are not read. A
+`<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
+from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.robot import Geometry
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 from sqrp_cli.knowledge.xml_file import Element, read_xml
@@ -51,12 +52,26 @@ class LinkGeometry:
 
 
 @dataclass(frozen=True, eq=False)
+class Inertial:
+    """How heavy a link is.
+
+    mass [kg]. X_LI: pose of the inertial frame, whose origin is the centre of mass, in the link, shape (4, 4).
+    inertia: about the centre of mass, along the axes of that frame [kg m^2], shape (3, 3).
+    """
+
+    mass: float
+    X_LI: Array
+    inertia: Array
+
+
+@dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A link with everything solid on it, in file order."""
+    """A link with everything solid on it, in file order; inertial is None where the URDF gives none."""
 
     name: str
     collision: tuple[LinkGeometry, ...]
     visual: tuple[LinkGeometry, ...]
+    inertial: Inertial | None
     place: Place
 
     def geometry(self, preferred: Geometry) -> tuple[LinkGeometry, ...]:
@@ -81,7 +96,7 @@ class UrdfJoint:
     X_PJ: pose of the joint, and of the child link when the joint is at 0, in the parent link, shape (4, 4).
     axis: unit vector in the joint's frame, shape (3,); of no meaning for a fixed joint.
     lower, upper: position limits [rad or m], infinite for a continuous joint. velocity: limit [rad/s or m/s], None if
-    the URDF gives none (0 means the same). mimic: never set for a fixed joint.
+    the URDF gives none (0 means the same). effort: limit [Nm or N], likewise. mimic: never set for a fixed joint.
     """
 
     name: str
@@ -93,6 +108,7 @@ class UrdfJoint:
     lower: float
     upper: float
     velocity: float | None
+    effort: float | None
     mimic: Mimic | None
     place: Place
 
@@ -188,7 +204,19 @@ def _unique(items: Iterable[_Named]) -> dict[str, _Named]:
 def _link(element: Element) -> UrdfLink:
     collision = tuple(_geometry(child) for child in element.all("collision"))
     visual = tuple(_geometry(child) for child in element.all("visual"))
-    return UrdfLink(element.text("name"), collision, visual, element.place)
+    return UrdfLink(element.text("name"), collision, visual, _inertial(element), element.place)
+
+
+def _inertial(link: Element) -> Inertial | None:
+    inertial = link.first("inertial")
+    if inertial is None or inertial.first("mass") is None:
+        return None
+    moments = inertial.first("inertia")
+    xx, xy, xz, yy, yz, zz = (
+        0.0 if moments is None else moments.number(key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
+    mass = inertial.need("mass").number("value")
+    return Inertial(mass, _origin(inertial), read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
 def _geometry(element: Element) -> LinkGeometry:
@@ -229,6 +257,8 @@ def _joint(element: Element) -> UrdfJoint:
         raise element.error("unknown-joint-type", f"joint `{name}` has the unknown type `{kind}`; {expected}")
     joint_type = _JOINT_TYPES[_JOINT_TYPES.index(kind)]
     lower, upper, velocity = _limits(element, name, joint_type)
+    limit = element.first("limit")
+    effort = None if limit is None else limit.number("effort", 0.0)
     return UrdfJoint(
         name=name,
         type=joint_type,
@@ -239,6 +269,7 @@ def _joint(element: Element) -> UrdfJoint:
         lower=lower,
         upper=upper,
         velocity=velocity,
+        effort=effort if effort and effort > 0.0 else None,
         mimic=None if joint_type == "fixed" else _mimic(element),
         place=element.place,
     )
@@ -263,12 +294,12 @@ def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, 
         if joint_type == "continuous":
             return -math.inf, math.inf, None
         raise element.error("missing-limit", f"joint `{name}` is {joint_type} but has no <limit>")
-    velocity = limit.number("velocity", 0.0)
+    velocity = limit.number("velocity", 0.0, NO_LIMIT)
     if velocity < 0.0:
         raise limit.error("wrong-value", f"`velocity` is {velocity:g}, expected a positive number")
     if joint_type == "continuous":
         return -math.inf, math.inf, velocity or None
-    lower, upper = (limit.number(bound, 0.0) for bound in ("lower", "upper"))
+    lower, upper = (limit.number(bound, 0.0, NO_LIMIT) for bound in ("lower", "upper"))
     if lower > upper:
         message = f"joint `{name}` has a lower limit of {lower:g}, above its upper limit of {upper:g}"
         raise limit.error("wrong-value", message)
@@ -287,16 +318,16 @@ def _origin(element: Element) -> Array:
     origin = element.first("origin")
     if origin is None:
         return read_only(np.eye(4))
-    xyz, rpy = (origin.numbers(key, 3, (0.0, 0.0, 0.0)) for key in ("xyz", "rpy"))
+    xyz = origin.numbers("xyz", 3, (0.0, 0.0, 0.0), LARGEST_LENGTH)
+    rpy = origin.numbers("rpy", 3, (0.0, 0.0, 0.0))
     return read_only(pose(rpy_to_matrix(rpy), xyz))
 
 
 def _positive(element: Element, attribute: str, count: int) -> tuple[float, ...]:
-    numbers = element.numbers(attribute, count)
-    if min(numbers) <= 0.0:
-        raise element.error(
-            "wrong-value", f"{element}: `{attribute}` is `{element.text(attribute)}`, expected it above 0"
-        )
+    numbers = element.numbers(attribute, count, most=LARGEST_LENGTH)
+    if min(numbers) < SMALLEST_SIZE:
+        found = f"{element}: `{attribute}` is `{element.text(attribute)}`"
+        raise element.error("wrong-value", f"{found}, expected it above 0, at least {SMALLEST_SIZE:g}")
     return numbers
 
 

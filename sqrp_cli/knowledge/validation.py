@@ -76,7 +76,8 @@ def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
         code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
         expected = _EXPECTED[kind].format(**context) + or_mapping
         return [document.problem(code, path, f"found {found}, expected {expected}")]
-    return [document.problem(kind.replace("_", "-"), path, details["msg"])]
+    code = "wrong-value" if kind == "value_error" else kind.replace("_", "-")
+    return [document.problem(code, path, details["msg"].removeprefix("Value error, "))]
 
 
 def _wrong_word(found: object, expected: str) -> str:

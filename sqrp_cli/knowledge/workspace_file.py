@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
+from sqrp_cli.knowledge.bounds import SMALLEST_SIZE
 from sqrp_cli.knowledge.camera import DistortionModel
 from sqrp_cli.knowledge.detector import DetectorKind
 from sqrp_cli.knowledge.entries import (
@@ -134,8 +135,8 @@ class ImageEntry(Entry):
     horizontal_fov: Angle | None = Field(
         default=None, description="Angle from the left to the right edge; square pixels."
     )
-    fx: Pixels | None = Field(default=None, gt=0, description="Focal length along x.")
-    fy: Pixels | None = Field(default=None, gt=0, description="Focal length along y; default fx.")
+    fx: Pixels | None = Field(default=None, ge=0.1, description="Focal length along x.")
+    fy: Pixels | None = Field(default=None, ge=0.1, description="Focal length along y; default fx.")
     cx: Number | None = Field(
         default=None, description="Principal point; default the middle of the image, (width - 1) / 2."
     )
@@ -220,6 +221,8 @@ class PartEntry(Entry):
         if sum(getattr(self, shape) is not None for shape in shapes) != 1:
             keys = ", ".join(f"`{shape}`" for shape in shapes)
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys {keys}", {"keys": keys})
+        if min(map(abs, self.scale)) < SMALLEST_SIZE:
+            raise PydanticCustomError("wrong-value", "`scale` has a zero, which would flatten the mesh")
         return self
 
 

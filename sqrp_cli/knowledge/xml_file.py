@@ -9,12 +9,16 @@ from pathlib import Path
 from xml.parsers import expat
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
+from sqrp_cli.knowledge.bounds import LARGEST
 from sqrp_cli.knowledge.source import excerpt, read_bytes
 
 MAX_BYTES = 10_000_000
 """Largest XML file that is read."""
 MAX_DEPTH = 64
 """Deepest nesting of elements."""
+
+
+_TAG_MISMATCH = expat.errors.codes[expat.errors.XML_ERROR_TAG_MISMATCH]
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +54,13 @@ class Element:
             raise self.error("missing-attribute", f"{self} has no `{attribute}`{hint}")
         return value
 
-    def numbers(self, attribute: str, count: int, default: tuple[float, ...] | None = None) -> tuple[float, ...]:
+    def numbers(
+        self, attribute: str, count: int, default: tuple[float, ...] | None = None, most: float = LARGEST
+    ) -> tuple[float, ...]:
         """The `count` numbers of an attribute; the default if it is missing and there is one.
 
-        Raises InputError if they are not that many finite numbers, or if the attribute is missing without a default.
+        Raises InputError if they are not that many finite numbers, none larger than `most`, or if the attribute is
+        missing without a default.
         """
         if default is not None and attribute not in self.attributes:
             return default
@@ -65,11 +72,14 @@ class Element:
         if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
             expected = "a finite number" if count == 1 else f"{count} finite numbers"
             raise self.error("wrong-value", f"{self}: `{attribute}` is `{text}`, expected {expected}")
+        if max(map(abs, numbers)) > most:
+            message = f"{self}: `{attribute}` is `{text}`, expected at most {most:g} in size"
+            raise self.error("wrong-value", message)
         return numbers
 
-    def number(self, attribute: str, default: float | None = None) -> float:
+    def number(self, attribute: str, default: float | None = None, most: float = LARGEST) -> float:
         """As `numbers`, for one number."""
-        return self.numbers(attribute, 1, None if default is None else (default,))[0]
+        return self.numbers(attribute, 1, None if default is None else (default,), most)[0]
 
     def error(self, code: str, message: str) -> InputError:
         """An error about this element."""
@@ -104,6 +114,12 @@ def read_xml(path: Path, root_tag: str) -> Element:
     def end(_tag: str) -> None:
         open_elements.pop()
 
+    def unclosed(error: expat.ExpatError) -> str:
+        if error.code != _TAG_MISMATCH or not open_elements:
+            return expat.ErrorString(error.code)
+        element = open_elements[-1]
+        return f"{element} of line {element.place.line} is not closed before another closing tag"
+
     def refuse_entity(name: str, *_declaration: object) -> None:
         raise InputError(Problem("xml-entity", f"declares the entity `{name}`; entities are not accepted", here()))
 
@@ -114,7 +130,7 @@ def read_xml(path: Path, root_tag: str) -> Element:
     except expat.ExpatError as error:
         lines = content.decode("utf-8", errors="replace").splitlines()
         line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
-        message = f"not well-formed XML: {expat.ErrorString(error.code)}"
+        message = f"not well-formed XML: {unclosed(error)}"
         place = Place(path, error.lineno, error.offset + 1)
         raise InputError(Problem("xml-syntax", message, place, excerpt=excerpt(line, error.offset + 1))) from error
     root = top[0]

@@ -6,6 +6,8 @@ before it is believed. The library comes with the extra `planners`, engines with
 
 from __future__ import annotations
 
+import contextlib
+import tempfile
 from typing import Any
 
 from sqrp_cli.errors import InputError, Problem, expected_names
@@ -67,7 +69,9 @@ def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult: 
         if not planner.supports(problem.kind):
             message = f"the planner `{name}` cannot plan with negative or disjunctive conditions, which are needed here"
             raise InputError(Problem("planner-too-weak", message, mend="leave --planner out"))
-        result = planner.solve(problem, timeout=TIME_LIMIT)
+        # Engines leave files in the working folder, and two at once would read each other's.
+        with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+            result = planner.solve(problem, timeout=TIME_LIMIT)
     if result.plan is not None:
         steps = [task.actions[int(instance.action.name.removeprefix("a"))] for instance in result.plan.actions]
         state = task.initial
@@ -80,10 +84,15 @@ def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult: 
         if not task.goal.holds(state):
             raise _wrong_plan(name, "it does not reach the goal")
         return Plan(tuple(step.step for step in steps))
-    if result.status == Status.UNSOLVABLE_PROVEN:
-        return ProvenImpossible(())
-    ended = "its search" if result.status == Status.UNSOLVABLE_INCOMPLETELY else f"{TIME_LIMIT:g} s"
-    return GaveUp(f"{ended} by `{name}`")
+    match result.status:
+        case Status.UNSOLVABLE_PROVEN:
+            return ProvenImpossible(())
+        case Status.UNSOLVABLE_INCOMPLETELY:
+            return GaveUp(f"the incomplete search of `{name}`")
+        case Status.TIMEOUT | Status.MEMOUT:
+            return GaveUp(f"{TIME_LIMIT:g} s by `{name}`")
+    message = f"the planner `{name}` failed: {result.status.name.lower().replace('_', ' ')}"
+    raise InputError(Problem("planner-failed", message, mend="leave --planner out"))
 
 
 def _wrong_plan(name: str, why: str) -> InputError:

@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import BOX_SIGNS, Array, read_only, transform
+from sqrp_cli.knowledge.bounds import LARGEST_LENGTH
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
-
-MAX_TRIANGLES = 2_000_000
-"""Largest mesh that is accepted; above it a whole-cell computation would take minutes."""
 
 SIDES = 48
 """Sides of the prisms that stand for round shapes where triangles are needed.
@@ -59,7 +57,7 @@ class Solid:
 def load_solid(part: Part) -> Solid:
     """Make the solid of a part; meshes are read once per file and scale.
 
-    Raises InputError for a mesh that cannot be read, is empty or has more than `MAX_TRIANGLES` triangles.
+    Raises InputError for a mesh that cannot be read, is empty or reaches too far. Files have passed `check_mesh`.
     """
     geometry, shape_vertices, triangles = _load_shape(part.shape)
     vertices = transform(part.X_PG, shape_vertices)
@@ -108,11 +106,12 @@ def _load_mesh(path: Path, scale: tuple[float, float, float]) -> tuple[Any, Arra
     count = geometry.num_tris
     if count == 0:
         raise InputError(Problem("mesh-empty", "this mesh has no triangles", Place(path)))
-    if count > MAX_TRIANGLES:
-        message = f"this mesh has {count:,} triangles, more than the limit of {MAX_TRIANGLES:,}; simplify it first"
-        raise InputError(Problem("mesh-too-large", message, Place(path)))
+    vertices = np.array(geometry.vertices())
+    if not (np.abs(vertices) <= LARGEST_LENGTH).all():
+        message = f"this mesh reaches further than {LARGEST_LENGTH:g} m from its origin, or has vertices without place"
+        raise InputError(Problem("mesh-too-large", message, Place(path), mend="check its `scale`"))
     triangles = np.array([[t[0], t[1], t[2]] for t in map(geometry.tri_indices, range(count))], dtype=np.int64)
-    return geometry, np.array(geometry.vertices()), triangles
+    return geometry, vertices, triangles
 
 
 def _prism(radius: float, length: float) -> tuple[Array, NDArray[np.int64]]:

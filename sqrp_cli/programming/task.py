@@ -60,7 +60,8 @@ def read_task(text: str, workspace: Workspace) -> Task:
         )
     skill = workspace.skills.get(words[0])
     if skill is None:
-        message = f"there is no skill `{words[0]}`; {expected_names(words[0], workspace.skills)}"
+        known = expected_names(words[0], workspace.skills)
+        message = f"there is no skill `{words[0]}` under `skills` in {workspace.path}; {known}"
         raise InputError(Problem("unknown-skill", message))
     settings = _settings([word for word in words[1:] if "=" in word], skill)
     filters = [word for word in words[1:] if "=" not in word]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sensing.projection import Projection
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.report.lens import directions
 from sqrp_cli.report.paint import Color

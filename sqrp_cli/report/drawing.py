@@ -12,8 +12,8 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import BOX_SIGNS, Array
+from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.sensing.limits import convex_hull
-from sqrp_cli.programming.sensing.projection import Projection
 from sqrp_cli.report.camera_image import Image
 from sqrp_cli.report.packing import visible
 from sqrp_cli.report.paint import Color

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.sensing.projection import Projection
+from sqrp_cli.knowledge.projection import Projection
 
 CLOSE = 1e-2
 """How exactly a direction leads back to its pixel [pixels]."""

@@ -1,11 +1,11 @@
-"""One self-contained page about the candidates of a task: it opens in any browser and asks no network for anything."""
+"""One self-contained page about candidates: it opens in any browser and asks no network for anything."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import html
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -20,21 +20,44 @@ SCRIPTS = ("data", "motion", "table", "plot", "timeline", "orbit", "scene", "mai
 
 
 @dataclass(frozen=True, eq=False)
+class Entry:
+    """A row of the page's table, with what is shown where it is chosen.
+
+    name: of the whole. mark: what the row begins with, such as a rank; labels: what tells it from the others, by title.
+    candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of the cell
+    that it belongs to. detail: the `packed` document of `explain --json` `without_repetition`; None without a motion.
+    """
+
+    name: str
+    mark: str
+    labels: Mapping[str, float | str]
+    candidate: dict[str, Any] | None
+    reasons: Sequence[str]
+    scene: int | None
+    detail: str | None
+
+
+@dataclass(frozen=True, eq=False)
+class CellScene:
+    """A cell. scene: the document of `show --json`. model: see `model_document`, `packed`."""
+
+    scene: dict[str, Any]
+    model: str
+
+
+@dataclass(frozen=True, eq=False)
 class PageContent:
     """What a page tells.
 
-    title: of the page. about: what was computed, as pairs of a term and its value, such as version and command.
-    ranking: the document of `rank --json`. scene: the document of `show --json`. model: see `model_document`.
-    details: `packed` documents of `explain --json` `without_repetition`, one per candidate of the ranking, None where
-    it is infeasible.
+    heading: of the table. about: what was computed, as pairs of a term and its value, such as version and command.
     """
 
     title: str
+    summary: str
+    heading: str
     about: Sequence[tuple[str, str]]
-    ranking: dict[str, Any]
-    scene: dict[str, Any]
-    model: dict[str, Any]
-    details: Sequence[str | None]
+    entries: Sequence[Entry]
+    scenes: Sequence[CellScene]
 
 
 def write_page(content: PageContent, path: Path) -> None:
@@ -46,9 +69,18 @@ def page(content: PageContent) -> str:
     """The text of the page."""
     library = viewer_library()
     code = "'use strict';\n(() => {\n" + "\n".join(_asset(f"{name}.js") for name in SCRIPTS) + "})();\n"
-    overview = {"title": content.title, "about": content.about, "ranking": content.ranking, "scene": content.scene}
-    data = {"overview": packed(overview), "model": packed(content.model)}
-    data |= {f"detail-{index}": detail for index, detail in enumerate(content.details) if detail is not None}
+    overview = {
+        "title": content.title,
+        "summary": content.summary,
+        "heading": content.heading,
+        "about": content.about,
+        "entries": [_row(entry) for entry in content.entries],
+        "scenes": [scene.scene for scene in content.scenes],
+    }
+    data = {"overview": packed(overview)}
+    data |= {f"model-{index}": scene.model for index, scene in enumerate(content.scenes)}
+    details = enumerate(entry.detail for entry in content.entries)
+    data |= {f"detail-{index}": detail for index, detail in details if detail is not None}
     carriers = "\n".join(f'<script type="text/plain" id="{name}">{text}</script>' for name, text in data.items())
     parts = {
         "TITLE": html.escape(visible(content.title)),
@@ -63,6 +95,18 @@ def page(content: PageContent) -> str:
         before, _, after = text.partition(f"<!--{name}-->")
         text = before + part + after
     return text
+
+
+def _row(entry: Entry) -> dict[str, Any]:
+    return {
+        "name": entry.name,
+        "mark": entry.mark,
+        "labels": dict(entry.labels),
+        "candidate": entry.candidate,
+        "reasons": list(entry.reasons),
+        "scene": entry.scene,
+        "moves": entry.detail is not None,
+    }
 
 
 def _digest(script: str) -> str:

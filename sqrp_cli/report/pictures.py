@@ -13,11 +13,11 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
 from sqrp_cli.geometry import box_corners, inverse, transform
+from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.assessment import Study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.explanation import Failure, by_name, first_failures
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.projection import Projection
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.stage import Samples
 from sqrp_cli.programming.targets import Target

@@ -26,6 +26,15 @@ class Cube:
 
 
 @dataclass(frozen=True)
+class Obstacle:
+    """A fixed box on the table: its name, full extents and the position of its centre in the world [m]."""
+
+    name: str
+    size: tuple[float, float, float]
+    position: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class View:
     """A camera: its name, where it is and the point that it looks at, in the world [m]."""
 
@@ -64,7 +73,9 @@ class Layout:
     table_side: float = 0.0
     cube_size: float = 0.04
     cubes: Sequence[Cube] = ()
+    obstacles: Sequence[Obstacle] = ()
     views: Sequence[View] = ()
+    tasks: Sequence[str] = (TASK,)
 
 
 def workspace_text(layout: Layout) -> str:
@@ -162,6 +173,11 @@ def _objects(layout: Layout) -> str:
         f"pose: {{position: {_vector(cube.position)}}}, on: table}}"
         for cube in layout.cubes
     ]
+    lines += [
+        f"  {obstacle.name}: {{type: block, color: grey, size: {_vector(obstacle.size)}, "
+        f"pose: {{position: {_vector(obstacle.position)}}}, fixed: true, on: table}}"
+        for obstacle in layout.obstacles
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -174,7 +190,7 @@ def _state(layout: Layout) -> str:
 
 
 def _tasks(layout: Layout) -> str:
-    return f"tasks:\n  - {{task: {TASK}}}\n" if layout.cubes else ""
+    return "\n".join(["tasks:", *(f"  - {{task: {task}}}" for task in layout.tasks)]) + "\n" if layout.cubes else ""
 
 
 def _text(value: str) -> str:

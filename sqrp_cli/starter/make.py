@@ -16,7 +16,8 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import guess_arm
 from sqrp_cli.starter.description import Description, describe_robot
-from sqrp_cli.starter.layout import TASK, Layout, Position, workspace_text
+from sqrp_cli.starter.layout import Layout, Position, workspace_text
+from sqrp_cli.starter.random_cell import Crowd, crowded
 
 SHIPPED = Path(__file__).parent
 """Folder with the skills and robots that come with the program."""
@@ -50,10 +51,11 @@ class Starter:
     warnings: tuple[Problem, ...]
 
 
-def make_starter(folder: Path, robot: str | None) -> Starter:
+def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None) -> Starter:
     """Make a workspace in a folder that does not exist or is empty.
 
     robot: the URDF of the user's arm, a path or `package://...`; None for an arm that comes with the program.
+    crowd: what to fill it with at random, in place of the few cubes and cameras of a first workspace.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
     """
     folder = folder.absolute()
@@ -63,11 +65,15 @@ def make_starter(folder: Path, robot: str | None) -> Starter:
         _copy_shipped(draft, own_arm=robot is None)
         description = describe_robot(str(draft / OWN_ARM) if robot is None else robot, draft)
         layout, warnings = _fill(draft, description, guessed=robot is not None)
+        if crowd is not None and layout.cubes:
+            cell = _load(draft, layout)
+            layout = crowded(layout, cell, search.arm_reach(cell.model), crowd)
+            _write(draft, layout)
         _move(draft, folder)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     cubes = tuple(cube.name for cube in layout.cubes)
-    return Starter(folder, layout.tip, cubes, TASK if cubes else None, (*description.warnings, *warnings))
+    return Starter(folder, layout.tip, cubes, layout.tasks[0] if cubes else None, (*description.warnings, *warnings))
 
 
 def _check_free(folder: Path) -> None:

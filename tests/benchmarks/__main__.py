@@ -8,7 +8,7 @@ import platform
 from importlib.metadata import version
 from textwrap import fill
 
-PARTS = ("rank", "coverage", "growth", "candidates")
+PARTS = ("rank", "coverage", "growth", "candidates", "planning")
 
 
 def main() -> None:
@@ -43,6 +43,10 @@ def main() -> None:
         from tests.benchmarks.candidates import many
 
         many(arguments.candidates)
+    if "planning" in parts:
+        from tests.benchmarks.planning import plan
+
+        plan(arguments.runs)
 
 
 if __name__ == "__main__":

@@ -5,13 +5,12 @@ from __future__ import annotations
 import builtins
 import json
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from sqrp_cli.report.packing import packed, without_repetition
-from sqrp_cli.report.page import PageContent, page
+from sqrp_cli.report.page import CellScene, Entry, PageContent, page
 from tests.cli.browser import Opened, chromium
 
 TASK = "pickup green"
@@ -112,6 +111,32 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(sqrp, watc
 # What it does in a browser
 
 
+def test_scores_show_the_best_of_each_task_in_its_own_cell(browser, sqrp, tabletop, watch, tmp_path):
+    path = tmp_path / "scores.html"
+    broken = tmp_path / "broken" / "workspace.yaml"
+    broken.parent.mkdir()
+    broken.write_text("robot: {}\n")
+    assert sqrp("score", tabletop, watch, broken.parent, "--report", path).code == 2
+    opened = Opened(browser, path)
+    assert opened.complaints == []
+    marks = dict(zip(column(opened, 2), column(opened, 1), strict=True))
+    assert marks == {"broken": "error", "tabletop": "passed", "watch": "passed"}
+    for name, cameras in (
+        ("watch", ["look around", "eye"]),
+        ("tabletop", ["look around", *[f"cam{i}" for i in range(1, 7)]]),
+    ):
+        opened.page.locator("#ranking button", has_text=name).click()
+        opened.page.wait_for_function(
+            "name => document.querySelector('#name').textContent.startsWith(name) && sqrp.motion", arg=name
+        )
+        assert opened.texts("#views button") == cameras
+        assert opened.page.locator("#view canvas").count() == 1
+        opened.page.locator("#time").press("PageUp")
+        assert opened.texts("#clock") != ["0.00 s"]
+    assert opened.complaints == []
+    opened.context.close()
+
+
 def test_the_page_asks_for_nothing_and_complains_about_nothing(opened, written):
     assert opened.requests == [written[0].as_uri()]
     assert opened.complaints == []
@@ -122,7 +147,7 @@ def test_the_page_says_what_was_computed(opened, written, shown_document):
     assert about["command"].startswith("sqrp rank ")
     assert f"--report {written[0]}" in about["command"]
     assert about["digest of its files"] == shown_document["digest"]
-    assert about["sampling"].startswith("adaptive")
+    assert about["accuracy"].startswith("Sampled every 10 mm of motion or closer")
 
 
 @pytest.fixture(scope="module")
@@ -135,7 +160,8 @@ def test_the_table_shows_the_figures_in_the_order_of_the_ranking(opened, ranked)
     assert column(opened, 2) == [candidate["parameters"]["object"] for candidate in candidates]
     q_eoi = [f"{100 * candidate['q_eoi']:.1f} %" for candidate in candidates if candidate["feasible"]]
     assert column(opened, 3)[:-1] == q_eoi
-    assert column(opened, 3)[-1].startswith("infeasible: ")
+    assert column(opened, 1)[-1] == "infeasible"
+    assert column(opened, 3)[-1] == candidates[-1]["reasons"][0]
 
 
 def test_a_click_on_a_title_sorts_and_another_one_turns_the_order(opened):
@@ -179,6 +205,10 @@ def test_a_candidate_is_chosen_in_table_and_plot_by_mouse_and_by_key(opened, ran
         assert opened.texts("#verdict") == [by_name[name]["verdict"]]
         assert opened.texts("#ranking tr[aria-selected=true] button") == [name]
         assert page.locator("#plot circle[aria-pressed=true]").get_attribute("aria-label").startswith(f"{name}:")
+    page.locator("#plot circle[tabindex='0']").focus()
+    page.keyboard.press("ArrowRight")
+    page.keyboard.press(" ")
+    page.wait_for_function("() => document.querySelector('#name').textContent === 'g5' && sqrp.motion")
     page.locator("#ranking button", has_text="g6").click()
     assert opened.texts("#reasons li") == by_name["g6"]["reasons"]
     assert not page.locator("#study").is_visible()
@@ -339,7 +369,7 @@ def contrast(first: str, second: str) -> float:
     return (bright + 0.05) / (dark + 0.05)
 
 
-def test_names_cannot_break_or_script_the_page(browser, watch_content, tmp_path):
+def test_names_cannot_break_or_script_the_page(browser, watch_documents, tmp_path):
     """Every name of the cell becomes markup, quotes and marks that turn the direction of writing."""
 
     def hostile(value):
@@ -348,10 +378,21 @@ def test_names_cannot_break_or_script_the_page(browser, watch_content, tmp_path)
             text = re.sub(rf"\b{name}\b", lambda found: json.dumps(f"{found[0]}{HOSTILE}")[1:-1], text)
         return json.loads(text)
 
-    content, studies = watch_content
-    details = [packed(hostile(study)) for study in studies]
-    documents = {name: hostile(getattr(content, name)) for name in ("ranking", "scene", "model")}
-    evil = replace(content, title=HOSTILE, about=[("command", HOSTILE)], details=details, **documents)
+    ranked, scene, model = watch_documents
+    entries = [
+        Entry(
+            hostile(c["parameters"]["object"]),
+            "1",
+            hostile(c["parameters"]),
+            hostile(c),
+            [HOSTILE],
+            0,
+            packed(hostile(study)),
+        )
+        for c, study in ranked
+    ]
+    scenes = [CellScene(hostile(scene), packed(hostile(model)))]
+    evil = PageContent(HOSTILE, HOSTILE, HOSTILE, [("command", HOSTILE)], entries, scenes)
     path = tmp_path / "evil.html"
     path.write_text(page(evil), encoding="utf-8")
     opened = Opened(browser, path)
@@ -369,9 +410,9 @@ def test_names_cannot_break_or_script_the_page(browser, watch_content, tmp_path)
 
 
 @pytest.fixture(scope="module")
-def watch_content(watch) -> tuple[PageContent, list[dict]]:
-    """What a page about the cell `watch` is made from, and the documents of its candidates."""
-    from sqrp_cli.cli.documents import candidate_document, header, sampling_document
+def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
+    """Of the cell `watch`: the documents of its candidates, those with their motion, the scene and the model."""
+    from sqrp_cli.cli.documents import candidate_document
     from sqrp_cli.cli.scene_document import scene_document
     from sqrp_cli.cli.session import Session, explain
     from sqrp_cli.cli.study_document import study_document
@@ -383,17 +424,10 @@ def watch_content(watch) -> tuple[PageContent, list[dict]]:
 
     session = Session.begin(load_workspace(watch), "watch green", None, Adaptive())
     assessments = list(assess_all(session.assignment, session.task.candidates, 1))
-    explained = [explain(session, ranked) for ranked in rank(assessments, "q_eoi")]
-    studies = [
-        without_repetition(study_document(session.cell, study, ranked, Adaptive()))
+    explained = [explain(session.assignment, ranked) for ranked in rank(assessments, "q_eoi")]
+    ranked = [
+        (candidate_document(ranked), without_repetition(study_document(session.cell, study, ranked, Adaptive())))
         for ranked, study in explained
         if study is not None
     ]
-    ranking = {
-        **header(session.workspace, session.task.text),
-        "by": "q_eoi",
-        "sampling": sampling_document(Adaptive(), assessments),
-        "candidates": [candidate_document(ranked) for ranked, _ in explained],
-    }
-    model = model_document(session.cell)
-    return PageContent("watch", (), ranking, scene_document(session.cell), model, []), studies
+    return ranked, scene_document(session.cell), model_document(session.cell)

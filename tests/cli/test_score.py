@@ -289,3 +289,48 @@ def test_tasks_of_the_same_name_in_workspaces_of_the_same_name_are_told_apart(sq
 def test_a_pattern_finds_the_workspaces_that_it_names(sqrp, cells):
     outcome = sqrp("score", f"{cells}/[gl]*", "--json")
     assert [result["workspace"] for result in outcome.document["results"]] == ["good", "low"]
+
+
+def test_a_sweep_names_the_best_variant_and_writes_it_as_a_patch(sqrp, own_watch, tmp_path):
+    # `seen` is 2.022 m away from x = 0 and 1.921 m from x = 0.1, where it is near enough; x = 0.3 is as good.
+    edit(own_watch, "body: {kind: color, distance: [1 m, 3 m]", "body: {kind: color, distance: [1 m, 2 m]")
+    edit(own_watch, "task: watch green", "task: watch seen")
+    patch = tmp_path / "best.patch"
+    arguments = ("score", own_watch, "--vary", "cameras.eye.pose.position[0]=-0.1:0.3:3", "--patch", patch)
+    outcome = sqrp(*arguments, "--json")
+    assert outcome.code == 0
+    variants = outcome.document["variants"]
+    assert [variant["values"].get("cameras.eye.pose.position.0") for variant in variants] == [
+        "0.1",
+        "0.3",
+        None,
+        "-0.1",
+    ]
+    assert [variant["q_avg"] for variant in variants] == pytest.approx([1.0, 1.0, 0.0, 0.0])
+    assert outcome.document["best"] == {"cameras.eye.pose.position.0": "0.1"}
+    lines = [line for line in patch.read_text(encoding="utf-8").splitlines() if line[0] in "+-" and line[1] == " "]
+    assert lines == [
+        "-    pose: {position: [0, 0, 1], look_at: [1, 0, 1]}",
+        "+    pose: {position: [0.1, 0, 1], look_at: [1, 0, 1]}",
+    ]
+    assert "Best is cameras.eye.pose.position.0 = 0.1." in sqrp(*arguments).out
+    program = shutil.which("patch")
+    if program is None:
+        pytest.skip("there is no `patch` here")
+    subprocess.run([program, "-p0", "-d", "/", "-i", str(patch)], check=True, capture_output=True)
+    assert "None is better than the workspace as it is." in sqrp(*arguments).out
+
+
+def test_a_variant_that_cannot_be_is_an_error_and_the_others_are_scored(sqrp, own_watch, tmp_path):
+    arguments = ("--vary", "cameras.eye.near=0.5 m:5 m:2", "--patch", tmp_path / "best.patch", "--json")
+    outcome = sqrp("score", own_watch, *arguments)
+    assert outcome.code == 0
+    last = outcome.document["variants"][-1]
+    assert last["values"] == {"cameras.eye.near": "5 m"}
+    assert last["results"][0]["status"] == "error"
+
+
+def test_a_sweep_of_what_is_not_there_is_refused(sqrp, own_watch):
+    outcome = sqrp("score", own_watch, "--vary", "cameras.eve.near=1:2:2")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "did you mean `cameras.eye.near`?" in outcome.err

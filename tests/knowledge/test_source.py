@@ -141,3 +141,12 @@ def test_no_bytes_raise_anything_but_an_input_error(tmp_path_factory: pytest.Tem
     except InputError as error:
         problems = error.problems
     assert all(problem.place is not None and problem.place.file == path for problem in problems)
+
+
+@pytest.mark.parametrize("path", sorted(Path(__file__).parents[2].glob("[sw]*/*/*.yaml")), ids=lambda path: path.stem)
+def test_both_parsers_find_the_same_values_in_the_same_places(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fast = read_document(path)
+    monkeypatch.setattr(yaml, "__with_libyaml__", False)
+    slow = read_document(path)
+    assert fast.data == slow.data
+    assert (fast.keys, fast.values) == (slow.keys, slow.values)

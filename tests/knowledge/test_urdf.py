@@ -130,7 +130,7 @@ def test_a_missing_mesh_is_reported_where_the_urdf_names_it(tmp_path):
         ('<parent link="base"/>', "", "missing-element", 12, "has no <parent>"),
         ('<child link="hand"/>', '<child lnk="hand"/>', "missing-attribute", 15, "no `link`, but `lnk`"),
         ("</robot>", "", "xml-syntax", 24, "not well-formed"),
-        ('<robot name="arm">', "<sdf>", "xml-syntax", 23, "mismatched tag"),
+        ('<robot name="arm">', "<sdf>", "xml-syntax", 23, "is not closed before"),
     ],
 )  # fmt: skip
 def test_a_fault_is_reported_with_its_line(tmp_path, old, new, code, line, says):

@@ -7,7 +7,7 @@ import pytest
 
 from sqrp_cli.geometry import look_at
 from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.programming.sensing.projection import Projection
+from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.report.lens import CLOSE, directions
 
 LENSES = {

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, cross, read_only
+from sqrp_cli.knowledge.joint_tree import JointTree
 from sqrp_cli.knowledge.robot import JointLimits, Robot
 from sqrp_cli.knowledge.scene import Part
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, read_urdf
-from sqrp_cli.programming.arm.joint_tree import JointTree
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.detector import Detector
+from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.projection import Projection
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.culprit import find_culprits
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
 from sqrp_cli.programming.sensing.occlusion import HullTester, Pairs, SightLines, near_pairs, shrink
-from sqrp_cli.programming.sensing.projection import Projection
 from sqrp_cli.programming.sensing.scene import SceneStates, rows_of
 from sqrp_cli.programming.sensing.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid

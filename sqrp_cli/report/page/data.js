@@ -46,13 +46,9 @@ function because(verdict) {
   return verdict.cause === 'out_of_image' ? `${words} (${verdict.by})` : words;
 }
 
-// The name of a candidate: the values in which it differs from the others, as in the terminal.
-function candidateNames(candidates) {
-  const keys = Object.keys(candidates[0].parameters);
-  const differing = keys.filter((key) => new Set(candidates.map((c) => c.parameters[key])).size > 1);
-  const telling = differing.length ? differing : keys.slice(0, 1);
-  return candidates.map((c) =>
-    telling.map((key) => (typeof c.parameters[key] === 'string' ? c.parameters[key] : `${key}=${+c.parameters[key].toPrecision(4)}`)).join(' '));
-}
+// How an entry fares, in words.
+const placeOf = ({ mark, candidate }) => `${/^\d+$/.test(mark) ? 'rank ' : ''}${mark}${candidate?.pareto ? ', Pareto-optimal' : ''}`;
+
+const shownValue = (value) => (typeof value === 'string' ? value : String(+value.toPrecision(4)));
 
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

@@ -1,41 +1,52 @@
 // The page: one candidate and one time are chosen; table, plot, timeline, list and scene all show them.
 
 class Page {
-  constructor(overview, model) {
+  constructor(overview) {
     this.overview = overview;
-    this.candidates = overview.ranking.candidates;
-    this.names = candidateNames(this.candidates);
+    this.entries = overview.entries;
     this.details = new Map();
     this.time = 0;
     this.head();
     const select = (i) => this.select(i);
-    this.table = new RankingTable(this.candidates, this.names, select);
-    this.plot = new ParetoPlot(this.candidates, this.names, select);
-    this.scene = this.openScene(model);
+    this.table = new EntryTable(this.entries, select);
+    this.plot = new ParetoPlot(this.entries, select);
     this.controls();
     this.legend();
   }
 
   head() {
-    const { ranking, title, about } = this.overview;
-    byId('title').replaceChildren(named(title));
-    const feasible = this.candidates.filter((c) => c.feasible);
-    byId('summary').textContent = `${feasible.length} of ${this.candidates.length} candidates can be done` +
-      (feasible.length ? `; best first by ${ranking.by}.` : '.');
-    const { mode, error, max_gap: gap, ...how } = ranking.sampling;
-    const sampling = `${mode} (${Object.entries(how).map(([key, value]) => `${key} ${value}`).join(', ')})` +
-      (error === null ? '' : `; Q is within ${Math.max(100 * error, 0.001).toPrecision(2)} points`) +
-      (gap === null ? '' : `, save for events shorter than ${gap.toPrecision(2)} s`);
-    for (const [term, value] of [...about, ['sampling', sampling]]) byId('about').append(make('dt', {}, term), make('dd', {}, named(value)));
+    byId('title').replaceChildren(named(this.overview.title));
+    byId('summary').replaceChildren(named(this.overview.summary));
+    byId('ranking-title').textContent = this.overview.heading;
+    for (const [term, value] of this.overview.about) byId('about').append(make('dt', {}, named(term)), make('dd', {}, named(value)));
+    const some = (test) => this.entries.some((e) => e.candidate && test(e.candidate));
+    byId('pareto-only').parentElement.hidden = !some((c) => c.pareto);
+    byId('feasible-only').parentElement.hidden = !some((c) => !c.feasible);
   }
 
-  openScene(model) {
+  // Show the cell that an entry belongs to.
+  enter(index) {
+    if (this.cell !== index) {
+      this.cell = index;
+      this.entered = this.open(index);
+    }
+    return this.entered;
+  }
+
+  async open(index) {
+    this.scene?.close();
+    this.scene = null;
+    byId('view').replaceChildren(make('div', { id: 'labels' }));
+    const model = await unpack(`model-${index}`), cell = this.overview.scenes[index];
+    if (this.cell !== index) return;
     try {
-      return new Scene3D(model, this.overview.scene, byId('view'), (name) => this.look(name));
+      this.scene = new Scene3D(model, cell, byId('view'), (name) => this.look(name));
     } catch (error) {
       byId('view').replaceChildren(make('p', { class: 'missing' }, `This browser cannot draw in three dimensions: ${error.message}`));
-      return null;
     }
+    this.viewNames = [null, ...Object.keys(cell.cameras)];
+    this.views = this.viewNames.map((name) => make('button', { type: 'button', 'aria-pressed': String(name === null), onclick: () => this.look(name) }, name === null ? 'look around' : named(name)));
+    byId('views').replaceChildren(...this.views);
   }
 
   controls() {
@@ -54,10 +65,6 @@ class Page {
     const dark = matchMedia('(prefers-color-scheme: dark)');
     dark.addEventListener('change', () => this.dress(dark.matches ? 'dark' : 'light'));
     this.dress(dark.matches ? 'dark' : 'light');
-    const views = [null, ...Object.keys(this.overview.scene.cameras)];
-    this.views = views.map((name) => make('button', { type: 'button', 'aria-pressed': String(name === null), onclick: () => this.look(name) }, name === null ? 'look around' : named(name)));
-    byId('views').append(...this.views);
-    this.viewNames = views;
   }
 
   legend() {
@@ -76,22 +83,23 @@ class Page {
   async select(i) {
     this.pause();
     this.selected = i;
-    this.table.mark(i);
-    this.plot.mark(i);
-    const c = this.candidates[i];
-    byId('name').textContent = this.names[i];
-    byId('place').textContent = c.rank === null ? 'infeasible' : `rank ${c.rank}${c.pareto ? ', Pareto-optimal' : ''}`;
-    byId('verdict').replaceChildren(c.feasible ? named(c.verdict) : '');
-    byId('reasons').replaceChildren(...c.reasons.map((reason) => make('li', {}, named(reason))));
-    byId('study').hidden = !c.feasible;
-    byId('spoken').textContent = `${this.names[i]}: ${c.feasible ? c.verdict : c.reasons.join('; ')}`;
+    this.table.choose(i);
+    this.plot.choose(i);
+    const entry = this.entries[i], { candidate, reasons, name } = entry, verdict = candidate?.verdict || '';
+    byId('name').textContent = name;
+    byId('place').textContent = placeOf(entry);
+    byId('verdict').replaceChildren(entry.moves ? named(verdict) : '');
+    byId('reasons').replaceChildren(...reasons.map((reason) => make('li', {}, named(reason))));
+    byId('study').hidden = !entry.moves;
+    byId('spoken').textContent = `${name}: ${[...(entry.moves ? [verdict] : []), ...reasons].join('; ')}`;
     this.motion = null;
-    if (!c.feasible) return;
+    if (!entry.moves) return;
+    await this.enter(entry.scene);
     if (!this.details.has(i)) this.details.set(i, new Motion(await unpack(`detail-${i}`)));
     if (this.selected !== i) return;
     this.motion = this.details.get(i);
-    this.figures(c);
-    this.timeline = new Timeline(this.motion, Object.keys(this.overview.scene.cameras), (t) => { this.pause(); this.seek(t); });
+    this.figures(candidate);
+    this.timeline = new Timeline(this.motion, Object.keys(this.overview.scenes[entry.scene].cameras), (t) => { this.pause(); this.seek(t); });
     byId('time').max = this.motion.time;
     this.scene?.load(this.motion);
     this.seek(Math.min(this.time, this.motion.time));
@@ -138,7 +146,7 @@ class Page {
     if (!this.scene) return;
     this.scene.look(name);
     this.views.forEach((button, i) => button.setAttribute('aria-pressed', String(this.viewNames[i] === name)));
-    const camera = name && this.overview.scene.cameras[name];
+    const camera = name && this.overview.scenes[this.cell].cameras[name];
     byId('spoken').textContent = name ? `Looking through ${name}${camera.D.some(Boolean) ? ', without its lens distortion' : ''}` : 'Looking from outside';
     this.seek(this.time);
   }
@@ -170,8 +178,8 @@ function sentence(sample) {
   return told.length ? `${[...new Set(told)].join('; ')}.` : 'No formula asks for anything.';
 }
 
-Promise.all([unpack('overview'), unpack('model')]).then(([overview, model]) => {
-  const page = new Page(overview, model);
+unpack('overview').then((overview) => {
+  const page = new Page(overview);
   window.sqrp = page;
   return page.select(0);
 }).then(() => { document.documentElement.dataset.ready = 'true'; });

@@ -1,7 +1,7 @@
 // Looking around: drag to turn, shift-drag or right drag to move, wheel or pinch to come closer; arrows, + and - by key.
 
 class Orbit {
-  constructor(host, camera, changed) {
+  constructor(host, camera, changed, signal) {
     Object.assign(this, { host, camera, changed, target: new THREE.Vector3(), distance: 3, azimuth: -0.9, elevation: 0.45 });
     this.pointers = new Map();
     this.enabled = true;
@@ -9,16 +9,16 @@ class Orbit {
       if (event.target.closest('button')) return;
       host.setPointerCapture(event.pointerId);
       this.pointers.set(event.pointerId, event);
-    });
-    host.addEventListener('pointermove', (event) => this.drag(event));
-    for (const name of ['pointerup', 'pointercancel']) host.addEventListener(name, (event) => this.pointers.delete(event.pointerId));
-    host.addEventListener('contextmenu', (event) => event.preventDefault());
+    }, { signal });
+    host.addEventListener('pointermove', (event) => this.drag(event), { signal });
+    for (const name of ['pointerup', 'pointercancel']) host.addEventListener(name, (event) => this.pointers.delete(event.pointerId), { signal });
+    host.addEventListener('contextmenu', (event) => event.preventDefault(), { signal });
     host.addEventListener('wheel', (event) => {
       if (!this.enabled) return;
       event.preventDefault();
       this.zoom(Math.exp(0.001 * event.deltaY));
-    }, { passive: false });
-    host.addEventListener('keydown', (event) => this.key(event));
+    }, { passive: false, signal });
+    host.addEventListener('keydown', (event) => this.key(event), { signal });
   }
 
   drag(event) {

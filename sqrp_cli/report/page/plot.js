@@ -13,8 +13,9 @@ function niceStep(span, count) {
 }
 
 class ParetoPlot {
-  constructor(candidates, names, select) {
-    const feasible = candidates.map((c, i) => i).filter((i) => candidates[i].feasible);
+  constructor(entries, select) {
+    const candidates = entries.map((e) => e.candidate), names = entries.map((e) => e.name);
+    const feasible = entries.map((e, i) => i).filter((i) => candidates[i]?.feasible);
     const metric = feasible.some((i) => candidates[i].q_eoi !== null) ? 'q_eoi' : 'q_avg';
     const label = metric === 'q_eoi' ? 'Q_eoi' : 'Q_avg';
     this.dots = new Map();
@@ -24,7 +25,7 @@ class ParetoPlot {
     const box = { left: 52, right: 462, top: 14, bottom: 258 };
     const x = (t) => box.left + ((t - low + pad) / (high - low + 2 * pad)) * (box.right - box.left);
     const y = (q) => box.bottom - q * (box.bottom - box.top);
-    const chart = svg('svg', { viewBox: '0 0 480 300', role: 'group', 'aria-label': `${label} against time, a dot per candidate; ★ marks Pareto-optimal ones` });
+    const chart = svg('svg', { viewBox: '0 0 480 300', role: 'group', 'aria-label': `${label} against time, a dot per candidate; arrow keys move, Enter chooses; ★ marks Pareto-optimal ones` });
     for (let q = 0; q <= 1; q += 0.25) {
       chart.append(svg('line', { class: 'axis', x1: box.left, x2: box.right, y1: y(q), y2: y(q) }),
         svg('text', { x: box.left - 6, y: y(q) + 4, 'text-anchor': 'end' }, `${100 * q}`));
@@ -37,26 +38,53 @@ class ParetoPlot {
       svg('text', { x: 12, y: (box.top + box.bottom) / 2, transform: `rotate(-90 12 ${(box.top + box.bottom) / 2})`, 'text-anchor': 'middle' }, `${label} [%]`));
     const front = feasible.filter((i) => candidates[i].pareto && candidates[i][metric] !== null).sort((a, b) => candidates[a].time - candidates[b].time);
     if (front.length > 1) chart.append(svg('path', { class: 'front', d: 'M' + front.map((i) => `${x(candidates[i].time)} ${y(candidates[i][metric])}`).join('L') }));
-    const crowded = feasible.length > 14;
-    for (const i of feasible) {
+    const crowded = feasible.length > 14, taken = feasible.map((i) => [x(candidates[i].time) - 7, y(candidates[i][metric] ?? 0) - 7, 14, 14]);
+    const order = [...feasible].sort((a, b) => candidates[a].pareto - candidates[b].pareto || candidates[a].time - candidates[b].time);
+    for (const i of order) {
       const c = candidates[i], [cx, cy] = [x(c.time), y(c[metric] ?? 0)];
-      const text = `${names[i]}: ${label} ${percent(c[metric])}, time ${seconds(c.time)}, rank ${c.rank}${c.pareto ? ', Pareto-optimal' : ''}`;
-      const dot = svg('circle', { class: c.pareto ? 'dot pareto' : 'dot', cx, cy, r: crowded ? 5 : 7, tabindex: '0', role: 'button', 'aria-label': text, 'aria-pressed': 'false' });
+      const text = `${names[i]}: ${label} ${percent(c[metric])}, time ${seconds(c.time)}, ${placeOf(entries[i])}`;
+      const dot = svg('circle', { class: c.pareto ? 'dot pareto' : 'dot', cx, cy, r: crowded ? 5 : 7, tabindex: '-1', role: 'button', 'aria-label': text, 'aria-pressed': 'false' });
       dot.addEventListener('click', () => select(i));
-      dot.addEventListener('keydown', (event) => { if (event.key === 'Enter' || event.key === ' ') { event.preventDefault(); select(i); } });
+      dot.addEventListener('keydown', (event) => this.key(event, i, select));
       attachTip(dot, () => text);
       chart.append(dot);
       this.dots.set(i, dot);
-      if (!crowded || c.pareto) {
-        const leftwards = cx > box.right - 60;
-        chart.append(svg('text', { class: 'name', x: cx + (leftwards ? -11 : 11), y: cy + 4, 'text-anchor': leftwards ? 'end' : 'start' }, `\u2068${names[i]}${c.pareto ? ' ★' : ''}\u2069`));
-      }
+      if (!crowded || c.pareto) this.name(chart, `${names[i]}${c.pareto ? ' ★' : ''}`, cx, cy, taken, box);
     }
     byId('plot').append(chart);
+    this.byTime = [...feasible].sort((a, b) => candidates[a].time - candidates[b].time);
+    this.dots.get(this.byTime[0]).setAttribute('tabindex', '0');
   }
 
-  mark(selected) {
+  // One stop of the tab key: arrows go from dot to dot by time, Enter chooses.
+  key(event, i, select) {
+    const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
+    const next = this.dots.get(this.byTime[this.byTime.indexOf(i) + step]);
+    if (event.key === 'Enter' || event.key === ' ') select(i);
+    else if (next) this.reach(next).focus();
+    else return;
+    event.preventDefault();
+  }
+
+  reach(dot) {
+    this.dots.forEach((other) => other.setAttribute('tabindex', other === dot ? '0' : '-1'));
+    return dot;
+  }
+
+  // A name beside its dot, where there is room for it.
+  name(chart, text, cx, cy, taken, box) {
+    const width = 7 * [...text].length + 4;
+    const places = [[cx + 10, cy - 8], [cx - 10 - width, cy - 8], [cx - width / 2, cy - 24], [cx - width / 2, cy + 9]];
+    const free = places.find(([left, top]) => left > box.left && left + width < 478 && top > -2 &&
+      taken.every(([x, y, w, h]) => left + width < x || x + w < left || top + 15 < y || y + h < top));
+    if (!free) return;
+    taken.push([...free, width, 15]);
+    chart.append(svg('text', { class: 'name', x: free[0] + 2, y: free[1] + 12 }, `\u2068${text}\u2069`));
+  }
+
+  choose(selected) {
     this.dots.forEach((dot, i) => dot.setAttribute('aria-pressed', String(i === selected)));
+    if (this.dots.has(selected)) this.reach(this.dots.get(selected));
   }
 }
 

@@ -51,9 +51,22 @@ class Scene3D {
     this.lines = this.group();
     this.eye = new THREE.PerspectiveCamera(38, 1.6, 0.02, 60);
     this.eye.up.set(0, 0, 1);
-    this.orbit = new Orbit(host, this.eye, () => this.draw());
+    this.closing = new AbortController();
+    this.orbit = new Orbit(host, this.eye, () => this.draw(), this.closing.signal);
     this.frame();
-    new ResizeObserver(() => this.draw()).observe(host);
+    this.resizing = new ResizeObserver(() => this.draw());
+    this.resizing.observe(host);
+  }
+
+  // Make room for the scene of another cell.
+  close() {
+    this.closing.abort();
+    this.resizing.disconnect();
+    this.waiting = true;
+    this.renderer.dispose();
+    this.renderer.forceContextLoss();
+    this.renderer.domElement.remove();
+    for (const { label } of this.cameras) label.remove();
   }
 
   group(parent = this.world) {

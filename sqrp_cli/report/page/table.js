@@ -1,49 +1,57 @@
-// The table of candidates: sorted by a click on a title, filtered by words.
+// The table: sorted by a click on a title, filtered by words.
 
-class RankingTable {
-  constructor(candidates, names, select) {
-    this.candidates = candidates;
-    this.names = names;
+class EntryTable {
+  constructor(entries, select) {
+    this.entries = entries;
     this.sorting = { column: 0, descending: false };
-    const faults = [...new Set(candidates.flatMap((c) => Object.keys(c.faults)))];
+    const labels = Object.keys(entries[0].labels);
+    const figures = (e) => e.candidate ?? { faults: {} };
+    const faults = [...new Set(entries.flatMap((e) => Object.keys(figures(e).faults)))];
+    const timed = (title, value, digits) => ({ title, value, cell: (e) => this.figure(value(e), digits), number: true });
+    const quality = (title, value) => ({ title, value, cell: (e) => this.quality(value(e)), most: true });
     this.columns = [
-      { title: '#', value: (c) => c.rank ?? Infinity, cell: (c) => this.place(c) },
-      { title: 'candidate', value: (c, i) => names[i], cell: (c, i) => this.button(i, select) },
-      { title: 'Q_eoi', value: (c) => c.q_eoi, cell: (c) => this.quality(c.q_eoi), most: true },
-      { title: 'Q_avg', value: (c) => c.q_avg, cell: (c) => this.quality(c.q_avg), most: true },
-      { title: 'time [s]', value: (c) => c.time, cell: (c) => this.figure(c.time), number: true },
+      { title: entries.some((e) => /^\d+$/.test(e.mark)) ? '#' : '', value: (e) => (/^\d+$/.test(e.mark) ? Number(e.mark) : e.candidate && !e.candidate.feasible ? null : e.mark), cell: (e) => this.mark(e) },
+      ...labels.map((title, place) => ({
+        title, value: (e) => e.labels[title], number: typeof entries[0].labels[title] !== 'string',
+        cell: (e, i) => (place ? named(shownValue(e.labels[title])) : this.button(i, shownValue(e.labels[title]), select)),
+      })),
+      quality('Q_eoi', (e) => figures(e).q_eoi),
+      quality('Q_avg', (e) => figures(e).q_avg),
+      timed('time [s]', (e) => figures(e).time),
       ...faults.flatMap((fault) => [
-        { title: `${fault} seen [s]`, value: (c) => c.faults[fault]?.delay_mean, cell: (c) => this.figure(c.faults[fault]?.delay_mean), number: true },
-        { title: 'at worst', value: (c) => c.faults[fault]?.delay_worst, cell: (c) => this.figure(c.faults[fault]?.delay_worst), number: true },
-        { title: 'all done', value: (c) => c.faults[fault]?.expected_time, cell: (c) => this.figure(c.faults[fault]?.expected_time, 1), number: true },
+        timed(`${fault} seen [s]`, (e) => figures(e).faults[fault]?.delay_mean),
+        timed('at worst', (e) => figures(e).faults[fault]?.delay_worst),
+        timed('all done', (e) => figures(e).faults[fault]?.expected_time, 1),
       ]),
     ];
-    this.rows = candidates.map((c, i) => make('tr', { onclick: () => select(i) }, ...this.cells(c, i)));
+    this.telling = 1 + labels.length;
+    this.rows = entries.map((e, i) => make('tr', { onclick: () => select(i) }, ...this.cells(e, i)));
     this.heads = this.columns.map((column, i) => make('th', { scope: 'col', class: column.number ? 'number' : null },
-      make('button', { type: 'button', onclick: () => this.sort(i) }, named(column.title))));
+      make('button', { type: 'button', onclick: () => this.sort(i) }, column.title ? named(column.title) : make('span', { class: 'unseen' }, 'status'))));
     byId('ranking').tHead.append(make('tr', {}, ...this.heads));
     for (const id of ['filter', 'pareto-only', 'feasible-only']) byId(id).addEventListener('input', () => this.show());
     this.show();
   }
 
-  cells(c, i) {
-    const shown = c.feasible ? this.columns : this.columns.slice(0, 2);
-    const cells = shown.map((column) => make('td', { class: column.number ? 'number' : null }, column.cell(c, i)));
-    if (!c.feasible) cells.push(make('td', { class: 'faint', colspan: this.columns.length - 2 }, 'infeasible: ', named(c.reasons[0])));
+  cells(e, i) {
+    const shown = e.candidate?.feasible ? this.columns : this.columns.slice(0, this.telling);
+    const cells = shown.map((column) => make('td', { class: column.number ? 'number' : null }, column.cell(e, i)));
+    if (shown !== this.columns) cells.push(make('td', { class: 'faint', colspan: this.columns.length - this.telling }, named(e.reasons[0] ?? '')));
     return cells;
   }
 
-  place(c) {
-    if (c.rank === null) return '–';
-    return make('span', {}, String(c.rank), c.pareto ? make('span', { class: 'star', title: 'Pareto-optimal', role: 'img', 'aria-label': ' Pareto-optimal' }, ' ★') : '');
+  mark(e) {
+    const star = make('span', { class: 'star', title: 'Pareto-optimal', role: 'img', 'aria-label': ' Pareto-optimal' }, ' ★');
+    return make('span', { class: `mark ${e.mark}` }, e.mark, e.candidate?.pareto ? star : '');
   }
 
-  button(i, select) {
-    return make('button', { type: 'button', onclick: (event) => { event.stopPropagation(); select(i); } }, named(this.names[i]));
+  button(i, text, select) {
+    const choose = (event) => { event.stopPropagation(); select(i); };
+    return make('button', { type: 'button', 'aria-label': this.entries[i].name, onclick: choose }, named(text));
   }
 
   quality(share) {
-    if (share === null) return '–';
+    if (share === null || share === undefined) return '–';
     const level = share >= 0.9 ? '' : share >= 0.5 ? 'middling' : 'poor';
     const filled = make('b', { class: level });
     filled.style.width = `${100 * share}%`;
@@ -63,27 +71,28 @@ class RankingTable {
   // Rows without a figure come last in either order.
   show() {
     const { column, descending } = this.sorting, value = this.columns[column].value;
-    const missing = (v) => v === null || v === undefined || v === Infinity;
+    const missing = (v) => v === null || v === undefined;
     const compare = (a, b) => {
-      const [x, y] = [value(this.candidates[a], a), value(this.candidates[b], b)];
+      const [x, y] = [value(this.entries[a]), value(this.entries[b])];
       if (missing(x) || missing(y)) return missing(x) - missing(y) || a - b;
       const order = typeof x === 'string' ? x.localeCompare(y, undefined, { numeric: true }) : x - y;
       return (descending ? -order : order) || a - b;
     };
     const words = byId('filter').value.toLowerCase().split(/\s+/).filter(Boolean);
-    const chosen = this.candidates.map((c, i) => i).filter((i) => {
-      const c = this.candidates[i], text = `${this.names[i]} ${Object.entries(c.parameters).map(([k, v]) => `${k}=${v}`).join(' ')}`.toLowerCase();
-      return words.every((word) => text.includes(word)) && (c.pareto || !byId('pareto-only').checked) && (c.feasible || !byId('feasible-only').checked);
+    const chosen = this.entries.map((e, i) => i).filter((i) => {
+      const { name, mark, labels, candidate } = this.entries[i], told = { ...labels, ...candidate?.parameters };
+      const text = [name, mark, ...Object.entries(told).map(([key, value]) => `${key}=${value}`)].join(' ').toLowerCase();
+      return words.every((word) => text.includes(word)) && (candidate?.pareto || !byId('pareto-only').checked) && (candidate?.feasible || !byId('feasible-only').checked);
     }).sort(compare);
     byId('ranking').tBodies[0].replaceChildren(...chosen.map((i) => this.rows[i]));
-    byId('shown').textContent = chosen.length < this.candidates.length ? `${chosen.length} of ${this.candidates.length}` : '';
+    byId('shown').textContent = chosen.length < this.entries.length ? `${chosen.length} of ${this.entries.length}` : '';
     this.heads.forEach((head, i) => {
       if (i === column) head.setAttribute('aria-sort', descending ? 'descending' : 'ascending');
       else head.removeAttribute('aria-sort');
     });
   }
 
-  mark(selected) {
+  choose(selected) {
     this.rows.forEach((row, i) => row.setAttribute('aria-selected', String(i === selected)));
     this.rows[selected].scrollIntoView({ block: 'nearest' });
   }

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.programming.sensing.projection import Projection, monotonic_radius
+from sqrp_cli.knowledge.projection import Projection, monotonic_radius
 from tests.programming.sensing.views import make_camera
 
 MODELS = ("plumb_bob", "rational_polynomial", "equidistant")

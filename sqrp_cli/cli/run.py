@@ -1,0 +1,202 @@
+"""`sqrp run`: a program in the simulated cell, watched by its cameras."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.cli.options import Json, Seed
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sqrp_cli.knowledge.workspace import Workspace, World
+    from sqrp_cli.program import Program, Step
+    from sqrp_cli.programming.retry import StepReplanner
+    from sqrp_cli.runtime.faults import InjectedFault
+    from sqrp_cli.runtime.outcome import RunReport
+    from sqrp_cli.runtime.recording import Gallery
+    from sqrp_cli.runtime.simulated_run import Simulation
+
+NAME = "run"
+
+_FORMS = "slip@a4+0.4, slip@a4:random, miss-pick, camera-loss:cam2@5, frozen:cam1@3, latency:cam3=0.5"
+
+
+def command(
+    program: Annotated[Path | None, typer.Argument(metavar="PROGRAM", help="A program that `sqrp rank` wrote.")] = None,
+    sim: Annotated[bool, typer.Option("--sim", help="Run it in the simulated cell.")] = False,
+    fault: Annotated[list[str] | None, typer.Option("--fault", help=f"Let this happen: {_FORMS}; repeatable.")] = None,
+    sweep: Annotated[
+        str | None, typer.Option("--sweep", metavar="slip@PRIMITIVE", help="Many runs, with a slip at other instants.")
+    ] = None,
+    n: Annotated[int, typer.Option("--n", min=1, help="Runs of a sweep.")] = 20,
+    seed: Seed = 0,
+    record: Annotated[
+        Path | None, typer.Option("--record", metavar="FILE.mp4", help="Film all cameras, with what is seen drawn in.")
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option("--log", metavar="FILE", help="Write what happens, one JSON document per line.")
+    ] = None,
+    frames: Annotated[
+        Path | None, typer.Option("--frames", metavar="DIR", help="Keep every image, as `sqrp audit` reads them.")
+    ] = None,
+    replay: Annotated[
+        Path | None, typer.Option("--replay", metavar="LOG", help="Show a run again, from its log, without simulating.")
+    ] = None,
+    as_json: Json = False,
+) -> ExitCode:
+    """Run a program, watched through camera images alone.
+
+    The robot stops, tries again or goes on as the skill says when a fault is seen.
+    """
+    if replay is not None:
+        return _replay(replay, as_json=as_json)
+    if program is None:
+        raise InputError(Problem("no-program", "expected a program to run", mend="sqrp run PROGRAM --sim"))
+    simulation = _open(program, sim=sim, seed=seed)
+    if sweep is not None:
+        return _sweep(simulation, sweep, n, as_json=as_json)
+    return _run(simulation, fault or [], (record, log, frames), as_json=as_json)
+
+
+def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
+    """The program with its workspace. Raises InputError where it cannot be run."""
+    from sqrp_cli.runtime.simulated_run import Simulation
+    from sqrp_cli.runtime.simulation.requirements import check_simulator
+
+    program, workspace = open_program(path)
+    if not sim:
+        message = "there is no driver for a real robot yet"
+        raise InputError(Problem("no-driver", message, mend=f"sqrp run {path} --sim"))
+    check_simulator()
+    return Simulation(program, workspace, _LazyReplanner(workspace), seed)
+
+
+def open_program(path: Path) -> tuple[Program, Workspace]:
+    """A program with at least one step, and its workspace. Raises InputError if it does not fit the workspace."""
+    from sqrp_cli.cli.options import open_workspace
+    from sqrp_cli.program import check_program, load_program
+
+    program = load_program(path)
+    workspace = open_workspace(Path(os.path.normpath(path.absolute().parent / program.workspace)))
+    check_program(program, path, workspace)
+    if not program.steps:
+        raise InputError(Problem("no-steps", "this program has no steps", Place(path)))
+    return program, workspace
+
+
+class _LazyReplanner:
+    """Loads what planning needs when a step has to be planned again."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self._planner: StepReplanner | None = None
+
+    def replan(self, step: Step, world: World) -> Step | None:
+        from sqrp_cli.programming.cell import Cell
+        from sqrp_cli.programming.retry import StepReplanner
+
+        if self._planner is None:
+            self._planner = StepReplanner(Cell.load(self._workspace))
+        return self._planner.replan(step, world)
+
+
+def _run(
+    simulation: Simulation,
+    texts: Sequence[str],
+    outputs: tuple[Path | None, Path | None, Path | None],
+    *,
+    as_json: bool,
+) -> ExitCode:
+    import numpy as np
+
+    from sqrp_cli.cli.console import note
+    from sqrp_cli.cli.run_view import LiveView, wall_time
+    from sqrp_cli.files import check_writable
+    from sqrp_cli.runtime.faults import parse_fault
+    from sqrp_cli.runtime.log import LogWriter
+    from sqrp_cli.runtime.simulated_run import header
+
+    program, workspace = simulation.program, simulation.workspace
+    rng = np.random.default_rng(simulation.seed)
+    faults: list[InjectedFault] = [parse_fault(text, program.steps[0], workspace.cameras, rng) for text in texts]
+    record, log, frames = outputs
+    for path in (record, log):
+        if path is not None:
+            check_writable(path)
+    gallery = _gallery(workspace, record, frames)
+    writer = LogWriter(log, header(program, workspace, simulation.seed, faults)) if log is not None else None
+    try:
+        with LiveView(list(workspace.cameras)) as view:
+            report = simulation.run(faults, [listener for listener in (writer, view) if listener is not None], gallery)
+        if writer is not None:
+            writer.close(report)
+    finally:
+        if gallery is not None:
+            gallery.close()
+    if not as_json:
+        note(wall_time(report))
+    return _show(report, workspace.name, as_json=as_json)
+
+
+def _gallery(workspace: Workspace, record: Path | None, frames: Path | None) -> Gallery | None:
+    if record is None and frames is None:
+        return None
+    from sqrp_cli.runtime.recording import Film, FrameFolder, Gallery
+
+    rate = max(camera.rate for camera in workspace.cameras.values())
+    film = Film(record, list(workspace.cameras), rate) if record is not None else None
+    return Gallery(FrameFolder(frames) if frames is not None else None, film)
+
+
+def _sweep(simulation: Simulation, text: str, count: int, *, as_json: bool) -> ExitCode:
+    from sqrp_cli.cli.console import progress, say_raw
+    from sqrp_cli.cli.documents import as_text
+    from sqrp_cli.cli.run_document import sweep_document
+    from sqrp_cli.cli.run_view import print_sweep
+    from sqrp_cli.runtime.simulated_run import sweep
+
+    with progress(f"Sweeping {text}", count) as advance:
+        runs = list(sweep(simulation, text, count, advance))
+    periods = [1.0 / camera.rate for camera in simulation.workspace.cameras.values()]
+    if as_json:
+        say_raw(as_text(sweep_document(simulation.workspace.name, text, runs, max(periods))))
+    else:
+        print_sweep(simulation.program.steps[0], simulation.workspace.name, text, runs, max(periods))
+    return ExitCode.OK if all(run.report.outcome == "done" for run in runs) else ExitCode.STOPPED_ON_FAULT
+
+
+def _replay(path: Path, *, as_json: bool) -> ExitCode:
+    from sqrp_cli.cli.run_view import LiveView
+    from sqrp_cli.runtime.log import read_log, report_of
+
+    events = read_log(path)
+    header = next(events)
+    report = None
+    with LiveView(header.fields["cameras"], pace=not as_json) as view:
+        for event in events:
+            if event.kind == "report":
+                report = report_of(dict(event.fields))
+            else:
+                view(event)
+    if report is None:
+        raise InputError(Problem("no-log", "this log has no report at its end: the run was interrupted", Place(path)))
+    return _show(report, header.fields["workspace"], as_json=as_json)
+
+
+def _show(report: RunReport, workspace: str, *, as_json: bool) -> ExitCode:
+    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.cli.documents import as_text
+    from sqrp_cli.cli.run_document import run_document
+    from sqrp_cli.cli.run_view import print_run
+
+    if as_json:
+        say_raw(as_text(run_document(workspace, report)))
+    else:
+        print_run(workspace, report)
+    return ExitCode.OK if report.outcome == "done" else ExitCode.STOPPED_ON_FAULT

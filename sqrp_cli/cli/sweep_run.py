@@ -1,0 +1,70 @@
+"""`sqrp score --vary`: variants of one workspace, and the best of them as a patch."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqrp_cli.cli.console import progress, say, say_raw
+from sqrp_cli.cli.documents import as_text
+from sqrp_cli.cli.sweep_table import print_sweep, sweep_document
+from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.files import check_writable, write_atomically
+from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.scoring.compute import Computer
+from sqrp_cli.scoring.discovery import find_workspaces, short_names
+from sqrp_cli.scoring.results_folder import results_in
+from sqrp_cli.scoring.sweep import Sweep, read_variants, sweep
+from sqrp_cli.scoring.variation import read_variation, variants
+from sqrp_cli.scoring.workers import open_workers
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """What the command line asks for. variations: as `read_variation` reads them. patch: the file to write."""
+
+    paths: Sequence[str]
+    variations: tuple[str, ...]
+    draws: int | None
+    seed: int
+    patch: Path | None
+
+
+def run_sweep(
+    request: SweepRequest, sampling: Sampling, jobs: int, cluster: str | None, out: Path | None, *, as_json: bool
+) -> ExitCode:
+    """Score the variants, print them and write the best as a patch."""
+    values = variants([read_variation(text) for text in request.variations], request.draws, request.seed)
+    files = find_workspaces(request.paths)
+    if len(files) > 1:
+        names = ", ".join(f"`{name}`" for name in short_names(files).values())
+        raise InputError(Problem("bad-option", f"--vary is about one workspace, found {names}"))
+    name = short_names(files)[files[0]]
+    patch = request.patch or Path(f"{name}.patch")
+    check_writable(patch)
+    with progress("Reading variants", len(values) + 1) as advance:
+        document, read = read_variants(files[0], values, advance)
+    with results_in(out) as results, open_workers(jobs, cluster) as workers:
+        found = sweep(document, read, Computer(workers, results, sampling), progress)
+    if found.interrupted:
+        return ExitCode.INTERRUPTED
+    if found.patch:
+        write_atomically(patch, found.patch)
+    if as_json:
+        say_raw(as_text(sweep_document(found, name, str(patch) if found.patch else None)))
+    else:
+        print_sweep(found)
+        say()
+        say(_conclusion(found, patch))
+    if found.best.findings.count("error"):
+        return ExitCode.BAD_INPUT
+    return ExitCode.OK if found.best.findings.passed else ExitCode.NONE_FEASIBLE
+
+
+def _conclusion(found: Sweep, patch: Path) -> str:
+    if not found.patch:
+        return "None is better than the workspace as it is."
+    values = ", ".join(f"{path} = {value}" for path, value in found.best.variant.values)
+    return f"Best is {values}. To have it: patch -p0 < {shlex.quote(str(patch))}"

@@ -1,0 +1,71 @@
+"""What `sqrp score --vary` prints."""
+
+from __future__ import annotations
+
+from sqrp_cli.cli.console import Column, Styled, plain, print_table, say
+from sqrp_cli.cli.documents import SCHEMA, Document
+from sqrp_cli.cli.score_document import result_document
+from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
+
+ROWS = 20
+"""Variants that the table shows; the document has all."""
+
+
+def print_sweep(sweep: Sweep) -> None:
+    """The table of variants, the best first."""
+    paths = [path for path, _ in max((scored.variant.values for scored in sweep.variants), key=len)]
+    short = _short(paths)
+    columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in short)]
+    columns += [Column(title, right=True) for title in ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "tasks\npassed")]
+    shown = list(enumerate(sweep.variants[:ROWS], 1))
+    shown += [
+        (rank, scored) for rank, scored in enumerate(sweep.variants, 1) if rank > ROWS and not scored.variant.values
+    ]
+    print_table(columns, [_row(rank, scored, paths) for rank, scored in shown])
+    if len(sweep.variants) > len(shown):
+        say(plain(f"{len(sweep.variants) - len(shown)} more are in the document of --json.", "dim"))
+    say(plain("Q and time are means over every choice of objects of every task; Q of what cannot be done is 0.", "dim"))
+
+
+def sweep_document(sweep: Sweep, workspace: str, patch: str | None) -> Document:
+    """Every variant with the scores of its tasks, the best first."""
+    return {
+        "schema": SCHEMA,
+        "workspace": workspace,
+        "variants": [
+            {
+                "rank": rank,
+                "values": dict(scored.variant.values),
+                "q_eoi": scored.q_eoi,
+                "q_avg": scored.q_avg,
+                "time": scored.time,
+                "results": [{**result_document(result), "workspace": workspace} for result in scored.findings.results],
+            }
+            for rank, scored in enumerate(sweep.variants, 1)
+        ],
+        "best": dict(sweep.best.variant.values),
+        "patch": patch,
+        "passed": sweep.best.findings.passed,
+    }
+
+
+def _row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
+    values = dict(scored.variant.values)
+    cells: list[Styled] = [str(rank), *(values.get(path, "as it is") for path in paths)]
+    figures = [_figure(scored.q_eoi, 100, 1), _figure(scored.q_avg, 100, 1), _figure(scored.time, 1, 2)]
+    errors = scored.findings.count("error")
+    passed = f"{scored.passed} of {len(scored.findings.results)}"
+    return [*cells, *figures, plain("error", "bold red") if errors else passed]
+
+
+def _figure(value: float | None, scale: float, digits: int) -> str:
+    return "-" if value is None else f"{scale * value:.{digits}f}"
+
+
+def _short(paths: list[str]) -> list[str]:
+    """The paths without what they all begin with, but with two words at least."""
+    words = [path.split(".") for path in paths]
+    common = 0
+    while all(len(path) > common + 2 for path in words) and len({path[common] for path in words}) == 1:
+        common += 1
+    return [".".join(path[common:]) for path in words]

@@ -1,0 +1,144 @@
+"""What a step that goes well looks like: which atoms hold when, and which the cameras were predicted to see."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.program import ProgramBox, ProgramTarget, Step
+from sqrp_cli.runtime.twin import START, Twin
+
+SPACING = 0.02
+"""Time between the instants at which the nominal motion is looked at [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Situation:
+    """Where everything is at one moment.
+
+    X_WL: pose of each link, X_WO: of each object, starts: of each object when the step began, (4, 4) each.
+    held: the object in the tool.
+    """
+
+    X_WL: Mapping[str, Array]
+    X_WO: Mapping[str, Array]
+    starts: Mapping[str, Array]
+    held: str | None
+
+
+def holds(atom: str, target: ProgramTarget, situation: Situation) -> bool:
+    """Whether an atom is true: its thing is in each of its boxes.
+
+    In a box that moves with the robot it is if the tool holds it, in any other if its centre is inside.
+    """
+    return all(_is_in(_object_of(atom, box, situation.X_WO), box, situation) for box in target.boxes)
+
+
+def _object_of(atom: str, box: ProgramBox, objects: Mapping[str, Array]) -> str | None:
+    inside = atom.partition("(")[2].rstrip(")").split(", ")
+    names = (*box.encloses, box.frame.removesuffix(START), *inside)
+    return next((name for name in names if name in objects), None)
+
+
+def _is_in(name: str | None, box: ProgramBox, situation: Situation) -> bool:
+    if name is None:
+        return False
+    if box.frame in situation.X_WL:
+        return situation.held == name
+    X_FB = np.array(box.pose)
+    if box.frame == "world":
+        X_WB = X_FB
+    elif box.frame.endswith(START):
+        X_WB = situation.starts[box.frame.removesuffix(START)] @ X_FB
+    else:
+        X_WB = situation.X_WO[box.frame] @ X_FB
+    offset = (situation.X_WO[name][:3, 3] - X_WB[:3, 3]) @ X_WB[:3, :3]
+    return bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())
+
+
+class Expectation:
+    """What is expected of a step if all goes well."""
+
+    def __init__(self, step: Step, joints: tuple[str, ...], twin: Twin) -> None:
+        """joints: names of the arm's joints, in the order of the step's trajectories."""
+        self.step = step
+        self._t = np.arange(0.0, step.time + SPACING, SPACING)
+        self._X_WO, self._holds = self._simulate(joints, twin)
+
+    def holds(self, atom: str, t: float) -> bool:
+        """Whether an atom holds at time t [s] of the step."""
+        return bool(self._holds[atom][min(round(max(t, 0.0) / SPACING), len(self._t) - 1)])
+
+    def held_throughout(self, atom: str, positive: bool, start: float, end: float) -> bool:
+        """Whether an atom has a value at all times from start to end [s]."""
+        first, last = (min(max(round(t / SPACING), 0), len(self._t) - 1) for t in (start, end))
+        return bool((self._holds[atom][first : last + 1] == positive).all())
+
+    def object_poses(self, t: float) -> Mapping[str, Array]:
+        """Where objects are at time t [s] of the step, (4, 4)."""
+        index = min(round(max(t, 0.0) / SPACING), len(self._t) - 1)
+        return {name: poses[index if len(poses) > 1 else 0] for name, poses in self._X_WO.items()}
+
+    def covering(self, atom: str, t: float, margin: float = 0.0) -> list[str]:
+        """The cameras that were predicted to see an atom from t - margin to t + margin [s]."""
+        target = self.step.targets[atom]
+        return [name for name, spans in target.seen.items() if _within(spans, t - margin, t + margin)]
+
+    def is_covered(self, atom: str, t: float, margin: float = 0.0) -> bool:
+        """Whether enough cameras were predicted to see an atom from t - margin to t + margin [s]."""
+        return len(self.covering(atom, t, margin)) >= self.step.targets[atom].cameras
+
+    def _simulate(
+        self, joints: tuple[str, ...], twin: Twin
+    ) -> tuple[Mapping[str, Array], Mapping[str, NDArray[np.bool_]]]:
+        step = self.step
+        q = np.empty((len(self._t), len(joints)))
+        primitive_of = np.minimum(
+            np.searchsorted([primitive.end for primitive in step.primitives], self._t), len(step.primitives) - 1
+        )
+        for index, primitive in enumerate(step.primitives):
+            rows = np.flatnonzero(primitive_of == index)
+            if len(rows):
+                q[rows] = primitive.trajectory.trajectory.positions(self._t[rows] - primitive.start)
+        X_WL = twin.poses_over(dict(zip(joints, q.T, strict=True)))
+        X_WT = X_WL[twin.tool_frame]
+        starts = {name: np.array(rows) for name, rows in step.before.objects.items()}
+        X_WO: dict[str, Array] = {name: X[None] for name, X in starts.items()}
+        for name in {primitive.held for primitive in step.primitives if primitive.held is not None}:
+            X_WO[name] = _carried(name, step, primitive_of, X_WT, starts[name])
+        held = [step.primitives[index].held for index in primitive_of.tolist()]
+        values = {atom: np.zeros(len(self._t), dtype=bool) for atom in step.targets}
+        for i in range(len(self._t)):
+            now = Situation(
+                {link: X[i] for link, X in X_WL.items()},
+                {name: X[i if len(X) > 1 else 0] for name, X in X_WO.items()},
+                starts,
+                held[i],
+            )
+            for atom, target in step.targets.items():
+                values[atom][i] = holds(atom, target, now)
+        return X_WO, values
+
+
+def _carried(name: str, step: Step, primitive_of: NDArray[np.int64], X_WT: Array, X_start: Array) -> Array:
+    """Poses of an object that is carried in some primitives and rests in the others, (m, 4, 4)."""
+    poses = np.empty_like(X_WT)
+    X_WO, X_TO = X_start, None
+    for i, index in enumerate(primitive_of.tolist()):
+        if step.primitives[index].held == name:
+            if X_TO is None:
+                carried = step.before.held == name and step.before.held_pose is not None
+                X_TO = np.array(step.before.held_pose) if carried else inverse(X_WT[i]) @ X_WO
+            X_WO = X_WT[i] @ X_TO
+        else:
+            X_TO = None
+        poses[i] = X_WO
+    return poses
+
+
+def _within(spans: tuple[tuple[float, float], ...], start: float, end: float) -> bool:
+    return any(first <= start and end <= last for first, last in spans)

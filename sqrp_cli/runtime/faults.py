@@ -1,0 +1,108 @@
+"""Faults that a run is told to suffer, as the command line writes them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.program import Step
+
+FaultKind = Literal["slip", "miss-pick", "camera-loss", "frozen", "latency", "perception-crash"]
+
+_FORMS = {
+    "slip": "slip@a4+0.4, slip@a4:random or slip@7.2",
+    "miss-pick": "miss-pick",
+    "camera-loss": "camera-loss:cam2@5.0",
+    "frozen": "frozen:cam1@3",
+    "latency": "latency:cam3=0.5",
+    "perception-crash": "perception-crash:cam1@4",
+}
+_NUMBER = r"\d+(?:\.\d*)?|\.\d+"
+_SLIP = re.compile(
+    rf"(?:(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>{_NUMBER})|(?P<random>:random))?|(?P<time>{_NUMBER}))"
+)
+_CAMERA_AT = re.compile(rf"(?P<camera>[^@=]+)@(?P<time>{_NUMBER})")
+_CAMERA_BY = re.compile(rf"(?P<camera>[^@=]+)=(?P<delay>{_NUMBER})")
+
+
+@dataclass(frozen=True)
+class InjectedFault:
+    """A fault that happens to a run.
+
+    t: when [s], from the start of the program's motion; None for one that waits for an event (a grasp, the start).
+    camera: which one, for faults of cameras. delay: by how much its images are late [s].
+    """
+
+    kind: FaultKind
+    text: str
+    t: float | None = None
+    camera: str | None = None
+    delay: float = 0.0
+
+
+def parse_fault(text: str, step: Step, cameras: Collection[str], rng: np.random.Generator) -> InjectedFault:
+    """A fault such as `slip@a4+0.4`. Raises InputError that says what was expected.
+
+    step: whose primitives are meant, with times from its start. rng: of random instants.
+    """
+    head = re.split(r"[@:=]", text, maxsplit=1)[0]
+    if head not in _FORMS:
+        raise _refused(text, f"there is no fault `{head}`; {expected_names(head, _FORMS)}")
+    rest = text[len(head) :]
+    match head:
+        case "slip":
+            return _slip(text, rest, step, rng)
+        case "miss-pick":
+            if rest:
+                raise _refused(text, f"expected just `{head}`")
+            if not any(primitive.action == "Grasp" for primitive in step.primitives):
+                raise _refused(text, "no primitive of this program grasps")
+            return InjectedFault("miss-pick", text)
+        case "latency":
+            found = _CAMERA_BY.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
+            if found is None:
+                raise _refused(text, f"expected a form such as `{_FORMS[head]}`")
+            return InjectedFault("latency", text, 0.0, _camera(text, found["camera"], cameras), float(found["delay"]))
+    found = _CAMERA_AT.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
+    if found is None:
+        raise _refused(text, f"expected a form such as `{_FORMS[head]}`")
+    kind: FaultKind = "camera-loss" if head == "camera-loss" else "frozen" if head == "frozen" else "perception-crash"
+    return InjectedFault(kind, text, float(found["time"]), _camera(text, found["camera"], cameras))
+
+
+def _slip(text: str, rest: str, step: Step, rng: np.random.Generator) -> InjectedFault:
+    found = _SLIP.fullmatch(rest.removeprefix("@")) if rest.startswith("@") else None
+    if found is None:
+        raise _refused(text, f"expected a form such as `{_FORMS['slip']}`")
+    if found["time"]:
+        return InjectedFault("slip", text, float(found["time"]))
+    spans = {primitive.name: (primitive.start, primitive.end) for primitive in step.primitives}
+    if found["primitive"] not in spans:
+        hint = expected_names(found["primitive"], spans)
+        raise _refused(text, f"the program has no primitive `{found['primitive']}`; {hint}")
+    start, end = spans[found["primitive"]]
+    if found["random"]:
+        return InjectedFault("slip", text, float(rng.uniform(start, end)))
+    offset = float(found["offset"] or 0.0)
+    if start + offset > end:
+        raise _refused(text, f"`{found['primitive']}` lasts only {end - start:.2f} s")
+    return InjectedFault("slip", text, start + offset)
+
+
+def _camera(text: str, name: str, cameras: Collection[str]) -> str:
+    if name not in cameras:
+        raise _refused(text, f"there is no camera `{name}`; {expected_names(name, cameras)}")
+    return name
+
+
+def _refused(text: str, message: str) -> InputError:
+    return InputError(Problem("bad-fault", f"--fault {text}: {message}", mend=f"give one of: {_list(_FORMS.values())}"))
+
+
+def _list(forms: Sequence[str] | Collection[str]) -> str:
+    return "; ".join(forms)

@@ -1,0 +1,232 @@
+"""Judges the formulas of a step while evidence arrives, in three values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal as OneOf
+
+from sqrp_cli.errors import Place
+from sqrp_cli.logic.evaluation import Monitor
+from sqrp_cli.logic.formula import Formula, Predicate, children, with_children
+from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
+from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program import ProgramFormula, ProgramResponse
+from sqrp_cli.runtime.expectation import Expectation
+
+PATIENCE = 0.3
+"""How long evidence that was predicted may be missing before the robot stops [s], and at least three images."""
+
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Something that calls for a response.
+
+    kind: a fault was seen, a formula is violated, or evidence that was predicted is missing. name: of the fault, or
+    the formula or atom.
+    """
+
+    kind: OneOf["fault", "violation", "blindness"]
+    name: str
+    text: str
+    response: ProgramResponse
+
+
+STOP = ProgramResponse(action="stop")
+
+
+class _Watch:
+    """One formula with its monitor."""
+
+    def __init__(self, entry: ProgramFormula, total: float) -> None:
+        self.entry = entry
+        self.formula = read_formula(entry.formula)
+        self.operators = ground_operators(self.formula, {}, total)
+        self.monitor = Monitor(self.formula, total)
+        self.over = False
+
+    def applies(self, t: float) -> bool:
+        """Whether any operator asks about a time; what is seen at other times says nothing about those."""
+        return any(operator.start - _SAME <= t <= operator.end + _SAME for operator in self.operators)
+
+
+class Judge:
+    """Watches all formulas of one step; times are those of the step's own clock [s]."""
+
+    def __init__(self, expectation: Expectation, period: float) -> None:
+        """period: time between images [s], of the slowest camera that matters."""
+        step = expectation.step
+        self._expectation, self._total = expectation, step.time
+        self._watches = [_Watch(entry, step.time) for entry in step.formulas]
+        self._patience = max(PATIENCE, 3 * period)
+        self._margin = period
+        self._contrary: dict[Literal, float] = {}
+        self._missing: dict[str, float] = {}
+
+    def monitored(self, t: float) -> tuple[str, ...]:
+        """The atoms that some formula asks about at a time."""
+        atoms = [
+            str(literal.atom)
+            for watch in self._watches
+            for operator in watch.operators
+            if operator.start - _SAME <= t <= operator.end + _SAME
+            for literal in operator.literals
+        ]
+        return tuple(dict.fromkeys(atoms))
+
+    def observe(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        """Judge new evidence: what is known of each atom from time t on. Returns what calls for a response, if any.
+
+        A fault goes before the violation of a plain requirement, that before missing evidence.
+        """
+        alarms = [self._judge(watch, t, values) for watch in self._watches]
+        found = [alarm for alarm in alarms if alarm is not None]
+        found.sort(key=lambda alarm: alarm.kind != "fault")
+        blindness = self._missing_evidence(t, values)
+        return found[0] if found else blindness
+
+    def at_rest(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        """Compare evidence with what should be so while the robot stands at a time: at the start or the end.
+
+        Returns a fault that happened unseen, else what is not as it should be; evidence that is missing counts only
+        where it was predicted.
+        """
+        for watch in self._watches:
+            if watch.entry.fault is not None and not watch.over and self._seen_late(watch, t, values):
+                watch.over = True
+                return Alarm(
+                    "fault", watch.entry.fault, f"{watch.entry.fault}: {watch.entry.formula}", watch.entry.response
+                )
+        for atom in self.monitored(t):
+            value, expected = values.get(atom, Truth.UNKNOWN), self._expectation.holds(atom, t)
+            if value == (Truth.FALSE if expected else Truth.TRUE):
+                wrong, right = (atom, f"not {atom}") if value == Truth.TRUE else (f"not {atom}", atom)
+                return Alarm("violation", atom, f"the cameras see `{wrong}`, expected `{right}`", STOP)
+            if value == Truth.UNKNOWN and self._expectation.is_covered(atom, t):
+                cameras = ", ".join(self._expectation.covering(atom, t))
+                return Alarm("blindness", atom, f"`{atom}` should be seen by {cameras}, but is not", STOP)
+        return None
+
+    def faults(self) -> list[list[tuple[float, float, tuple[Literal, ...]]]]:
+        """Start, end and literals of each operator of each fault's formula."""
+        return [
+            [(operator.start, operator.end, operator.literals) for operator in watch.operators]
+            for watch in self._watches
+            if watch.entry.fault is not None
+        ]
+
+    def verdicts(self, end: float) -> Mapping[str, Truth]:
+        """The verdict on each formula when all evidence up to `end` is there."""
+        return {watch.entry.formula: watch.monitor.finish(end).truth for watch in self._watches}
+
+    def _judge(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        if watch.over or t > self._total + _SAME:
+            return None
+        entry = watch.entry
+        if entry.fault is not None:
+            known = {_atom(name): value for name, value in values.items()} if watch.applies(t) else {}
+            seen = watch.monitor.observe(t, known).truth == Truth.TRUE or self._seen_late(watch, t, values)
+            if not seen:
+                return None
+            watch.over = True
+            return Alarm("fault", entry.fault, f"{entry.fault}: {entry.formula}", entry.response)
+        settled = self._settled(watch, t, values)
+        if watch.monitor.observe(t, settled).truth != Truth.FALSE:
+            return None
+        watch.over = True
+        wrong = self._contradicted(watch, t, values)
+        what = " and ".join(str(literal.negated()) for literal in wrong) or "not so"
+        return Alarm("violation", entry.formula, f"{what}, against {entry.formula}", entry.response)
+
+    def _seen_late(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> bool:
+        """Whether what a fault leaves behind is seen after its interval, and would not be if all had gone well."""
+        for operator in watch.operators:
+            if operator.operator == "eventually" and t >= operator.end and operator.literals:
+                seen = all(_value(literal, values) == Truth.TRUE for literal in operator.literals)
+                if seen and not all(self._nominal(literal, t, t) for literal in operator.literals):
+                    return True
+        return False
+
+    def _settled(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> dict[Atom, Truth]:
+        """The evidence, without what contradicts a formula but may be a change that is a little late.
+
+        It counts once it has lasted for the time to settle, and the nominal motion has had its change for as long.
+        """
+        if not watch.applies(t):
+            return {}
+        known = {_atom(name): value for name, value in values.items()}
+        for literal in _active(watch.operators, t):
+            value = _value(literal, values)
+            if value == Truth.TRUE:
+                self._contrary.pop(literal, None)
+            elif value == Truth.FALSE:
+                since = self._contrary.setdefault(literal, t)
+                settle = watch.entry.settle
+                if t - since < settle or not self._nominal(literal, t - settle, t):
+                    known[literal.atom] = Truth.UNKNOWN
+        return known
+
+    def _contradicted(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> list[Literal]:
+        return [literal for literal in _active(watch.operators, t) if _value(literal, values) == Truth.FALSE]
+
+    def _nominal(self, literal: Literal, start: float, end: float) -> bool:
+        return self._expectation.held_throughout(str(literal.atom), literal.positive, start, end)
+
+    def _missing_evidence(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        """An alarm if an atom that was predicted to be seen all the time has not been seen for too long."""
+        monitored = self.monitored(t)
+        self._missing = {atom: since for atom, since in self._missing.items() if atom in monitored}
+        for atom in monitored:
+            predicted = self._expectation.is_covered(atom, t, self._margin)
+            if values.get(atom, Truth.UNKNOWN) != Truth.UNKNOWN or not predicted:
+                self._missing.pop(atom, None)
+            elif t - self._missing.setdefault(atom, t) >= self._patience - _SAME:
+                cameras = ", ".join(self._expectation.covering(atom, t))
+                text = f"{atom} should be seen by {cameras}, but has not been for {self._patience:.2g} s"
+                return Alarm("blindness", atom, text, STOP)
+        return None
+
+
+def read_formula(text: str) -> Formula:
+    """A formula of a program, whose predicates have all their arguments."""
+    return _grounded(parse_formula(text, Place(Path("program"))))
+
+
+def condition_value(text: str, values: Mapping[str, Truth]) -> Truth:
+    """The value of a formula without temporal operators, such as the condition of a retry."""
+    from sqrp_cli.logic.evaluation import Sample, Trace, evaluate
+
+    known = {_atom(name): value for name, value in values.items()}
+    return evaluate(read_formula(text), Trace((Sample(0.0, known),), 0.0, 0.0)).truth
+
+
+def _grounded(formula: Formula) -> Formula:
+    if isinstance(formula, Predicate):
+        return Predicate(formula.name, formula.arguments or ())
+    return with_children(formula, tuple(_grounded(part) for part in children(formula)))
+
+
+def _active(operators: tuple[GroundOperator, ...], t: float) -> list[Literal]:
+    """The literals that `always` operators ask for at a time."""
+    return [
+        literal
+        for operator in operators
+        if operator.operator == "always" and operator.start - _SAME <= t <= operator.end + _SAME
+        for literal in operator.literals
+    ]
+
+
+def _value(literal: Literal, values: Mapping[str, Truth]) -> Truth:
+    value = values.get(str(literal.atom), Truth.UNKNOWN)
+    return value if literal.positive else ~value
+
+
+def _atom(text: str) -> Atom:
+    name, _, rest = text.partition("(")
+    arguments = rest.rstrip(")")
+    return Atom(name, tuple(part.strip() for part in arguments.split(",")) if arguments else ())

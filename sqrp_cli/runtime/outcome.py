@@ -1,0 +1,138 @@
+"""What a run leaves behind: its outcome, its faults with their times, and how well predictions came true."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened in a run, as the log holds it; t: simulated time [s]."""
+
+    t: float
+    kind: str
+    fields: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Listener(Protocol):
+    """Whoever wants to know what happens: the log, the live view."""
+
+    def __call__(self, event: Event) -> None:
+        """Take notice."""
+
+
+@dataclass
+class FaultRecord:
+    """A fault with its times on the run's clock [s]; None for what never came.
+
+    name: as the skill calls it, or what was injected. injected: when it was made to happen. happened: when the fault's
+    formula became true in the cell. detected: when the images showed it. acted: when the robot began to do something
+    about it: to try again, or to stop. recovered: when the step was done after all.
+    predicted_delay: from `happened` to `detected` as the program predicts it [s].
+    """
+
+    name: str
+    injected: float | None = None
+    happened: float | None = None
+    detected: float | None = None
+    acted: float | None = None
+    recovered: float | None = None
+    predicted_delay: float | None = None
+
+    @property
+    def delay(self) -> float | None:
+        """Measured from `happened` to `detected` [s]."""
+        if self.happened is None or self.detected is None:
+            return None
+        return self.detected - self.happened
+
+
+@dataclass
+class StepRecord:
+    """A step as it was run; start and end on the run's clock [s]."""
+
+    skill: str
+    parameters: Mapping[str, float | str]
+    start: float
+    end: float | None = None
+    attempts: int = 1
+
+
+@dataclass
+class Confusion:
+    """How often a camera was predicted to see an atom (positive) and did (true), over its images."""
+
+    tp: int = 0
+    tn: int = 0
+    fp: int = 0
+    fn: int = 0
+
+    def add(self, predicted: bool, detected: bool) -> None:
+        """Count one image."""
+        if predicted:
+            self.tp, self.fp = self.tp + detected, self.fp + (not detected)
+        else:
+            self.tn, self.fn = self.tn + (not detected), self.fn + detected
+
+    def __add__(self, other: Confusion) -> Confusion:
+        return Confusion(self.tp + other.tp, self.tn + other.tn, self.fp + other.fp, self.fn + other.fn)
+
+    @property
+    def precision(self) -> float | None:
+        """Share of the images predicted to show the atom that did; None if there is none."""
+        predicted = self.tp + self.fp
+        return self.tp / predicted if predicted else None
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """An image in which a prediction was wrong.
+
+    t: of the step [s]. predicted: whether the camera was predicted to see the atom. seen: what the image gave, true the
+    value. share: of the boxes that could be judged in the image.
+    """
+
+    step: int
+    t: float
+    atom: str
+    camera: str
+    predicted: bool
+    seen: str
+    true: bool
+    share: float
+
+
+Prediction = dict[str, dict[str, Confusion]]
+"""By atom and camera."""
+
+
+@dataclass
+class RunReport:
+    """A whole run.
+
+    reason: why it stopped, None if it is done. time: simulated [s]. tracking: rms distance of the tool from where it
+    should have been [m]. unseen: atoms that a formula asks about and nobody saw, with the share of time.
+    """
+
+    outcome: Literal["done", "stopped"] = "done"
+    reason: str | None = None
+    time: float = 0.0
+    steps: list[StepRecord] = field(default_factory=list)
+    faults: list[FaultRecord] = field(default_factory=list)
+    prediction: list[Prediction] = field(default_factory=list)
+    disagreements: list[Disagreement] = field(default_factory=list)
+    conflicts: int = 0
+    tracking: float | None = None
+    images: int = 0
+    wall: dict[str, float] = field(default_factory=dict)
+    stop_told: float | None = None
+    stop_done: float | None = None
+
+    @property
+    def total(self) -> Confusion:
+        """Over all steps, atoms and cameras."""
+        return sum(
+            (found for step in self.prediction for cameras in step.values() for found in cameras.values()), Confusion()
+        )

@@ -1,0 +1,133 @@
+"""Where boxes and the robot are in an image, by the robot's encoders and the camera's calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, box_corners, inverse, transform
+from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.knowledge.scene import Box, SceneObject
+from sqrp_cli.runtime.perception.vision import Corners, Mask, area_of, convex_outline, corners_of, filled
+from sqrp_cli.runtime.twin import Surface
+
+LEAST_DEPTH = 0.02
+"""Points nearer to the lens than this [m] are not projected."""
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A box in an image.
+
+    polygon: its outline (n, 2) and area: of that [pixels], also beyond the image's edges. center: image of its centre,
+    (2,). depth: of its centre [m].
+    """
+
+    polygon: Array
+    area: float
+    center: Array
+    depth: float
+
+    @property
+    def corners(self) -> Corners:
+        """The polygon as `filled` wants it."""
+        return corners_of(self.polygon)
+
+
+@dataclass(frozen=True, eq=False)
+class Silhouette:
+    """The robot in an image, as convex pieces."""
+
+    parts: tuple[_Pieces, ...]
+
+    def mask(self, shape: tuple[int, int], origin: tuple[int, int], nearer: float, *, behind: bool = False) -> Mask:
+        """The pixels of a crop that pieces nearer than a depth [m] cover; behind: those that are not nearer."""
+        last = np.array([origin[0] + shape[1], origin[1] + shape[0]])
+        chosen: list[Corners] = []
+        for part in self.parts:
+            if (part.low.min(axis=0) > last).any() or (part.high.max(axis=0) < origin).any():
+                continue
+            near = (part.depths < nearer) != behind
+            touching = near & (part.high >= origin).all(axis=1) & (part.low <= last).all(axis=1)
+            chosen.extend(part.corners[touching])
+        return filled(shape, origin, chosen)
+
+    def cover(self, shape: tuple[int, int]) -> Mask:
+        """Pixels of the image that hold all of the robot, and a little more: the hull of each part."""
+        return filled(shape, (0, 0), [part.hull for part in self.parts])
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """A part: corners of its p convex pieces, (p, n, 2), the depth of each one's middle [m], and the rectangles around.
+
+    hull: around all of them.
+    """
+
+    corners: Corners
+    depths: Array
+    low: Array
+    high: Array
+    hull: Corners
+
+    @classmethod
+    def of(cls, polygons: Array, depths: Array) -> _Pieces:
+        hull = corners_of(convex_outline(polygons.reshape(-1, 2)))
+        return cls(corners_of(polygons), depths, polygons.min(axis=1), polygons.max(axis=1), hull)
+
+
+class View:
+    """One camera at one moment."""
+
+    def __init__(self, projection: Projection, X_WC: Array) -> None:
+        """X_WC: pose of the optical frame, (4, 4)."""
+        self.projection, self.X_WC, self._X_CW = projection, X_WC, inverse(X_WC)
+        self.camera = projection.camera
+        self.shape = (self.camera.height, self.camera.width)
+
+    def outline(self, X_WB: Array, size: Sequence[float]) -> Outline | None:
+        """A box of full extents `size` [m]; None where some of it is behind or beyond what the lens shows."""
+        corners = transform(self._X_CW, transform(X_WB, box_corners(size)))
+        if corners[:, 2].min() < LEAST_DEPTH:
+            return None
+        pixels, inside = self.projection.pixels(corners)
+        if not inside.all():
+            return None
+        center = corners.mean(axis=0)
+        polygon = convex_outline(pixels)
+        return Outline(polygon, area_of(polygon), self.projection.pixels(center[None])[0][0], float(center[2]))
+
+    def silhouette(self, surfaces: Iterable[Surface], X_WL: Mapping[str, Array]) -> Silhouette:
+        """The robot's parts at given link poses; pieces that reach behind the camera are left out."""
+        parts = []
+        for surface in surfaces:
+            points = transform(self._X_CW @ X_WL[surface.link], surface.vertices)
+            ahead = points[:, 2] > LEAST_DEPTH
+            pixels, inside = self.projection.pixels(np.where(ahead[:, None], points, (0.0, 0.0, 1.0)))
+            visible = ahead & inside
+            if surface.triangles is None:
+                if not visible.all():
+                    continue
+                polygons, depths = convex_outline(pixels)[None], points[:, 2].mean(keepdims=True)
+            else:
+                whole = surface.triangles[visible[surface.triangles].all(axis=1)]
+                polygons, depths = pixels[whole], points[whole, 2].mean(axis=1)
+            if len(polygons):
+                parts.append(_Pieces.of(polygons, depths))
+        return Silhouette(tuple(parts))
+
+    def hides(self, thing: SceneObject, X_WO: Array, points_W: Array) -> bool:
+        """Whether an object stands between the camera and any of some points (n, 3) [m]."""
+        for part in thing.parts:
+            size = part.shape.size if isinstance(part.shape, Box) else thing.size
+            X_GW = inverse(X_WO @ (part.X_PG if isinstance(part.shape, Box) else np.eye(4)))
+            start = transform(X_GW, self.X_WC[:3, 3][None])[0]
+            steps = transform(X_GW, points_W) - start
+            with np.errstate(divide="ignore", invalid="ignore"):
+                bounds = (np.array([-0.5, 0.5])[:, None, None] * np.asarray(size) - start) / steps
+            enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
+            if ((enter < leave) & (leave > 0) & (enter < 1.0 - 1e-3)).any():
+                return True
+        return False

@@ -1,0 +1,101 @@
+"""What goes to the processes that look at images, and what comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.detector import Detector
+from sqrp_cli.knowledge.robot import Marker
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program import ProgramTarget
+from sqrp_cli.runtime.twin import Twin
+
+
+class Evidence(StrEnum):
+    """What an image shows of a box: the thing in it, the background where the thing would be, or neither for sure."""
+
+    SEEN = "seen"
+    ABSENT = "absent"
+    BLIND = "blind"
+
+
+@dataclass(frozen=True, eq=False)
+class CellKnowledge:
+    """What perception knows of the cell beforehand; markers: on links, by the link's name."""
+
+    cameras: Mapping[str, Camera]
+    detectors: Mapping[str, Detector]
+    objects: Mapping[str, SceneObject]
+    twin: Twin
+    markers: Mapping[str, Marker]
+
+
+@dataclass(frozen=True, eq=False)
+class Watchlist:
+    """What to look for during a step.
+
+    targets: by atom. starts: pose of each object when the step began, (4, 4).
+    """
+
+    targets: Mapping[str, ProgramTarget]
+    starts: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """What the robot knows of itself at the time of an image.
+
+    joints: positions by its encoders [rad or m]. holding: whether the tool was told to hold. X_WO: where objects are
+    believed to be, (4, 4).
+    """
+
+    joints: Mapping[str, float]
+    holding: bool
+    X_WO: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class BoxSight:
+    """What one image shows of one box.
+
+    share: of the box's outline that could be judged, in 0..1. outline: of the box in the image, shape (n, 2) [pixels].
+    """
+
+    name: str
+    evidence: Evidence
+    share: float
+    outline: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What one image shows.
+
+    frozen: whether it is the very image before it, which no real camera delivers twice. boxes: by atom.
+    places: position [m] of each object that was located, shape (3,). seconds: of work that it took.
+    """
+
+    camera: str
+    t: float
+    frozen: bool
+    boxes: Mapping[str, tuple[BoxSight, ...]] = field(default_factory=dict)
+    places: Mapping[str, Array] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def truth(self, atom: str) -> Truth:
+        """Whether the atom holds by this image alone: every box must show its thing, one without it refutes it."""
+        found = [box.evidence for box in self.boxes.get(atom, ())]
+        if not found or self.frozen:
+            return Truth.UNKNOWN
+        if Evidence.ABSENT in found:
+            return Truth.FALSE
+        return Truth.TRUE if all(evidence is Evidence.SEEN for evidence in found) else Truth.UNKNOWN
+
+    def share(self, atom: str) -> float:
+        """The least share of any of the atom's boxes that could be judged."""
+        return min((box.share for box in self.boxes.get(atom, ())), default=0.0)

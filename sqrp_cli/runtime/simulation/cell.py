@@ -1,0 +1,129 @@
+"""A cell in MuJoCo that can be moved, looked at through its cameras and made to fail."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import TYPE_CHECKING, Protocol
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.runtime.frame import Frame
+from sqrp_cli.runtime.simulation.requirements import check_simulator
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.simulation.physics import Physics
+    from sqrp_cli.runtime.simulation.render_pool import RenderPool
+
+
+class Reference(Protocol):
+    """The motion that the arm is to follow.
+
+    joints: names of the joints that it moves: those of the arm, and the fingers of a gripper where it has some.
+    Joints that it does not name keep their position; joints that mimic another one follow it.
+    """
+
+    @property
+    def joints(self) -> Sequence[str]:
+        """Names of the joints, n of them."""
+
+    def state(self, t: float) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at time t [s] of the cell's clock, shape (n,) each [rad or m, s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What really is so at one moment: for injecting faults and for judging what was detected, never for perception.
+
+    X_WO: pose of every object in the world, shape (4, 4). held: the object in the tool, by weld or contact.
+    joints: position of every movable joint of robot and tool [rad or m].
+    """
+
+    t: float
+    X_WO: Mapping[str, Array]
+    held: str | None
+    joints: Mapping[str, float]
+
+
+class SimulatedCell:
+    """A cell in simulated time; a context manager, as it holds processes that draw.
+
+    The same workspace, world, seed and calls give the same bytes again.
+    """
+
+    def __init__(self, physics: Physics, draughtsmen: RenderPool) -> None:
+        self._physics, self._draughtsmen = physics, draughtsmen
+
+    @classmethod
+    def build(cls, workspace: Workspace, world: World, seed: int) -> SimulatedCell:
+        """The cell at rest in a world, at t = 0; an object of unknown pose is not in it. seed: of the image noise.
+
+        Raises InputError without the extra `sim` or without OpenGL (with the command that installs it), and for a mesh
+        that cannot be used.
+        """
+        check_simulator()
+        from sqrp_cli.runtime.simulation.physics import Physics
+        from sqrp_cli.runtime.simulation.render_pool import RenderPool
+
+        physics = Physics(workspace, world)
+        return cls(physics, RenderPool(physics.model, tuple(workspace.cameras.values()), seed))
+
+    @property
+    def t(self) -> float:
+        """Simulated time [s]."""
+        return self._physics.t
+
+    def advance(self, t: float, reference: Reference) -> None:
+        """Let time pass until t [s] while the controller follows the reference as far as torque limits allow."""
+        self._physics.advance(t, reference)
+
+    def grasp(self) -> None:
+        """Switch suction on, or close the fingers with a force: what is there is held, if anything is.
+
+        Suction takes the thing whose surface is within 3 mm of the tool frame's origin, at once. Fingers hold by
+        friction, as soon as they have closed, at 5 cm/s.
+        """
+        self._physics.grasp()
+
+    def release(self) -> None:
+        """Switch suction off, or let the fingers follow the reference again (which then opens them)."""
+        self._physics.release()
+
+    def slip(self) -> None:
+        """Lose the hold until the next `release`: the cup leaks, or the fingers get slippery. What was held falls."""
+        self._physics.slip()
+
+    def miss_next_grasp(self) -> None:
+        """Let the next `grasp` do nothing."""
+        self._physics.miss_next_grasp()
+
+    def frames(self, cameras: Sequence[str]) -> Mapping[str, Frame]:
+        """An image of each camera as things now are, by name in the order given."""
+        images = self._draughtsmen.images(cameras, self._physics.positions, self.t)
+        return {name: Frame(name, self.t, image) for name, image in zip(cameras, images, strict=True)}
+
+    def measured_joints(self) -> Mapping[str, float]:
+        """Position of every movable joint of robot and tool as its encoder says [rad or m]."""
+        return self._physics.joints()
+
+    def truth(self) -> Truth:
+        """What really is so now."""
+        physics = self._physics
+        return Truth(self.t, physics.object_poses(), physics.held(), physics.joints())
+
+    def tracking_error(self) -> float:
+        """Distance of the tool frame from where the reference wanted it [m], root mean square over all steps so far."""
+        return float((self._physics.squared_error / max(self._physics.steps, 1)) ** 0.5)
+
+    def close(self) -> None:
+        """End the processes that draw."""
+        self._draughtsmen.close()
+
+    def __enter__(self) -> SimulatedCell:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

@@ -1,0 +1,65 @@
+"""What the simulator needs of the machine: Python packages, and an OpenGL that draws without a screen.
+
+MuJoCo reads MUJOCO_GL when it is imported, and the import itself fails if that names a library that is missing.
+"""
+
+from __future__ import annotations
+
+import ctypes.util
+import os
+import sys
+from importlib.util import find_spec
+
+from sqrp_cli.errors import InputError, Problem
+
+_PACKAGES = {
+    "mujoco": "mujoco",
+    "cv2": "opencv-contrib-python-headless",
+    "trimesh": "trimesh",
+    "collada": "pycollada",
+}
+"""Modules of the extra `sim`, with the names under which pip installs them."""
+
+_LIBRARIES = {"egl": ("EGL", "GL"), "osmesa": ("OSMesa",)}
+"""Shared libraries behind each value of MUJOCO_GL that draws without a screen, the preferred one first."""
+
+_DEBIAN = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
+
+
+def check_simulator() -> None:
+    """See that MuJoCo can be imported and draw, and choose how it draws where MUJOCO_GL does not say.
+
+    Raises InputError, with the command that mends it, if a package or OpenGL is missing.
+    """
+    check_packages()
+    chosen = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if not chosen and sys.platform.startswith("linux"):
+        usable = [name for name in _LIBRARIES if not _missing_libraries(name)]
+        if not usable:
+            raise no_opengl("no library of OpenGL is installed")
+        os.environ["MUJOCO_GL"] = usable[0]
+    elif chosen in ("off", "0", "no", "false", "disable", "disabled"):
+        raise no_opengl(f"MUJOCO_GL is `{chosen}`, so MuJoCo may not draw")
+    elif chosen in _LIBRARIES and (absent := _missing_libraries(chosen)):
+        raise no_opengl(f"MUJOCO_GL is `{chosen}`, but {' and '.join(absent)} is not installed")
+
+
+def check_packages() -> None:
+    """See that the packages of the extra `sim` are there. Raises InputError, with the command that mends it."""
+    missing = [package for module, package in _PACKAGES.items() if find_spec(module) is None]
+    if missing:
+        message = f"images need {', '.join(missing)}, which belongs to the extra `sim`"
+        raise InputError(Problem("missing-extra", message, mend=f"pip install {' '.join(missing)}"))
+
+
+def no_opengl(reason: str) -> InputError:
+    """The error that says how to get an OpenGL that can draw."""
+    message = (
+        f"the simulated cameras need an OpenGL that draws without a screen: {reason} "
+        f"(on Debian: {_DEBIAN['egl']} with MUJOCO_GL=egl, or {_DEBIAN['osmesa']} with MUJOCO_GL=osmesa)"
+    )
+    return InputError(Problem("no-opengl", message, mend=f"apt install {_DEBIAN['egl']} && export MUJOCO_GL=egl"))
+
+
+def _missing_libraries(backend: str) -> list[str]:
+    return [f"lib{name}" for name in _LIBRARIES[backend] if ctypes.util.find_library(name) is None]

@@ -1,0 +1,119 @@
+"""The robot as its encoders say it stands: link poses, frames of the cell and the outline of every solid part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.errors import Place
+from sqrp_cli.geometry import Array, box_corners, transform
+from sqrp_cli.knowledge.joint_tree import JointTree
+from sqrp_cli.knowledge.packages import resolve
+from sqrp_cli.knowledge.robot import Robot
+from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from sqrp_cli.knowledge.urdf import UrdfModel, link_parts, read_urdf
+
+START = "@start"
+"""Suffix of a frame that stays where an object was when a step began."""
+
+_SIDES = 24
+"""Corners of the polygons that stand for circles in outlines."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A solid part of the robot.
+
+    vertices: in its link's frame [m], shape (V, 3). triangles: indices into them, shape (F, 3); None for a convex
+    part, whose outline is the hull of its vertices.
+    """
+
+    link: str
+    vertices: Array
+    triangles: NDArray[np.int64] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Twin:
+    """A robot with its tool, placed in the world.
+
+    tool_frame: the link that grasps. home: position of each joint at rest [rad or m].
+    """
+
+    tree: JointTree
+    surfaces: tuple[Surface, ...]
+    tool_frame: str
+    home: Mapping[str, float]
+
+    @classmethod
+    def load(cls, robot: Robot) -> Twin:
+        """Read the URDFs and meshes. Raises InputError for those that cannot be used."""
+        urdf = read_urdf(robot.urdf)
+        tool = read_urdf(robot.tool.urdf) if robot.tool else None
+        mount = (robot.tool.link, robot.tool.X_LT) if robot.tool else (None, None)
+        tree = JointTree.of(urdf, robot.X_WB, tool, *mount)
+        surfaces = tuple(surface for model in (urdf, tool) if model for surface in _surfaces(model, robot))
+        home = {joint.name: float(np.clip(0.0, joint.lower, joint.upper)) for joint in tree.joints}
+        return cls(tree, surfaces, robot.tool_frame, {**home, **robot.home})
+
+    def link_poses(self, joints: Mapping[str, float]) -> dict[str, Array]:
+        """World pose X_WL of every link, shape (4, 4), at joint positions [rad or m]; others are at rest."""
+        return {link: X[0] for link, X in self.poses_over({name: np.array([q]) for name, q in joints.items()}).items()}
+
+    def poses_over(self, joints: Mapping[str, Array]) -> dict[str, Array]:
+        """World poses X_WL of every link, shape (m, 4, 4), for m positions of each joint, shape (m,)."""
+        count = max((len(values) for values in joints.values()), default=1)
+        positions: dict[str, Array] = {}
+        for joint in self.tree.joints:
+            positions[joint.name] = joints.get(joint.name, np.full(count, self.home[joint.name]))
+        for joint in self.tree.joints:
+            if joint.mimic is not None and joint.name not in joints:
+                positions[joint.name] = joint.mimic.multiplier * positions[joint.mimic.joint] + joint.mimic.offset
+        X_WJ = self.tree.poses(np.stack([positions[joint.name] for joint in self.tree.joints], axis=1))
+        return {
+            link: X_WJ[:, mount.joint] @ mount.X_JL if mount.joint >= 0 else np.tile(mount.X_JL, (count, 1, 1))
+            for link, mount in self.tree.mounts.items()
+        }
+
+
+def _surfaces(model: UrdfModel, robot: Robot) -> list[Surface]:
+    def find(reference: str, file: Path) -> Path:
+        return resolve(reference, file.parent, robot.package_roots, Place(file))
+
+    surfaces = []
+    for part in link_parts(model, robot.geometry, find):
+        vertices, triangles = _mesh(part.shape)
+        surfaces.append(Surface(part.parent, transform(part.X_PG, vertices), triangles))
+    return surfaces
+
+
+def _mesh(shape: Shape) -> tuple[Array, NDArray[np.int64] | None]:
+    match shape:
+        case Mesh():
+            from sqrp_cli.runtime.meshes import load_triangles
+
+            mesh = load_triangles(shape)
+            return mesh.vertices, mesh.faces
+        case Box(size):
+            return box_corners(size), None
+        case Cylinder(radius, length):
+            return np.concatenate([_rim(radius, -length / 2), _rim(radius, length / 2)]), None
+        case Sphere(radius):
+            return _ball(radius, 0.0), None
+        case Capsule(radius, length):
+            return _ball(radius, length), None
+
+
+def _rim(radius: float, height: float) -> Array:
+    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(_SIDES, height)])
+
+
+def _ball(radius: float, straight: float) -> Array:
+    angles = np.linspace(0.0, np.pi, _SIDES // 2 + 1)
+    heights = radius * np.cos(angles) + np.copysign(straight / 2, np.cos(angles))
+    return np.concatenate([_rim(radius * np.sin(a), h) for a, h in zip(angles, heights, strict=True)])

@@ -1,0 +1,138 @@
+"""Variants of one workspace, scored and compared, as for the question where a camera should go."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.edit import edited
+from sqrp_cli.knowledge.source import Document, read_document
+from sqrp_cli.scoring.cells import ScoredCell, read_cell
+from sqrp_cli.scoring.compute import Computer
+from sqrp_cli.scoring.findings import Findings, Progress, score_cells
+from sqrp_cli.scoring.variation import Values
+
+AS_IT_IS: Values = ()
+"""The values of the workspace as its file has it."""
+
+_QUALITY_STEP = 1e-3
+"""Qualities are compared rounded to this, as in a ranking."""
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """A workspace with other values.
+
+    values: none for the workspace as it is. content: of its file. cell: what it reads as.
+    """
+
+    values: Values
+    content: bytes
+    cell: ScoredCell
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredVariant:
+    """A variant with its scores.
+
+    q_eoi, q_avg: means over every choice of objects of every task, of its best candidate, in 0..1; an infeasible one
+    counts 0; None where a variant cannot be scored, or a quality is undefined for all. passed: tasks that pass.
+    """
+
+    variant: Variant
+    findings: Findings
+    q_eoi: float | None
+    q_avg: float | None
+    time: float | None
+
+    @property
+    def passed(self) -> int:
+        """How many tasks reach their thresholds."""
+        return self.findings.count("passed")
+
+    @property
+    def order(self) -> tuple[float, ...]:
+        """Better variants come first: no errors, tasks that pass, Q_eoi, Q_avg, time."""
+        qualities = [-round((quality or 0.0) / _QUALITY_STEP) for quality in (self.q_eoi, self.q_avg)]
+        return (self.findings.count("error"), -self.passed, *qualities, self.time or 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """The variants of a workspace, the best first; of equals the one that came first. The workspace as it is is one."""
+
+    document: Document
+    variants: tuple[ScoredVariant, ...]
+    interrupted: bool = False
+
+    @property
+    def best(self) -> ScoredVariant:
+        """The best variant."""
+        return self.variants[0]
+
+    @property
+    def patch(self) -> str:
+        """A unified diff that makes the best variant of the workspace file; empty if that is the best as it is."""
+        before, after = (
+            c.decode().splitlines(keepends=True) for c in (self.document.content, self.best.variant.content)
+        )
+        name = _from_here(self.document.path)
+        lines = difflib.unified_diff(before, after, name, name)
+        return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
+
+
+def read_variants(file: Path, values: Sequence[Values], advance: Callable[[], None]) -> tuple[Document, list[Variant]]:
+    """A workspace as it is, and with each of these values; `advance` is called after each.
+
+    Raises InputError where a value is not in the file, or the workspace as it is cannot be used.
+    """
+    document = read_document(file)
+    variants = []
+    for chosen in (AS_IT_IS, *values):
+        content = edited(document, dict(chosen)) if chosen else document.content
+        name = ", ".join(f"{path}={value}" for path, value in chosen) or "as it is"
+        cell = read_cell(file, name, content)
+        if cell.workspace is None and not chosen:
+            raise InputError(*cell.problems)
+        variants.append(Variant(chosen, content, cell))
+        advance()
+    return document, variants
+
+
+def sweep(document: Document, variants: Sequence[Variant], computer: Computer, progress: Progress) -> Sweep:
+    """Score variants of a workspace. Raises InputError where results cannot be kept."""
+    findings = score_cells([variant.cell for variant in variants], computer, progress)
+    if findings.interrupted:
+        return Sweep(document, (), interrupted=True)
+    results = iter(findings.results)
+    scored = []
+    for variant in variants:
+        count = max(1, len(variant.cell.tasks))
+        scored.append(_scored(variant, replace(findings, results=tuple(next(results) for _ in range(count)))))
+    return Sweep(document, tuple(sorted(scored, key=lambda variant: variant.order)))
+
+
+def _scored(variant: Variant, findings: Findings) -> ScoredVariant:
+    if findings.count("error"):
+        return ScoredVariant(variant, findings, None, None, None)
+    ways = [way.assessment for result in findings.results for way in result.score.ways.values()]
+    feasible = [way for way in ways if way.feasible]
+
+    def mean(name: str) -> float | None:
+        known = [getattr(way, name) for way in feasible if getattr(way, name) is not None]
+        undefined = len(feasible) - len(known)
+        return float(np.sum(known)) / (len(ways) - undefined) if known else None
+
+    time = float(np.mean([way.time for way in feasible if way.time is not None])) if feasible else None
+    return ScoredVariant(variant, findings, mean("q_eoi"), mean("q_avg"), time)
+
+
+def _from_here(path: Path) -> str:
+    """How a patch names a file: from the current folder if it is below it."""
+    current = Path.cwd()
+    return (path.relative_to(current) if path.is_relative_to(current) else path).as_posix()

@@ -1,0 +1,106 @@
+"""A starter workspace filled at random, for load tests: as many cubes and cameras as asked for, obstacles, tasks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import ceil, pi, sqrt
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.starter.layout import Cube, Layout, Obstacle, View
+
+COLORS = ("green", "red", "blue")
+"""Colours of the cubes, in turn; there is a task for each that occurs."""
+
+CUBES_PER_OBSTACLE = 6
+
+NEAREST, FARTHEST = 0.3, 0.75
+"""Where the work lies: distances from the base as shares of the reach; further out if the cubes need more room."""
+
+CLEARANCE = 0.05
+"""Least distance between things on the table, beside the half diagonals of their sides [m]."""
+
+HOME_CLEARANCE = 0.25
+"""Radius around the tool at home in which nothing tall stands [m]."""
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """What to fill a cell with; seed: of all that is drawn."""
+
+    seed: int
+    objects: int
+    cameras: int
+
+
+def crowded(layout: Layout, cell: Cell, reach: float, crowd: Crowd) -> Layout:
+    """The layout with cubes, obstacles, cameras and tasks drawn at random in place of its own.
+
+    cell: with that layout; reach: of its arm [m]. Not every cube is in reach of every arm from every side: some
+    candidates are infeasible, as in real cells.
+    """
+    rng = np.random.default_rng(crowd.seed)
+    x, y = cell.model.joint_origins(cell.model.home)[0, :2].tolist()
+    base = np.array([x, y])
+    home = cell.model.tool_pose(cell.model.home)[:2, 3]
+    size = layout.cube_size
+    taken = _Ground(base, NEAREST * reach)
+    obstacles = []
+    farthest = max(FARTHEST * reach, sqrt((NEAREST * reach) ** 2 + crowd.objects * 3 * (size + CLEARANCE) ** 2 / pi))
+    for index in range(crowd.objects // CUBES_PER_OBSTACLE):
+        extents = rng.uniform((0.06, 0.06, 0.08), (0.12, 0.12, 0.2)).round(2)
+        radius = float(np.hypot(*extents[:2])) / 2
+        place = taken.draw(rng, farthest, radius, home, HOME_CLEARANCE)
+        obstacles.append(Obstacle(f"block{index + 1}", _triple(extents), _triple([*place, extents[2] / 2])))
+    cubes = []
+    for index in range(crowd.objects):
+        color = COLORS[index % len(COLORS)]
+        place = taken.draw(rng, farthest, size / sqrt(2), home, 0.0)
+        cubes.append(Cube(f"{color[0]}{index // len(COLORS) + 1}", color, _triple([*place, size / 2])))
+    views = [_view(rng, f"cam{index + 1}", base, reach) for index in range(crowd.cameras)]
+    colors = dict.fromkeys(cube.color for cube in cubes)
+    side = max(layout.table_side, ceil(20 * (farthest + float(np.abs(base).max()) + 0.2)) / 10)
+    tasks = tuple(f"pickup {color}" for color in colors)
+    return replace(layout, cubes=cubes, obstacles=obstacles, views=views, tasks=tasks, table_side=side)
+
+
+class _Ground:
+    """Where on the table something stands already: circles around things [m]."""
+
+    def __init__(self, base: Array, nearest: float) -> None:
+        self._base, self._nearest = base, nearest
+        self._places = np.empty((0, 2))
+        self._radii = np.empty(0)
+
+    def draw(self, rng: np.random.Generator, farthest: float, radius: float, apart_from: Array, by: float) -> Array:
+        """A free place for a thing of a radius, uniform over the ring around the base; in whole millimetres, (2,).
+
+        apart_from, by: a point (2,) and the distance that is kept from it. The ring grows where no place is found.
+        """
+        while True:
+            for _ in range(200):
+                distance = sqrt(rng.uniform((self._nearest + radius) ** 2, farthest**2))
+                turn = rng.uniform(-pi, pi)
+                place = (self._base + distance * np.array([np.cos(turn), np.sin(turn)])).round(3)
+                gaps = np.linalg.norm(self._places - place, axis=1) - self._radii - radius
+                if (gaps > CLEARANCE).all() and np.linalg.norm(place - apart_from) >= by:
+                    self._places = np.vstack([self._places, place])
+                    self._radii = np.append(self._radii, radius)
+                    return place
+            farthest *= 1.1
+
+
+def _view(rng: np.random.Generator, name: str, base: Array, reach: float) -> View:
+    """A camera on a dome over the cell that looks at some place of the work."""
+    turn, height, distance = rng.uniform(-pi, pi), rng.uniform(0.5, 1.2), rng.uniform(0.9, 1.6) * reach
+    around, far = rng.uniform(-pi, pi), rng.uniform(NEAREST, FARTHEST) * reach
+    target = np.array([*(base + far * np.array([np.cos(around), np.sin(around)])), 0.05])
+    ray = np.array([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)])
+    return View(name, _triple(target + distance * ray), _triple(target))
+
+
+def _triple(values: Array | list[float]) -> tuple[float, float, float]:
+    x, y, z = (round(float(value), 3) for value in values)
+    return x, y, z

@@ -1,0 +1,106 @@
+"""Cells for tests of the simulation: real workspaces with other things, cameras and places in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, look_at, pose, read_only
+from sqrp_cli.knowledge.camera import Camera, DistortionModel
+from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.scene import Box, Part, SceneObject, Shape
+from sqrp_cli.knowledge.workspace import Workspace, World
+
+ROOT = Path(__file__).parents[3]
+
+
+@cache
+def workspace(folder: str) -> Workspace:
+    """A workspace of the repository."""
+    return load_workspace(ROOT / folder)
+
+
+def camera(
+    name: str = "cam",
+    eye: Sequence[float] = (1.0, 0.4, 0.8),
+    target: Sequence[float] = (0.3, 0.1, 0.0),
+    *,
+    size: tuple[int, int] = (640, 480),
+    focal: tuple[float, float] = (600.0, 600.0),
+    center: tuple[float, float] | None = None,
+    lens: tuple[DistortionModel, Sequence[float]] = ("none", ()),
+    frame: str = "world",
+    X_FC: Array | None = None,
+) -> Camera:
+    """A camera; `X_FC` counts before `eye` and `target`."""
+    cx, cy = center or ((size[0] - 1) / 2, (size[1] - 1) / 2)
+    matrix = read_only([[focal[0], 0.0, cx], [0.0, focal[1], cy], [0.0, 0.0, 1.0]])
+    X = look_at(eye, target) if X_FC is None else X_FC
+    return Camera(name, *size, matrix, lens[0], read_only(lens[1]), frame, read_only(X), 0.1, 10.0, 10.0, 0.05)
+
+
+def thing(
+    name: str,
+    position: Sequence[float],
+    size: tuple[float, float, float] = (0.04, 0.04, 0.04),
+    *,
+    color: str | None = "red",
+    fixed: bool = False,
+    shape: Shape | None = None,
+    marker: int | None = None,
+    rotation: Array | None = None,
+) -> SceneObject:
+    """A thing made of one part, a box unless `shape` says otherwise."""
+    part = Part(name, name, shape or Box(size), read_only(pose()))
+    X_WO = read_only(pose(rotation, position))
+    return SceneObject(name, "thing", color, (), size, X_WO, fixed, None, marker, (part,))
+
+
+TABLE = thing("table", (0.0, 0.0, -0.02), (2.0, 2.0, 0.04), color="grey", fixed=True)
+
+
+def cell(base: Workspace, things: Sequence[SceneObject], cameras: Sequence[Camera] = ()) -> Workspace:
+    """A workspace with other things and cameras in it."""
+    return replace(
+        base,
+        objects={item.name: item for item in things},
+        cameras={item.name: item for item in cameras} or base.cameras,
+    )
+
+
+def world(base: Workspace, joints: Mapping[str, float] | None = None) -> World:
+    """The initial world of a workspace, with some joints elsewhere."""
+    initial = base.initial_world
+    return replace(initial, joints={**initial.joints, **(joints or {})})
+
+
+class Rest:
+    """A reference that stands still."""
+
+    def __init__(self, joints: Mapping[str, float]) -> None:
+        self.joints = tuple(joints)
+        self._q = np.array(list(joints.values()))
+
+    def state(self, t: float) -> tuple[Array, Array, Array]:  # noqa: ARG002
+        return self._q, np.zeros_like(self._q), np.zeros_like(self._q)
+
+
+class Quintic:
+    """A reference from rest to rest in the shape 10 x^3 - 15 x^4 + 6 x^5, and then at rest."""
+
+    def __init__(self, start: Mapping[str, float], end: Mapping[str, float], begin: float, duration: float) -> None:
+        self.joints = tuple(start)
+        self._start = np.array([start[name] for name in start])
+        self._change = np.array([end.get(name, start[name]) for name in start]) - self._start
+        self._begin, self._duration = begin, duration
+
+    def state(self, t: float) -> tuple[Array, Array, Array]:
+        x = min(max((t - self._begin) / self._duration, 0.0), 1.0)
+        s = x**3 * (10 - 15 * x + 6 * x**2)
+        ds = 30 * x**2 * (1 - x) ** 2 / self._duration
+        dds = 60 * x * (1 - x) * (1 - 2 * x) / self._duration**2
+        return self._start + s * self._change, ds * self._change, dds * self._change

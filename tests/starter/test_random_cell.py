@@ -1,0 +1,47 @@
+"""Cells filled at random are valid, of the size asked for, and the same for a seed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.knowledge.lint import lint
+from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.task import read_task
+from sqrp_cli.starter.make import make_starter
+from sqrp_cli.starter.random_cell import Crowd
+
+
+def made(folder: Path, crowd: Crowd) -> Workspace:
+    make_starter(folder, None, crowd)
+    return load_workspace(folder)
+
+
+@pytest.mark.parametrize("crowd", [Crowd(1, 9, 4), Crowd(2, 1, 1), Crowd(3, 300, 30)], ids=str)
+def test_a_cell_is_valid_and_has_what_was_asked_for(crowd: Crowd, tmp_path: Path) -> None:
+    workspace = made(tmp_path / "cell", crowd)
+    cubes = [thing for thing in workspace.objects.values() if thing.type == "cube"]
+    assert (len(cubes), len(workspace.cameras)) == (crowd.objects, crowd.cameras)
+    assert len(workspace.tasks) == min(3, crowd.objects)
+    assert not [problem for problem in lint(workspace) if problem.severity == "error"]
+    cell = Cell.load(workspace)
+    candidates = read_task(workspace.tasks[0].task, workspace).candidates[:5]
+    motions = [feasible_motion(cell, candidate, workspace.initial_world) for candidate in candidates]
+    assert not [m for m in motions if isinstance(m, Infeasible) and "before anything moves" in m.reasons[0]]
+    places = np.array([thing.X_WO[:2, 3] for thing in workspace.objects.values() if thing.name != "table"])
+    gaps = np.linalg.norm(places[:, None] - places, axis=2) + np.eye(len(places))
+    assert gaps.min() > 0.1
+
+
+def test_the_seed_decides(tmp_path: Path) -> None:
+    texts = []
+    for index, seed in enumerate((5, 5, 6)):
+        made(tmp_path / str(index), Crowd(seed, 6, 3))
+        texts.append((tmp_path / str(index) / "workspace.yaml").read_text(encoding="utf-8"))
+    assert texts[0] == texts[1] != texts[2]
