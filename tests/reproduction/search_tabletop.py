@@ -16,7 +16,7 @@ from sqrp_cli.programming.task import read_task
 from tests.reproduction.layout_search import Grading, Sight, anneal, beyond, random_camera, sight
 
 PAPER = {"g1": (67.80, 0.0), "g2": (80.25, 100.0), "g3": (83.87, 66.12), "g4": (79.88, 55.41), "g5": (36.67, 100.0)}
-MORE = (5, 20, 40)
+MORE = (5, 20, 40, 100)
 
 
 class Tabletop:
@@ -53,11 +53,12 @@ class Tabletop:
                     cost += abs(g[1] - q_eoi)
                 else:
                     cost += beyond(g[1], max(51.5, q_eoi - 3.5), min(68.5, q_eoi + 3.5)) + 0.1 * abs(g[1] - q_eoi)
-        few, twenty, forty = grades[len(PAPER) :]
+        few, twenty, forty, dense = grades[len(PAPER) :]
         ten = grades[0]
         for v in range(len(ten)):
             cost += 2 * beyond(ten[v, 0] - few[v, 0], 6.5, 13.5)
-            cost += 2 * beyond(abs(forty[v, 0] - twenty[v, 0]), 0, 1.0)
+            cost += 3 * beyond(dense[v, 0] - forty[v, 0], -0.5, 0.6)
+            cost += 3 * beyond(abs(forty[v, 0] - twenty[v, 0]), 0, 1.0)
         interest = self.studies[0].timeline.interesting
         hides = [s.hidden[0][:, interest].any(axis=-1) & (s.hidden[0] | s.sees[0])[:, interest].all(axis=-1) for s in chosen]
         cost += 100 * (1 - max(h.mean() for h in hides))
