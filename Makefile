@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank run test check bench damage planners pictures format clean
+.PHONY: all rank run test check bench load damage planners pictures format clean
 
 all: .venv/installed
 
@@ -32,6 +32,10 @@ check: all
 
 bench: all
 	$(BIN)/python -m tests.benchmarks
+
+# Scores 40 generated cells in every way, kills included; takes minutes.
+load: all
+	$(BIN)/python -m tests.load
 
 # Plans for 300 random problems against Fast Downward, which takes 0.2 s for each.
 planners: all

@@ -113,6 +113,19 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     return pose(np.column_stack([right, np.cross(forward, right), forward]), eye)
 
 
+def side_pose(size: tuple[float, float, float], side: str) -> Array:
+    """The pose X_OT of a tool frame at yaw 0 in the centre of a side of a box of full extents `size` [m], shape (4, 4).
+
+    side: the side's outward axis, one of `+x -x +y -y +z -z`. The tool's z axis points into the box; its x axis lies
+    along the box's x axis, or y axis for the sides +x and -x.
+    """
+    axis = "xyz".index(side[1])
+    outward = np.zeros(3)
+    outward[axis] = 1.0 if side[0] == "+" else -1.0
+    x = np.eye(3)[1 if axis == 0 else 0]
+    return pose(np.column_stack([x, np.cross(-outward, x), -outward]), 0.5 * np.asarray(size) * outward)
+
+
 def box_corners(size: ArrayLike) -> Array:
     """The 8 corners [m] of a box of full extents `size` (..., 3) in its own frame, shape (..., 8, 3)."""
     corners: Array = 0.5 * np.asarray(size, dtype=float)[..., None, :] * BOX_SIGNS

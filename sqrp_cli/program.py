@@ -62,11 +62,21 @@ class TrajectoryNumbers(Entry):
 
     @model_validator(mode="after")
     def _consistent(self) -> TrajectoryNumbers:
-        for breaks, pieces in ((self.path.breaks, self.path.coefficients), (self.law.breaks, self.law.coefficients)):
-            if len(breaks) != len(pieces) + 1 or any(b < a for a, b in pairwise(breaks)):
-                raise PydanticCustomError("program-motion", "breaks must rise and be one more than there are pieces")
-        if len({len(row) for piece in self.path.coefficients for row in piece}) != 1:
-            raise PydanticCustomError("program-motion", "every coefficient must have one number per joint")
+        for part, breaks, count in (
+            ("path", self.path.breaks, len(self.path.coefficients)),
+            ("law", self.law.breaks, len(self.law.coefficients)),
+        ):
+            if count == 0 or len(breaks) != count + 1 or any(b < a for a, b in pairwise(breaks)):
+                message = "the breaks of the {part} must rise and be one more than there are pieces"
+                raise PydanticCustomError("program-motion", message, {"part": part})
+        if any(a == b for a, b in pairwise(self.path.breaks)):
+            raise PydanticCustomError("program-motion", "the breaks of the path must be different")
+        if any(len(piece) != 4 for piece in self.law.coefficients):
+            raise PydanticCustomError("program-motion", "every piece of the law must have four coefficients")
+        rows = {len(row) for piece in self.path.coefficients for row in piece}
+        if len(rows) != 1 or 0 in rows or len({len(piece) for piece in self.path.coefficients}) != 1:
+            message = "every coefficient of the path must have one number per joint, every piece as many coefficients"
+            raise PydanticCustomError("program-motion", message)
         return self
 
     @property

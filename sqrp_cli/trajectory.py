@@ -155,6 +155,24 @@ class Trajectory:
         law = self.law.derivatives(t)
         return chain_rule(law[1:, :, None], [self.path.derivatives(law[0], k) for k in range(1, order + 1)])
 
+    def followed_by(self, other: Trajectory) -> Trajectory:
+        """First this motion, then another one that begins where it ends, both from rest to rest.
+
+        Each is one half of the whole path; a motion without duration is left out.
+        """
+        if self.duration <= 0.0 or other.duration <= 0.0:
+            return self if other.duration <= 0.0 else other
+        degree = max(part.path.coefficients.shape[1] for part in (self, other))
+        pieces = [
+            np.pad(part.path.coefficients, ((0, 0), (0, degree - part.path.coefficients.shape[1]), (0, 0)))
+            for part in (self, other)
+        ]
+        path = Path(np.concatenate([self.path.breaks[:-1], 1.0 + other.path.breaks]) / 2, np.concatenate(pieces))
+        later = 0.5 * other.law.coefficients
+        later[:, 0] += 0.5
+        breaks = np.concatenate([self.law.breaks[:-1], self.duration + other.law.breaks])
+        return Trajectory(path, PiecewiseCubic(breaks, np.concatenate([0.5 * self.law.coefficients, later])))
+
     def to_numbers(self) -> dict[str, Any]:
         """Nested lists of plain numbers, from which `from_numbers` makes the same trajectory again, bit for bit."""
         return {

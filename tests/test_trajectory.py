@@ -112,3 +112,20 @@ def test_shifting_a_path_moves_its_positions_only() -> None:
 def test_an_unknown_order_is_refused() -> None:
     with pytest.raises(ValueError, match="1, 2 or 3"):
         smooth_trajectory(0).derivatives([0.0], 4)
+
+
+def test_one_motion_after_another_is_each_in_turn() -> None:
+    law = PiecewiseCubic(np.array([0.0, 2.0]), np.array([[0.0, 0.0, 0.75, -0.25]]))  # from rest to rest
+    first = Trajectory(Path.line([0.0, 1.0], [2.0, 0.0]), law)
+    second = Trajectory(Path.line([2.0, 0.0], [2.0, 5.0]), law.stretched(1.5))
+    both = first.followed_by(second)
+    assert both.duration == pytest.approx(5.0)
+    t = np.linspace(0.0, 2.0, 41)
+    np.testing.assert_allclose(both.positions(t), first.positions(t), atol=1e-12)
+    np.testing.assert_allclose(both.positions(2.0 + 1.5 * t), second.positions(1.5 * t), atol=1e-12)
+    for order in (1, 2):
+        inside = t[1:-1]
+        np.testing.assert_allclose(both.derivatives(inside, order), first.derivatives(inside, order), atol=1e-12)
+    standing = Trajectory.standstill([2.0, 0.0], 0.0)
+    assert first.followed_by(standing) is first
+    assert standing.followed_by(second) is second

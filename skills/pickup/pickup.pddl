@@ -1,12 +1,14 @@
 ; Pick an object up from where it stands, with a suction cup, and carry it to the robot's home pose.
 (define (domain pickup)
-  (:requirements :strips :typing :negative-preconditions)
+  (:requirements :strips :typing :negative-preconditions :universal-preconditions)
   (:types movable fixture - object)
   (:predicates
     (hold ?object - movable)          ; the object is stuck to the tool
     (obj_on_table ?object - movable)  ; the object is where it stood when the skill began
+    (on ?object ?other - movable)     ; the object stands on the other one
     (hand_empty))                     ; the tool holds nothing
   (:action pickup
     :parameters (?object - movable)
-    :precondition (and (obj_on_table ?object) (not (hold ?object)) (hand_empty))
+    :precondition (and (obj_on_table ?object) (not (hold ?object)) (hand_empty)
+                       (forall (?other - movable) (not (on ?other ?object))))
     :effect (and (hold ?object) (not (obj_on_table ?object)) (not (hand_empty)))))

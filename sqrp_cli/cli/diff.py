@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Tolerance, job_count, read_sampling
+from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Seed, Tolerance, job_count, read_sampling
 from sqrp_cli.cli.score import Allow, Cluster, Out
 from sqrp_cli.errors import ExitCode
 
@@ -20,6 +20,7 @@ def command(
     allow: Allow = 0.5,
     out: Out = None,
     cluster: Cluster = None,
+    seed: Seed = 0,
     samples: SampleCount = None,
     dt: SampleStep = None,
     tolerance: Tolerance = None,
@@ -34,14 +35,13 @@ def command(
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.score_document import score_document
     from sqrp_cli.cli.score_table import print_difference
+    from sqrp_cli.scoring.compute import Means, open_computer
     from sqrp_cli.scoring.difference import difference, read_version
-    from sqrp_cli.scoring.results_folder import results_in
-    from sqrp_cli.scoring.workers import open_workers
 
-    sampling = read_sampling(samples, dt, tolerance)
+    means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), cluster, out, seed)
     old, new = read_version(before), read_version(after)
-    with results_in(out) as results, open_workers(job_count(jobs), cluster) as workers:
-        findings = difference(old, new, workers, results, sampling, allow, progress)
+    with open_computer(means) as computer:
+        findings = difference(old, new, computer, allow, progress)
     if as_json:
         say_raw(as_text(score_document(findings)))
     else:

@@ -16,7 +16,7 @@ from sqrp_cli.programming.dependency_check import Feasibility
 from sqrp_cli.programming.ranking import Criterion, Ranked, winners
 from sqrp_cli.programming.robustness import DRAWS, Calibration
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.suggestion import SuggestedStep, Suggestion
+from sqrp_cli.programming.suggestion import Suggestion
 
 
 def header(workspace: Workspace, task: str | None = None) -> Document:
@@ -103,29 +103,24 @@ def percentiles(values: Sequence[float | None]) -> list[float] | None:
 
 
 def _plan(suggestion: Suggestion) -> list[Document] | None:
-    return None if suggestion.steps is None else [_suggested(step) for step in suggestion.steps]
-
-
-def _suggested(step: SuggestedStep) -> Document:
-    assessment = step.assessment
-    return {
-        "action": step.action,
-        "feasible": step.feasible,
-        "q_avg": None if assessment is None else assessment.q_avg,
-        "q_eoi": None if assessment is None else assessment.q_eoi,
-        "reasons": list(step.reasons),
-        "parameters": None if assessment is None else assessment.candidate.parameters,
-        "time": None if assessment is None else assessment.time,
-    }
+    if suggestion.steps is None:
+        return None
+    return [
+        {
+            "action": step.action,
+            "feasible": step.feasible,
+            "q_avg": None if step.assessment is None else step.assessment.q_avg,
+            "q_eoi": None if step.assessment is None else step.assessment.q_eoi,
+            "reasons": list(step.reasons),
+        }
+        for step in suggestion.steps
+    ]
 
 
 def check_document(
     workspace: str, task: str | None, found: Sequence[Feasibility], problems: Sequence[Problem]
 ) -> Document:
-    """Candidates with their verdicts, and the findings about the workspace.
-
-    then: the candidate itself after its plan, with the same fields as a step of the plan.
-    """
+    """Candidates with their verdicts, and the findings about the workspace."""
     return {
         "schema": SCHEMA,
         "workspace": workspace,
@@ -137,7 +132,6 @@ def check_document(
                 "reasons": list(feasibility.reasons),
                 "plan": _plan(feasibility.suggestion),
                 "planning": feasibility.suggestion.outcome,
-                "then": None if (last := feasibility.suggestion.last) is None else _suggested(last),
             }
             for feasibility in found
         ],

@@ -36,9 +36,10 @@ def print_program(program: Program, file: Path) -> None:
 
 
 def _print_steps(program: Program, totals: Totals) -> None:
-    columns = [Column("#"), Column("step"), *(Column(title, right=True) for title in ("start\n[s]", "time\n[s]"))]
+    columns = [Column("#"), Column("step", shrink=True)]
+    columns += [Column(title, right=True) for title in ("start\n[s]", "time\n[s]")]
     columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
-    columns += [Column("fault seen\nat worst [s]", right=True)]
+    columns += [Column("slowest\nalarm [s]", right=True)]
     rows: list[list[Styled]] = []
     start = 0.0
     for number, step in enumerate(program.steps, 1):

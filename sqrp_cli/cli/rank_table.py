@@ -14,7 +14,7 @@ from sqrp_cli.programming.faults import FaultMetrics
 from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
 from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.task import Candidate, shown
+from sqrp_cli.programming.task import Candidate, in_words
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
@@ -45,9 +45,7 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
     for ranked in feasible:
         if ranked.assessment.ways_around:
             say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
-    for ranked in ranking:
-        if ranked.rank is None:
-            say(joined([("infeasible ", "red"), f"{ranked.assessment.candidate.name}: {ranked.assessment.reasons[0]}"]))
+    _print_infeasible([ranked.assessment for ranked in ranking if ranked.rank is None])
     if feasible:
         say()
         say(_praise(feasible, by))
@@ -67,6 +65,17 @@ def summary(ranking: Sequence[Ranked], by: Criterion) -> str:
     feasible = sum(ranked.rank is not None for ranked in ranking)
     order = f", {_CRITERION_WORDS[by]}" if feasible > 1 else ""
     return f"{feasible} of {len(ranking)} candidates can be done{order}"
+
+
+def _print_infeasible(assessments: Sequence[Assessment]) -> None:
+    """A line for each reason, with the ways of doing it with the same objects that have it in common."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for assessment in assessments:
+        objects = " ".join(assessment.candidate.objects.values())
+        groups.setdefault((objects, assessment.reasons[0]), []).append(assessment.candidate.name)
+    for (objects, reason), names in groups.items():
+        who = names[0] if len(names) == 1 else f"{objects}, {len(names)} ways"
+        say(joined([("infeasible ", "red"), f"{who}: {reason}"]))
 
 
 def _print_calibration(session: Session, feasible: Sequence[Ranked], by: Criterion) -> None:
@@ -99,35 +108,41 @@ def _span(values: Sequence[float | None]) -> str:
 def _print_feasible(feasible: Sequence[Ranked]) -> None:
     differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
     faults = list(feasible[0].assessment.faults)
+    values = [
+        in_words(ranked.assessment.candidate.skill, ranked.assessment.candidate.parameters) for ranked in feasible
+    ]
     columns = [Column("#")]
     columns += [Column(name) for name in differing]
     columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
-    for fault in faults:
+    if faults:
+        title = faults[0] if len(faults) == 1 else "fault"
         columns += [
-            Column(f"{fault}\nseen [s]", right=True),
+            Column(f"{title}\nseen [s]", right=True),
             Column("at\nworst", right=True),
             Column("all\ndone", right=True),
         ]
-    print_table(columns, (_row(ranked, differing, faults) for ranked in feasible))
+    rows = [_row(ranked, [words[name] for name in differing]) for ranked, words in zip(feasible, values, strict=True)]
+    print_table(columns, rows)
+    if len(faults) > 1:
+        say(plain(f"The last columns are about the worst of the faults {', '.join(faults)}.", "dim"))
 
 
-def _row(ranked: Ranked, differing: Sequence[str], faults: Sequence[str]) -> list[Cell]:
+def _row(ranked: Ranked, parameters: Sequence[str]) -> list[Cell]:
     assessment = ranked.assessment
-    parameters = assessment.candidate.parameters
-    row: list[Cell] = [f"{ranked.rank}{' *' if ranked.pareto else ''}"]
-    row += [shown(parameters[name]) for name in differing]
+    row: list[Cell] = [f"{ranked.rank}{' *' if ranked.pareto else ''}", *parameters]
     row += [Share(assessment.q_eoi), Share(assessment.q_avg), f"{assessment.time:.2f}"]
-    for fault in faults:
-        row += _fault_cells(assessment.faults[fault])
-    return row
+    return [*row, *_fault_cells(list(assessment.faults.values()))]
 
 
-def _fault_cells(fault: FaultMetrics) -> list[Styled]:
-    style = "red" if fault.unseen > 0 else ""
+def _fault_cells(faults: Sequence[FaultMetrics]) -> list[Styled]:
+    """Delays and all done of the worst fault in each; none without faults."""
+    if not faults:
+        return []
+    style = "red" if any(fault.unseen > 0 for fault in faults) else ""
     return [
-        plain(f"{fault.delay_mean:.2f}", style),
-        plain(f"{fault.delay_worst:.2f}", style),
-        f"{fault.expected_time:.1f}",
+        plain(f"{max(fault.delay_mean for fault in faults):.2f}", style),
+        plain(f"{max(fault.delay_worst for fault in faults):.2f}", style),
+        f"{max(fault.expected_time for fault in faults):.1f}",
     ]
 
 

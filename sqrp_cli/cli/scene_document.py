@@ -17,6 +17,7 @@ from sqrp_cli.programming.grounding import on_robot
 def scene_document(cell: Cell) -> Document:
     """The resolved scene: what was understood of a workspace."""
     workspace, robot, model = cell.workspace, cell.workspace.robot, cell.model
+    X_WO = cell.initial_world.X_WO
     return {
         **header(workspace),
         "digest": workspace.digest,
@@ -43,6 +44,7 @@ def scene_document(cell: Cell) -> Document:
             "fingers": None
             if robot.fingers is None
             else {"open": dict(robot.fingers.open), "closed": dict(robot.fingers.closed)},
+            "held": workspace.initial_world.held,
             "markers": {link: {"id": marker.id, "side": marker.side} for link, marker in robot.markers.items()},
             "geometry": robot.geometry,
         },
@@ -53,7 +55,7 @@ def scene_document(cell: Cell) -> Document:
                 "type": thing.type,
                 "color": thing.color,
                 "size": list(thing.size),
-                "pose": None if thing.X_WO is None else thing.X_WO.tolist(),
+                "pose": X_WO[name].tolist() if name in X_WO else None,
                 "fixed": thing.fixed,
             }
             for name, thing in workspace.objects.items()

@@ -87,26 +87,27 @@ def command(
     from sqrp_cli.cli.report_page import check_report, write_scores
     from sqrp_cli.cli.score_run import Outputs, ScoreRun
     from sqrp_cli.cli.sweep_run import SweepRequest, run_sweep
+    from sqrp_cli.scoring.compute import Means
 
     if resume and out is None:
         mend = "name the folder of the interrupted run: --out DIR --resume"
         raise InputError(Problem("bad-option", "--resume needs the folder with the results", mend=mend))
-    sampling = read_sampling(samples, dt, tolerance)
+    means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), cluster, out, seed)
     if vary:
         if any((baseline, save_baseline, junit, summary, report)):
             raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
-        request = SweepRequest(paths, tuple(vary), draws, seed, patch)
-        return run_sweep(request, sampling, job_count(jobs), cluster, out, as_json=as_json)
+        request = SweepRequest(paths, tuple(vary), draws, patch)
+        return run_sweep(request, means, as_json=as_json)
     outputs = Outputs(junit, summary, save_baseline)
     outputs.check()
     if report is not None:
         check_report(report)
-    with ScoreRun.open(paths, sampling, job_count(jobs), cluster, out) as run:
+    with ScoreRun.open(paths, means) as run:
         findings = run.findings(baseline, allow)
         if not findings.interrupted:
             run.write(findings, outputs)
     if report is not None and findings.results and not findings.interrupted:
-        write_scores(run.cells, findings, sampling, report, context.obj, job_count(jobs))
+        write_scores(run.cells, findings, means.sampling, report, context.obj, job_count(jobs))
     return show(findings, as_json=as_json)
 
 

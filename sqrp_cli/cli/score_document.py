@@ -13,7 +13,9 @@ def score_document(findings: Findings) -> Document:
     return {
         "schema": SCHEMA,
         "results": [result_document(result) for result in findings.results],
-        "changes": {name: [_change(change) for change in changes] for name, changes in findings.changes.items()},
+        "changes": {
+            name: [_change(change) for change in changes] for name, changes in findings.changes.items() if changes
+        },
         "vanished": [{"workspace": workspace, "task": task} for workspace, task in findings.vanished],
         **({"interrupted": True} if findings.interrupted else {}),
         "passed": findings.passed,

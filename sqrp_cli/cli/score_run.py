@@ -9,16 +9,13 @@ from pathlib import Path
 
 from sqrp_cli.cli.console import note, print_problems, progress
 from sqrp_cli.files import check_writable
-from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.scoring.baseline import baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
-from sqrp_cli.scoring.compute import Computer
+from sqrp_cli.scoring.compute import Computer, Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces
 from sqrp_cli.scoring.findings import CoverageLookup, Findings, compare_with, score_cells
 from sqrp_cli.scoring.junit import write_junit
-from sqrp_cli.scoring.results_folder import results_in
 from sqrp_cli.scoring.summary import write_summary
-from sqrp_cli.scoring.workers import open_workers
 
 
 @dataclass(frozen=True)
@@ -45,27 +42,25 @@ class ScoreRun:
 
     @classmethod
     @contextmanager
-    def open(
-        cls, paths: Sequence[str], sampling: Sampling, jobs: int, cluster: str | None, out: Path | None
-    ) -> Iterator[ScoreRun]:
+    def open(cls, paths: Sequence[str], means: Means) -> Iterator[ScoreRun]:
         """Read the workspaces and hire workers. Raises InputError for paths, clusters and folders of no use."""
         files = find_workspaces(paths)
-        with results_in(out) as results:
-            with progress("Reading workspaces", len(files)) as advance:
-                cells = read_cells(files, advance)
-            for cell in cells:
-                print_problems(problem for problem in cell.problems if problem.severity == "warning")
-                if cell.workspace is not None and not cell.tasks:
-                    note(f"{cell.name} lists no tasks")
-            with open_workers(jobs, cluster) as workers:
-                yield cls(cells, Computer(workers, results, sampling))
+        with progress("Reading workspaces", len(files)) as advance:
+            cells = read_cells(files, advance)
+        for cell in cells:
+            print_problems(problem for problem in cell.problems if problem.severity == "warning")
+            if cell.workspace is not None and not cell.tasks:
+                note(f"{cell.name} lists no tasks")
+        with open_computer(means) as computer:
+            yield cls(cells, computer)
 
     def findings(self, baseline: Path | None, allowance: float) -> Findings:
         """Score all and compare with a baseline if there is one."""
-        known = None if baseline is None else load_baseline(baseline)
+        known = None if baseline is None else load_baseline(baseline, self.computer.sampling)
         findings = score_cells(self.cells, self.computer, progress)
+        rest = ", then interrupted" if findings.interrupted else ", the others were known"
         candidates = sum(len(task.task.candidates) for cell in self.cells for task in cell.tasks if task.task)
-        note(f"{self.computer.computed} of {candidates} candidates were computed, the others were known")
+        note(f"{self.computer.computed} of {candidates} candidates were computed{rest}")
         if findings.interrupted or known is None:
             return findings
         return compare_with(findings, self.cells, known, allowance, self._lookup, progress)
@@ -79,7 +74,7 @@ class ScoreRun:
         if outputs.baseline is not None:
             scores = [result.score for result in findings.results]
             self._lookup.prepare([(score, way) for score in scores for way in score.ways.values()], progress)
-            save_baseline(baseline_of(self.cells, scores, self._lookup), outputs.baseline)
+            save_baseline(baseline_of(self.cells, scores, self._lookup, self.computer.sampling), outputs.baseline)
 
     @property
     def _lookup(self) -> CoverageLookup:

@@ -22,8 +22,9 @@ def print_report(findings: Findings) -> None:
             where = score.workspace if named else _name(result)
             say(joined(["\n", (score.status, _STYLES[score.status]), f" {where}: {reason}"]))
     print_comparison(findings)
-    say()
-    say(verdict(findings))
+    if findings.results:
+        say()
+        say(verdict(findings))
 
 
 def print_results(results: Sequence[Result]) -> None:

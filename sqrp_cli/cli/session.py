@@ -53,14 +53,15 @@ class Session:
         that cannot be used.
         """
         read = read_task(task, workspace)
-        world = workspace.initial_world if before is None else _world_after(before, workspace)
-        return cls(workspace, read, Assignment(Cell.load(workspace, seed), world, sampling, calibration))
+        cell = Cell.load(workspace, seed)
+        world = cell.initial_world if before is None else _world_after(before, cell)
+        return cls(workspace, read, Assignment(cell, world, sampling, calibration))
 
 
-def _world_after(path: Path, workspace: Workspace) -> World:
+def _world_after(path: Path, cell: Cell) -> World:
     program = load_program(path)
-    check_program(program, path, workspace)
-    return program.steps[-1].after.world if program.steps else workspace.initial_world
+    check_program(program, path, cell.workspace)
+    return program.steps[-1].after.world if program.steps else cell.initial_world
 
 
 def explain(assignment: Assignment, ranked: Ranked) -> tuple[Ranked, Study | None]:

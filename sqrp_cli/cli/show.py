@@ -67,10 +67,11 @@ def _print_scene(cell: Cell) -> None:
     titles = ("at [m]", "pixels", "fov", "lens", "range [m]", "Hz", "ms")
     print_table([Column("camera"), Column("frame"), *(Column(title) for title in titles)], cameras)
     say()
+    X_WO = cell.initial_world.X_WO
     objects = [
         (thing.name, " ".join(filter(None, (thing.color, thing.type, *thing.attributes))), _numbers(thing.size),
-         "unknown" if thing.X_WO is None else _numbers(thing.X_WO[:3, 3]),
-         "fixed" if thing.fixed else "movable", thing.on or "")
+         _numbers(X_WO[thing.name][:3, 3]) if thing.name in X_WO else "unknown",
+         "fixed" if thing.fixed else "movable", "tool" if thing.X_TO is not None else thing.on or "")
         for thing in workspace.objects.values()
     ]  # fmt: skip
     print_table(

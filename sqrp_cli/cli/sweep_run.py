@@ -12,13 +12,10 @@ from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.sweep_table import print_sweep, sweep_document
 from sqrp_cli.errors import ExitCode, InputError, Problem
 from sqrp_cli.files import check_writable, write_atomically
-from sqrp_cli.programming.sampling import Sampling
-from sqrp_cli.scoring.compute import Computer
+from sqrp_cli.scoring.compute import Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces, short_names
-from sqrp_cli.scoring.results_folder import results_in
 from sqrp_cli.scoring.sweep import Sweep, read_variants, sweep
 from sqrp_cli.scoring.variation import read_variation, variants
-from sqrp_cli.scoring.workers import open_workers
 
 
 @dataclass(frozen=True)
@@ -28,15 +25,12 @@ class SweepRequest:
     paths: Sequence[str]
     variations: tuple[str, ...]
     draws: int | None
-    seed: int
     patch: Path | None
 
 
-def run_sweep(
-    request: SweepRequest, sampling: Sampling, jobs: int, cluster: str | None, out: Path | None, *, as_json: bool
-) -> ExitCode:
+def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode:
     """Score the variants, print them and write the best as a patch."""
-    values = variants([read_variation(text) for text in request.variations], request.draws, request.seed)
+    values = variants([read_variation(text) for text in request.variations], request.draws, means.seed)
     files = find_workspaces(request.paths)
     if len(files) > 1:
         names = ", ".join(f"`{name}`" for name in short_names(files).values())
@@ -46,8 +40,8 @@ def run_sweep(
     check_writable(patch)
     with progress("Reading variants", len(values) + 1) as advance:
         document, read = read_variants(files[0], values, advance)
-    with results_in(out) as results, open_workers(jobs, cluster) as workers:
-        found = sweep(document, read, Computer(workers, results, sampling), progress)
+    with open_computer(means) as computer:
+        found = sweep(document, read, computer, progress)
     if found.interrupted:
         return ExitCode.INTERRUPTED
     if found.patch:

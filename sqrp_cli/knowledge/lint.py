@@ -5,27 +5,33 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sqrp_cli.errors import Problem
+from sqrp_cli.knowledge.lint_actions import formulas_against_the_action, impossible_preconditions
 from sqrp_cli.knowledge.lint_formulas import contradictions, fault_boxes_that_move, predicates_of
 from sqrp_cli.knowledge.lint_scene import blind_cameras, overlapping_objects, too_small_boxes
-from sqrp_cli.knowledge.skill import Reference, Skill
+from sqrp_cli.knowledge.skill import Grasp, Reference, Skill
 from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.logic.pddl import Variable
 
 
 def lint(workspace: Workspace) -> tuple[Problem, ...]:
     """Every finding, first those of the skills, then those of cameras and objects; none if the workspace is fine.
 
-    Codes: literal-without-target, box-moves-with-lost-object, contradictory-formulas, too-few-cameras,
-    too-small-for-every-camera, unused-parameter, camera-sees-nothing, overlapping-objects. Intervals that end before
-    they start and frames that do not exist are refused when the workspace is read.
+    Codes: literal-without-target, box-moves-with-lost-object, contradictory-formulas, contradictory-precondition,
+    against-the-precondition, against-the-effect, too-few-cameras, too-small-for-every-camera,
+    unused-parameter, held-against-the-facts, camera-sees-nothing, overlapping-objects. Intervals that end before they
+    start and frames that do not exist are refused when the workspace is read.
     """
     findings: list[Problem] = []
     for skill in workspace.skills.values():
         findings += _without_target(skill)
         findings += fault_boxes_that_move(skill)
         findings += contradictions(skill)
+        findings += impossible_preconditions(skill)
+        findings += formulas_against_the_action(skill)
         findings += _too_few_cameras(workspace, skill)
         findings += too_small_boxes(workspace, skill)
         findings += _unused_parameters(skill)
+    findings += _held_against_the_facts(workspace)
     findings += blind_cameras(workspace)
     findings += overlapping_objects(workspace)
     return tuple(findings)
@@ -52,6 +58,29 @@ def _too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
             )
             place = skill.places.get(f"targets.{target.predicate}.cameras", target.place)
             yield Problem("too-few-cameras", message, place, mend="lower `cameras` of the target, or add cameras")
+
+
+def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
+    """Facts that only a grasp makes true, about an object that is not in the tool; and the other way round."""
+    grasps = {
+        added.predicate
+        for skill in workspace.skills.values()
+        for added in skill.action.effect.adds
+        if added.terms in [(Variable(p.object),) for p in skill.primitives if isinstance(p, Grasp)]
+    }
+    stated = {fact.arguments[0]: fact for fact in sorted(workspace.state, key=str) if fact.predicate in grasps}
+    for name, fact in stated.items():
+        if workspace.objects[name].X_TO is None:
+            place = workspace.places.get(f"objects.{name}.pose")
+            message = f"the state has `{fact}`, but by its pose `{name}` is not in the tool"
+            mend = "write `pose: {held: +z}` (the side by which it is held), or remove the fact"
+            yield Problem("held-against-the-facts", message, place, mend=mend)
+    for name, thing in workspace.objects.items():
+        if thing.X_TO is not None and grasps and name not in stated:
+            place = workspace.places.get(f"objects.{name}.pose")
+            facts = " or ".join(f"`{predicate}({name})`" for predicate in sorted(grasps))
+            message = f"by its pose `{name}` is in the tool, but the state does not say {facts}"
+            yield Problem("held-against-the-facts", message, place, mend="add it to the state")
 
 
 def _unused_parameters(skill: Skill) -> Iterator[Problem]:

@@ -21,7 +21,7 @@ from sqrp_cli.logic.mtl import (
     children,
 )
 
-_Claim = tuple[str, tuple[str, ...] | None]
+Claim = tuple[str, tuple[str, ...] | None]
 """A predicate with the arguments that it has in the skill."""
 
 
@@ -58,7 +58,7 @@ def contradictions(skill: Skill) -> Iterator[Problem]:
 
     Only what the order of the primitive actions decides is reported: intervals that merely touch do not contradict.
     """
-    claims = [(requirement, claim) for requirement in skill.requirements for claim in _claims(skill, requirement)]
+    claims = [(requirement, claim) for requirement in skill.requirements for claim in demands(skill, requirement)]
     names = [primitive.name for primitive in skill.primitives]
     for requirement, (interval, positive, negative) in claims:
         both = positive & negative
@@ -71,7 +71,7 @@ def contradictions(skill: Skill) -> Iterator[Problem]:
             yield _contradiction(skill, second, first, min(both))
 
 
-def _contradiction(skill: Skill, requirement: Requirement, other: Requirement, claim: _Claim) -> Problem:
+def _contradiction(skill: Skill, requirement: Requirement, other: Requirement, claim: Claim) -> Problem:
     message = (
         f"skill `{skill.name}`: `{requirement.formula}` demands `{claim[0]}` and `not {claim[0]}` at the same time"
     )
@@ -84,16 +84,16 @@ def _contradiction(skill: Skill, requirement: Requirement, other: Requirement, c
     return Problem("contradictory-formulas", message, requirement.place, mend=mend)
 
 
-def _claims(skill: Skill, requirement: Requirement) -> Iterator[tuple[Interval, set[_Claim], set[_Claim]]]:
+def demands(skill: Skill, requirement: Requirement) -> Iterator[tuple[Interval, set[Claim], set[Claim]]]:
     """The `always` operators that must hold, each with the claims that it makes true and false."""
     lists = argument_lists(skill.action)
 
-    def claim(predicate: Predicate) -> _Claim:
+    def claim(predicate: Predicate) -> Claim:
         known = lists.get(predicate.name, ())
         arguments = known[0] if predicate.arguments is None and len(known) == 1 else predicate.arguments
         return predicate.name, arguments
 
-    def demanded(formula: Formula, truth: bool) -> Iterator[tuple[_Claim, bool]]:
+    def demanded(formula: Formula, truth: bool) -> Iterator[tuple[Claim, bool]]:
         match formula:
             case Predicate():
                 yield claim(formula), truth
@@ -125,11 +125,11 @@ def _claims(skill: Skill, requirement: Requirement) -> Iterator[tuple[Interval, 
 
 def _before(first: Instant, second: Instant, primitives: list[str]) -> bool:
     """Whether `first` surely comes before `second`, however long the primitive actions take."""
-    start, end = _boundary(first, primitives), _boundary(second, primitives)
+    start, end = boundary(first, primitives), boundary(second, primitives)
     return (start < end and first.offset <= second.offset) or (start == end and first.offset < second.offset)
 
 
-def _boundary(instant: Instant, primitives: list[str]) -> int:
+def boundary(instant: Instant, primitives: list[str]) -> int:
     """Number of primitive actions that are over at an instant without its offset."""
     if instant.primitive is None:
         return 0

@@ -153,6 +153,10 @@ def _check_box(
     else:
         what = "neither `world` nor `tool`, a link, a skill parameter or an object"
         yield from unknown("unknown-frame", "frame", box.frame, what, [WORLD, TOOL, *things, *links])
+    if box.at is not None and box.frame in links:
+        place = skill.places.get(f"{path}.frame", box.place)
+        message = f"`{path}.frame`: found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
+        yield Problem("wrong-value", message, place)
     if box.fits is not None:
         yield from unknown("unknown-object", "fits", box.fits, "no skill parameter or object", things)
     for index, name in enumerate(box.encloses or ()):

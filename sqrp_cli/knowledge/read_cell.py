@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.geometry import Array, pose, read_only
+from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, side_pose
 from sqrp_cli.knowledge import packages
 from sqrp_cli.knowledge.calibration import image_intrinsics, read_calibration
 from sqrp_cli.knowledge.camera import Camera
@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.mesh_file import check_mesh
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere, object_types
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted
-from sqrp_cli.knowledge.workspace_file import CameraEntry, ObjectEntry, PartEntry, WorkspaceFile
+from sqrp_cli.knowledge.workspace_file import CameraEntry, HeldEntry, ObjectEntry, PartEntry, WorkspaceFile
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
 
@@ -151,13 +151,22 @@ class CellReader:
                 (*path, "on"),
                 f"found `{entry.on}`, which is no object; {expected_names(entry.on, others)}",
             )
+        held = [other for other, thing in self.file.objects.items() if isinstance(thing.pose, HeldEntry)]
+        if isinstance(entry.pose, HeldEntry) and (entry.fixed or name != held[0]):
+            why = "the object is fixed" if entry.fixed else f"the tool holds `{held[0]}`"
+            self._report("wrong-value", (*path, "pose"), f"found `held`, expected a pose, because {why}")
         if entry.fixed and entry.pose == UNKNOWN:
             self._report(
                 "wrong-value", (*path, "pose"), "found `unknown`, expected a pose, because the object is fixed"
             )
 
     def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
-        X_WO = None if isinstance(entry.pose, str) else read_only(entry.pose.matrix())
+        X_WO = X_TO = None
+        if isinstance(entry.pose, HeldEntry):
+            X_ST = pose(axis_rotation(2, entry.pose.yaw), (0.0, 0.0, entry.pose.depth))
+            X_TO = read_only(inverse(side_pose(entry.size, entry.pose.held) @ X_ST))
+        elif not isinstance(entry.pose, str):
+            X_WO = read_only(entry.pose.matrix())
         parts = [Part(name, name, Box(entry.size), read_only(pose()))] if not entry.parts else []
         for index, part in enumerate(entry.parts):
             shape = self._shape(("objects", name, "parts", index), part)
@@ -175,6 +184,7 @@ class CellReader:
             on=entry.on,
             marker=entry.marker,
             parts=tuple(parts),
+            X_TO=X_TO,
         )
 
     def _shape(self, path: KeyPath, entry: PartEntry) -> Shape | None:

@@ -20,6 +20,7 @@ from sqrp_cli.knowledge.skill import (
     JointMove,
     PoseWaypoint,
     PrimitiveAction,
+    PutWaypoint,
     RaiseWaypoint,
     Release,
     Requirement,
@@ -28,6 +29,7 @@ from sqrp_cli.knowledge.skill import (
     Skill,
     StraightMove,
     TargetSpec,
+    TurnWaypoint,
     Wait,
     Waypoint,
 )
@@ -134,6 +136,17 @@ class _SkillReader:
                 yaw = setting(entry.yaw, setting_kind.YAW, (*path, "yaw"))
                 depth = setting(entry.depth, setting_kind.DISTANCE, (*path, "depth"))
                 return GraspWaypoint(entry.object, side, yaw, depth)
+            case skill_file.PutWaypointEntry():
+                self._known(entry.put, self.objects, "skill parameter", (*path, "put"))
+                self._known(entry.onto, self.objects, "skill parameter", (*path, "onto"))
+                along = setting(entry.along, setting_kind.OFFSET_SHARE, (*path, "along"))
+                across = setting(entry.across, setting_kind.OFFSET_SHARE, (*path, "across"))
+                return PutWaypoint(
+                    entry.put, entry.onto, along, across, setting(entry.yaw, setting_kind.YAW, (*path, "yaw"))
+                )
+            case skill_file.TurnWaypointEntry():
+                turn = setting(entry.turn, setting_kind.YAW, (*path, "turn"))
+                return TurnWaypoint(entry.origin, turn, setting(entry.tilt, setting_kind.YAW, (*path, "tilt")))
             case skill_file.RetreatWaypointEntry():
                 return RetreatWaypoint(entry.origin, setting(entry.retreat, setting_kind.DISTANCE, (*path, "retreat")))
             case skill_file.RaiseWaypointEntry():
@@ -150,7 +163,7 @@ class _SkillReader:
         origins = {name: getattr(entry, "origin", None) for name, entry in self.file.waypoints.items()}
         for name, origin in origins.items():
             path = ("waypoints", name, "from")
-            if origin is None or not self._known(origin, origins, "waypoint", path):
+            if origin in (None, HOME) or not self._known(origin, [*origins, HOME], "waypoint", path):
                 continue
             seen = [name]
             while origin is not None and origin in origins and origin not in seen:
@@ -167,8 +180,15 @@ class _SkillReader:
         match entry:
             case skill_file.JointMoveEntry():
                 self._known(entry.joint_move, [*self.file.waypoints, HOME], "waypoint", (*path, "joint_move"))
-                speed = setting(entry.speed, setting_kind.SPEED_SHARE, (*path, "speed"))
-                return JointMove(entry.name, entry.joint_move, speed)
+                return JointMove(
+                    entry.name,
+                    entry.joint_move,
+                    setting(entry.speed, setting_kind.SPEED_SHARE, (*path, "speed")),
+                    setting(entry.elbow, setting_kind.ELBOW, (*path, "elbow")),
+                    setting(entry.shoulder, setting_kind.SHOULDER, (*path, "shoulder")),
+                    setting(entry.wrist, setting_kind.WRIST, (*path, "wrist")),
+                    setting(entry.via, setting_kind.VIA, (*path, "via")),
+                )
             case skill_file.StraightMoveEntry():
                 self._known(entry.straight_move, self.file.waypoints, "waypoint", (*path, "straight_move"))
                 return StraightMove(
@@ -241,7 +261,7 @@ class _SkillReader:
             waypoint = self.file.waypoints[entry.at]
             grasped = [getattr(primitive, "grasp", None) for primitive in self.file.primitives]
             grasps = isinstance(waypoint, skill_file.GraspWaypointEntry) and waypoint.object == entry.fits
-            if entry.fits in grasped and not grasps:
+            if entry.frame == "tool" and entry.fits in grasped and not grasps:
                 message = (
                     f"found waypoint `{entry.at}`, expected one that grasps `{entry.fits}` (with `object` and `side`)"
                 )

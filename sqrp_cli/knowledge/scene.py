@@ -72,6 +72,7 @@ class SceneObject:
     X_WO: pose of the centre of that box in the world, shape (4, 4); None while it is unknown where the object is.
     fixed: whether it never moves. on: the object that it stands on. marker: id of the ArUco marker on it.
     parts: its solid pieces, in its own frame; a plain box of `size` unless the workspace says otherwise.
+    X_TO: pose in the tool frame, shape (4, 4), if the tool holds it at the beginning; X_WO is None then.
     """
 
     name: str
@@ -84,6 +85,7 @@ class SceneObject:
     on: str | None
     marker: int | None
     parts: tuple[Part, ...]
+    X_TO: Array | None = None
 
     @property
     def types(self) -> tuple[str, str]:

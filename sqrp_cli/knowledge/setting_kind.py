@@ -48,7 +48,12 @@ class Kind:
 
 YAW = Kind(units.ANGLE, least=-LARGEST, most=LARGEST)
 SIDE = Kind(words=SIDES)
+ELBOW = Kind(words=("any", "up", "down"))
+SHOULDER = Kind(words=("any", "left", "right"))
+WRIST = Kind(words=("any", "no_flip", "flip"))
+VIA = Kind(words=("direct", "home"))
 DISTANCE = Kind(units.LENGTH, least=0.0, most=100.0)
+OFFSET_SHARE = Kind(units.SHARE, least=-1.0, most=1.0)
 SPEED_SHARE = Kind(units.SHARE, least=0.001, most=1.0)
 SPEED = Kind(units.SPEED, least=SMALLEST_LIMIT, most=LARGEST)
 ACCELERATION = Kind(units.ACCELERATION, least=SMALLEST_LIMIT, most=LARGEST)

@@ -56,6 +56,30 @@ class GraspWaypoint:
 
 
 @dataclass(frozen=True)
+class PutWaypoint:
+    """The tool frame where the object that it holds stands upright on top of another object.
+
+    object, on: the skill parameters that name them. along, across: where on it, in -1..1 along its x and its y axis:
+    at 0 in the middle, at -1 and 1 flush with the edges. yaw: turn of the object against what it stands on [rad].
+    """
+
+    object: str
+    on: str
+    along: Setting
+    across: Setting
+    yaw: Setting
+
+
+@dataclass(frozen=True)
+class TurnWaypoint:
+    """Another waypoint, turned about the tool's z axis by `turn` and then about its x axis by `tilt` [rad]."""
+
+    waypoint: str
+    turn: Setting
+    tilt: Setting
+
+
+@dataclass(frozen=True)
 class RetreatWaypoint:
     """Another waypoint, moved back against the tool's z axis by `distance` [m]."""
 
@@ -78,7 +102,7 @@ class PoseWaypoint:
     X_WT: Array
 
 
-Waypoint = GraspWaypoint | RetreatWaypoint | RaiseWaypoint | PoseWaypoint
+Waypoint = GraspWaypoint | PutWaypoint | RetreatWaypoint | RaiseWaypoint | TurnWaypoint | PoseWaypoint
 
 HOME = "home"
 """The waypoint that every skill has: the robot's home configuration."""
@@ -86,11 +110,19 @@ HOME = "home"
 
 @dataclass(frozen=True)
 class JointMove:
-    """All joints move together to a waypoint; speed is a share of the joints' velocity limits, in (0, 1]."""
+    """All joints move together to a waypoint; speed is a share of the joints' velocity limits, in (0, 1].
+
+    elbow, shoulder, wrist: which branch of inverse kinematics it ends in, or `any`; see `programming.arm.branches`.
+    via: `direct`, or `home` for a stop at the home configuration on the way.
+    """
 
     name: str
     to: str
     speed: Setting
+    elbow: Setting = "any"
+    shoulder: Setting = "any"
+    wrist: Setting = "any"
+    via: Setting = "direct"
 
 
 @dataclass(frozen=True)
@@ -169,8 +201,10 @@ class BoxSpec:
 
     frame: `world`, a link, `tool` (the tool frame), a skill parameter or an object (the box moves with it), or either
     of them with `@start` (where that object is when the skill begins).
-    fits: a skill parameter or an object: the box has the size of that object, enlarged by `margin` [m] on every side;
-    with frame `tool` it lies where the object would be if it were held as at waypoint `at`. None: `size` is given.
+    fits: a skill parameter or an object: the box has the size of that object, enlarged by `margin` [m] on every side.
+    at: with `fits`, a waypoint: the box lies where the object would be if it were held there: with frame `tool` that is
+    its place in the tool, with another one its place in the world, from where the box then moves with that frame.
+    None: the box lies at the frame, or `size` is given.
     size: full extents [m]. X_FB: pose of the box in the frame (on top of `fits`), shape (4, 4).
     normal: unit vector in the box's axes, away from the surface it lies on, or None.
     encloses: links, objects, skill parameters or `tool` (all parts of the tool) that the box encloses; None for the

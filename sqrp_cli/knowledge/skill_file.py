@@ -92,6 +92,26 @@ class GraspWaypointEntry(Entry):
     )
 
 
+class PutWaypointEntry(Entry):
+    """The held object standing upright on top of another object."""
+
+    put: Name = Field(description="The skill parameter that names the held object.")
+    onto: Name = Field(description="The skill parameter that names what it is put on.")
+    along: SettingEntry = Field(
+        default=Quantity(0.0, None), description="Where along its x axis: 0 in the middle, -1 and 1 at the edges."
+    )
+    across: SettingEntry = Field(default=Quantity(0.0, None), description="Where along its y axis, likewise.")
+    yaw: SettingEntry = Field(default=Quantity(0.0, None), description="Turn against what it is put on.")
+
+
+class TurnWaypointEntry(Entry):
+    """Another waypoint, turned about the tool's axes."""
+
+    origin: Name = Field(alias="from")
+    turn: SettingEntry = Field(description="Turn about the tool's z axis.")
+    tilt: SettingEntry = Field(default=Quantity(0.0, None), description="Turn about the tool's x axis after that.")
+
+
 class RetreatWaypointEntry(Entry):
     """Another waypoint, moved back against the tool's z axis."""
 
@@ -114,10 +134,12 @@ class PoseWaypointEntry(Entry):
 
 WaypointEntry = Annotated[
     Annotated[GraspWaypointEntry, Tag("<object>")]
+    | Annotated[PutWaypointEntry, Tag("<put>")]
     | Annotated[RetreatWaypointEntry, Tag("<retreat>")]
     | Annotated[RaiseWaypointEntry, Tag("<raise>")]
+    | Annotated[TurnWaypointEntry, Tag("<turn>")]
     | Annotated[PoseWaypointEntry, Tag("<pose>")],
-    one_of("object", "retreat", "raise", "pose"),
+    one_of("object", "put", "retreat", "raise", "turn", "pose"),
 ]
 
 
@@ -127,6 +149,10 @@ class JointMoveEntry(Entry):
     name: Name
     joint_move: Name = Field(description="The waypoint to go to; `home` is the robot's home configuration.")
     speed: SettingEntry = Field(default=Quantity(1.0, None), description="Share of the joints' velocity limits.")
+    elbow: SettingEntry = Field(default="any", description="How the arm is bent at the end: up, down or any.")
+    shoulder: SettingEntry = Field(default="any", description="On which side the shoulder is: left, right or any.")
+    wrist: SettingEntry = Field(default="any", description="no_flip: bent as at home; flip or any.")
+    via: SettingEntry = Field(default="direct", description="direct, or home: with a stop at home on the way.")
 
 
 class StraightMoveEntry(Entry):
@@ -203,7 +229,7 @@ class BoxEntry(Entry):
         "`@start` (where it was when the skill began)."
     )
     fits: Name | None = Field(default=None, description="The skill parameter or object that gives the box its size.")
-    at: Name | None = Field(default=None, description="With `fits` in frame `tool`: the waypoint at which it is held.")
+    at: Name | None = Field(default=None, description="With `fits`: the waypoint at which it is held.")
     margin: Length = Field(default=0.0, description="With `fits`: enlargement on every side.")
     size: Extents | None = Field(default=None, description="Full extents, instead of `fits`.")
     pose: Pose = Field(default=Pose(), description="Pose of the box in the frame.")
@@ -222,8 +248,8 @@ class BoxEntry(Entry):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `fits`, `size`")
         if self.fits is None and (self.at is not None or self.margin):
             raise PydanticCustomError("conflicting-keys", "`at` and `margin` go with `fits`, not with `size`")
-        if (self.at is None) == (self.fits is not None and self.frame == "tool"):
-            raise PydanticCustomError("conflicting-keys", "`at` is needed with `fits` in frame `tool`, and only there")
+        if self.at is None and self.fits is not None and self.frame == "tool":
+            raise PydanticCustomError("conflicting-keys", "`at` is needed with `fits` in frame `tool`")
         if self.normal is not None and max(map(abs, self.normal)) < SHORTEST_DIRECTION:
             raise PydanticCustomError("wrong-value", "`normal` has length 0")
         if self.size is not None and min(self.size) < 0.002 and self.normal is None:

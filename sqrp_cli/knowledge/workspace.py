@@ -82,7 +82,9 @@ class Workspace:
 
     @property
     def initial_world(self) -> World:
-        """The world before any program has run."""
+        """The world before any program has run, with the fingers open and without the pose of what the tool holds."""
+        held = next((thing for thing in self.objects.values() if thing.X_TO is not None), None)
+        name, X_TO = (None, None) if held is None else (held.name, held.X_TO)
         X_WO = {name: thing.X_WO for name, thing in self.objects.items() if thing.X_WO is not None}
         fingers = self.robot.fingers.open if self.robot.fingers else {}
-        return World(self.state, X_WO, None, None, {**self.robot.home, **fingers})
+        return World(self.state, X_WO, name, X_TO, {**self.robot.home, **fingers})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.knowledge.bounds import SMALLEST_SIZE
@@ -14,6 +14,7 @@ from sqrp_cli.knowledge.entries import (
     Angle,
     AnyQuantity,
     CameraPose,
+    Distance,
     Entry,
     Extents,
     Frequency,
@@ -226,6 +227,20 @@ class PartEntry(Entry):
         return self
 
 
+class HeldEntry(Entry):
+    """In the tool from the beginning: the tool frame in the centre of one side, as in a waypoint of a skill."""
+
+    held: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = Field(description="Outward axis of the side it is held by.")
+    yaw: Angle = Field(default=0.0, description="Turn of the tool about its z axis.")
+    depth: Distance = Field(default=0.0, description="How far the tool frame goes into the object, between fingers.")
+
+
+def _kind_of_pose(data: object) -> str:
+    if not isinstance(data, dict):
+        return "<else>"
+    return "<held>" if "held" in data else "<mapping>"
+
+
 class ObjectEntry(Entry):
     """A thing in the cell."""
 
@@ -237,8 +252,11 @@ class ObjectEntry(Entry):
     attributes: list[Name] = Field(default=[], description="Further words that a task may use for it.")
     size: Extents = Field(description="Full extents of the box around it, along its own axes.")
     pose: Annotated[
-        Annotated[Pose, Tag("<mapping>")] | Annotated[Literal["unknown"], Tag("<else>")], mapping_or_else()
-    ] = Field(description="Pose of the centre of that box in the world, or `unknown`.")
+        Annotated[Pose, Tag("<mapping>")]
+        | Annotated[HeldEntry, Tag("<held>")]
+        | Annotated[Literal["unknown"], Tag("<else>")],
+        Discriminator(_kind_of_pose),
+    ] = Field(description="Pose of the centre of that box in the world, `{held: SIDE}` in the tool, or `unknown`.")
     fixed: bool = Field(default=False, description="Whether it never moves.")
     on: Name | None = Field(default=None, description="The object that it stands on.")
     marker: MarkerId | None = Field(default=None, description="Id of the ArUco marker on it.")

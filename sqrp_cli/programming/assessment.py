@@ -106,7 +106,7 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
         )
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     formulas = ground_formulas(candidate, spans, motion.time)
-    grounder = TargetGrounder(candidate, world, workspace.objects, workspace.detectors, workspace.robot, model)
+    grounder = TargetGrounder(candidate, world, motion, workspace.objects, workspace.detectors, workspace.robot, model)
     targets = grounder.targets(formulas)
     stage = Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO)
     times = (monitored_time(formulas), interesting_time(formulas))

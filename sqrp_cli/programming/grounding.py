@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.robot import Robot
@@ -16,8 +18,10 @@ from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import ground_operators
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.waypoints import ground_waypoint
+from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.motion.waypoints import WaypointGrounder
 from sqrp_cli.programming.pieces import GroundFormula
+from sqrp_cli.programming.sensing.scene import WORLD
 from sqrp_cli.programming.targets import START, Target, TargetBox
 from sqrp_cli.programming.task import Candidate
 
@@ -58,10 +62,11 @@ def on_robot(robot: Robot, model: RobotModel, frame: str, X_FB: Array) -> tuple[
 
 @dataclass(frozen=True)
 class TargetGrounder:
-    """Grounds the targets of one candidate in the world in which its skill begins."""
+    """Grounds the targets of one candidate with its motion, in the world in which its skill begins."""
 
     candidate: Candidate
     world: World
+    motion: Motion
     objects: Mapping[str, SceneObject]
     detectors: Mapping[str, Detector]
     robot: Robot
@@ -89,7 +94,7 @@ class TargetGrounder:
             width, depth, height = self.objects[fitted].size
             size = (width + 2 * spec.margin, depth + 2 * spec.margin, height + 2 * spec.margin)
             if spec.at is not None:
-                X_FB = self._pose_in_tool(fitted, spec.at, binding) @ X_FB
+                X_FB = self._pose_in(frame, fitted, spec.at, binding) @ X_FB
         if size is None:
             raise ValueError(f"box {spec.name} has neither a size nor something that it fits")
         frame, X_FB = on_robot(self.robot, self.model, frame, X_FB)
@@ -103,16 +108,24 @@ class TargetGrounder:
             encloses=self._enclosed(spec, thing, binding),
         )
 
-    def _pose_in_tool(self, name: str, waypoint: str, binding: Mapping[str, str]) -> Array:
-        """Pose X_TO of an object in the tool frame when the tool is at a waypoint, or as it is held already."""
-        if self.world.held == name and self.world.X_TO is not None:
-            return self.world.X_TO
-        waypoints = self.candidate.skill.waypoints
-        X_WT = ground_waypoint(
-            waypoints[waypoint], waypoints, binding, self.candidate.motion, self.objects, self.world.X_WO
-        )
-        X_TO: Array = inverse(X_WT) @ self.world.X_WO[name]
-        return X_TO
+    def _pose_in(self, frame: str, name: str, waypoint: str, binding: Mapping[str, str]) -> Array:
+        """Pose X_FO in a frame of an object that is held at a waypoint.
+
+        It is held as in the motion, or, if it is not held in it, as it would be by grasping it at that waypoint.
+        """
+        held = {p.held: p.X_TO for p in self.motion.primitives if p.held is not None and p.X_TO is not None}
+        if frame == self.model.tool_frame and name in held:
+            return held[name]
+        skill, X_WH = self.candidate.skill, self.model.tool_pose(self.model.home)
+        X_WO = self.world.X_WO
+        waypoints = WaypointGrounder(skill.waypoints, binding, self.candidate.motion, self.objects, X_WH, X_WO, held)
+        X_WT = waypoints.pose(waypoint)
+        X_TO = held[name] if name in held else inverse(X_WT) @ X_WO[name]
+        if frame == self.model.tool_frame:
+            return X_TO
+        X_WF = np.eye(4) if frame == WORLD else X_WO[frame.removesuffix(START)]
+        X_FO: Array = inverse(X_WF) @ X_WT @ X_TO
+        return X_FO
 
     @property
     def _tool_parts(self) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""What can be done in a world at all: every skill with every binding of its objects."""
+"""What can be done in a world at all: every skill with every choice of objects."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Possibility:
 
 
 def possibilities(cell: Cell, world: World) -> Iterator[Possibility]:
-    """Every skill with every binding of its objects, in the order of the workspace."""
+    """Every skill with every binding to different objects, in the order of the workspace."""
     for skill in cell.workspace.skills:
         ways: dict[tuple[str, ...], list[Candidate]] = {}
         try:
@@ -41,7 +41,9 @@ def possibilities(cell: Cell, world: World) -> Iterator[Possibility]:
         except InputError:  # no object fits a parameter, or there are too many ways to list
             continue
         for candidate in candidates:
-            ways.setdefault(tuple(candidate.objects.values()), []).append(candidate)
+            objects = tuple(candidate.objects.values())
+            if len(set(objects)) == len(objects):
+                ways.setdefault(objects, []).append(candidate)
         for found in ways.values():
             yield _possibility(cell, found, world)
 

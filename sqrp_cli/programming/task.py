@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.knowledge import units
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import MotionValue, Skill
 from sqrp_cli.knowledge.units import read_quantity
@@ -22,7 +23,7 @@ class Candidate:
     """One binding of all parameters of a skill.
 
     objects: the object that each skill parameter stands for. motion: the value of each motion parameter.
-    name: what tells it apart from the other candidates of its task, such as `g1` or `g1 lift=0.2`.
+    name: what tells it apart from the other candidates of its task, such as `g1` or `g1 lift=200mm`.
     """
 
     skill: Skill
@@ -48,9 +49,9 @@ class Task:
 def read_task(text: str, workspace: Workspace) -> Task:
     """The candidates of a task such as `pickup red screw`, `place g1 tray` or `pickup object=g1 speed=0.5`.
 
-    The first word is a skill. `name=value` sets a parameter. Every other word is the name, the type, the colour or an
-    attribute of an object; with several parameters, the words are for the parameters in order, each for one. Raises
-    InputError where nothing matches.
+    The first word is a skill. `name=value` sets a parameter, and `name=a,b` tries several values of a motion parameter.
+    Every other word is the name, the type, the colour or an attribute of an object; with several parameters, the words
+    are for the parameters in order, each for one. Raises InputError where nothing matches.
     """
     words = text.split()
     if not words:
@@ -85,7 +86,8 @@ def _candidates(
     for objects in product(*choices):
         for values in product(*motion):
             bound = {parameter.name: value for parameter, value in zip(skill.motion_parameters, values, strict=True)}
-            words = [*objects, *(f"{name}={shown(bound[name])}" for name in varying)]
+            shown = {name: value.replace(" ", "") for name, value in in_words(skill, bound).items()}
+            words = [*objects, *(f"{name}={shown[name]}" for name in varying)]
             yield Candidate(
                 skill,
                 {parameter.name: name for parameter, name in zip(skill.action.parameters, objects, strict=True)},
@@ -94,9 +96,19 @@ def _candidates(
             )
 
 
-def shown(value: MotionValue) -> str:
-    """A value of a parameter as names and tables show it."""
-    return value if isinstance(value, str) else f"{value:.6g}"
+def in_words(skill: Skill, parameters: Mapping[str, MotionValue]) -> dict[str, str]:
+    """Values of a skill's parameters as names and tables show them: lengths in mm, angles in deg."""
+    dimensions = {p.name: {kind.dimension for kind in p.kinds} for p in skill.motion_parameters}
+
+    def in_units(name: str, value: MotionValue) -> str:
+        if isinstance(value, str):
+            return value
+        for dimension, unit in ((units.LENGTH, "mm"), (units.ANGLE, "deg")):
+            if dimensions.get(name) == {dimension} and value:
+                return f"{value / dimension.units[unit]:.6g} {unit}"
+        return f"{value:.6g}"
+
+    return {name: in_units(name, value) for name, value in parameters.items()}
 
 
 def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:
@@ -118,13 +130,15 @@ def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tupl
     parameter = next(parameter for parameter in skill.motion_parameters if parameter.name == name)
     if name not in settings:
         return parameter.values
-    text = settings[name]
-    value = read_quantity(text) or text
-    for kind in parameter.kinds:
-        if (complaint := kind.complaint(value)) is not None:
-            code, message = complaint
-            raise InputError(Problem(code, f"`{name}={text}`: {message}"))
-    return (value if isinstance(value, str) else value.value,)
+    values: dict[MotionValue, None] = {}
+    for text in settings[name].split(","):
+        value = read_quantity(text) or text
+        for kind in parameter.kinds:
+            if (complaint := kind.complaint(value)) is not None:
+                code, message = complaint
+                raise InputError(Problem(code, f"`{name}={settings[name]}`: {message}"))
+        values[value if isinstance(value, str) else value.value] = None
+    return tuple(values)
 
 
 def _object_choices(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,8 +23,8 @@ Image = NDArray[np.uint8]
 SUN: Array = np.array([0.35, -0.5, 1.0]) / np.linalg.norm([0.35, -0.5, 1.0])
 """Direction to the light, in the world."""
 
-_AMBIENT, _SHADE = 0.62, 0.45
-"""Brightness without the light, and share of the light that reaches what lies in a shadow."""
+_AMBIENT, _DIRECT, _SHADE = 0.62, 0.44, 0.45
+"""Brightness without the light, what the light adds, and the share of it that reaches what lies in a shadow."""
 
 _SKY_LOW, _SKY_HIGH = np.array([215.0, 224.0, 232.0]), np.array([247.0, 250.0, 252.0])
 _OUTSIDE = 24.0
@@ -34,6 +35,20 @@ _SAME_SURFACE = 0.95
 
 _QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
 """Where a pixel on an edge is looked at instead of at its centre."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What a camera sees at n pixels.
+
+    eye: its centre in the world, (3,). rays: unit vectors in the world, (n, 3). shown: whether the lens shows anything
+    there, (n,). hits: what the rays hit first.
+    """
+
+    eye: Array
+    rays: Array
+    shown: NDArray[np.bool_]
+    hits: Hits
 
 
 class Photographer:
@@ -49,33 +64,37 @@ class Photographer:
 
     def image(self, camera: Camera, colors: Sequence[Color]) -> Image:
         """What the camera sees; colors: of every solid. Pixels on edges are looked at four times."""
-        projection, width, height = Projection.of(camera), camera.width, camera.height
-        X_WC = self._states.camera_poses(camera)[0]
+        width, height = camera.width, camera.height
+        paint = np.array(colors, dtype=float)
         pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
-        shades, hits = self._look(projection, X_WC, pixels, np.array(colors, dtype=float))
-        edges = np.flatnonzero(_edges(hits, (height, width)))
-        finer = (pixels[edges, None] + _QUARTERS).reshape(-1, 2)
-        shades[edges] = self._look(projection, X_WC, finer, np.array(colors, dtype=float))[0].reshape(-1, 4, 3).mean(1)
+        view = self.view(camera, pixels)
+        shades = self._shades(view, paint)
+        edges = np.flatnonzero(_edges(view.hits, (height, width)))
+        finer = self.view(camera, (pixels[edges, None] + _QUARTERS).reshape(-1, 2))
+        shades[edges] = self._shades(finer, paint).reshape(-1, 4, 3).mean(axis=1)
         return np.clip(shades, 0, 255).round().astype(np.uint8).reshape(height, width, 3)
 
-    def _look(self, projection: Projection, X_WC: Array, pixels: Array, colors: Array) -> tuple[Array, Hits]:
-        """Colours (n, 3) at pixels (n, 2), and what is hit there."""
-        rays_C, shown = directions(projection, pixels)
+    def view(self, camera: Camera, pixels: Array) -> View:
+        """What the camera sees at pixels of shape (n, 2)."""
+        X_WC = self._states.camera_poses(camera)[0]
+        rays_C, shown = directions(Projection.of(camera), pixels)
         rays = rays_C @ X_WC[:3, :3].T
-        hits = self._scene.first_hits(X_WC[:3, 3], rays)
-        shades = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
+        return View(X_WC[:3, 3], rays, shown, self._scene.first_hits(X_WC[:3, 3], rays))
+
+    def _shades(self, view: View, paint: Array) -> Array:
+        """Colours of what is seen, shape (n, 3), with a light and the shadows that it casts."""
+        rays, hits = view.rays, view.hits
+        shades: Array = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
         rows = np.flatnonzero(hits.mesh >= 0)
-        points, normals = X_WC[:3, 3] + hits.distance[rows, None] * rays[rows], hits.normal[rows]
-        facing = np.maximum(normals @ SUN, 0.0)
-        lit = facing.copy()
-        turned = np.flatnonzero(facing > 0)
-        dark = self._scene.blocked(points[turned], normals[turned], SUN)
-        lit[turned[dark]] *= _SHADE
+        points, normals = view.eye + hits.distance[rows, None] * rays[rows], hits.normal[rows]
+        lit = np.maximum(normals @ SUN, 0.0)
+        turned = np.flatnonzero(lit > 0)
+        lit[turned[self._scene.blocked(points[turned], normals[turned], SUN)]] *= _SHADE
         towards = np.abs(np.einsum("ni,ni->n", normals, rays[rows]))
-        light = _AMBIENT * (0.8 + 0.2 * towards) + (1 - _AMBIENT) * lit * 1.15
-        shades[rows] = colors[hits.mesh[rows]] * light[:, None]
-        shades[~shown] = _OUTSIDE
-        return shades, hits
+        light = _AMBIENT * (0.8 + 0.2 * towards) + _DIRECT * lit
+        shades[rows] = paint[hits.mesh[rows]] * light[:, None]
+        shades[~view.shown] = _OUTSIDE
+        return shades
 
 
 def _edges(hits: Hits, shape: tuple[int, int]) -> NDArray[np.bool_]:

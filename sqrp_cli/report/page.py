@@ -15,7 +15,7 @@ from sqrp_cli.files import write_atomically
 from sqrp_cli.report.libraries import viewer_library
 from sqrp_cli.report.packing import packed, visible
 
-SCRIPTS = ("data", "motion", "table", "plot", "timeline", "orbit", "scene", "main")
+SCRIPTS = ("data", "motion", "table", "plot", "timeline", "shape", "orbit", "camera", "sight", "scene", "main")
 """The page's own scripts in the order in which they need each other."""
 
 

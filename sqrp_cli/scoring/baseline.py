@@ -14,6 +14,7 @@ from sqrp_cli.files import write_atomically
 from sqrp_cli.knowledge.source import Scalar
 from sqrp_cli.programming.coverage import Coverage
 from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.scoring.cells import ScoredCell
 from sqrp_cli.scoring.outcome import coverage_numbers, read_coverage
 from sqrp_cli.scoring.score import TaskScore
@@ -74,15 +75,19 @@ class WorkspaceRecord(_Record):
 
 
 class Baseline(_Record):
-    """Scores of workspaces by name. fields: what files say, by the digest of their content."""
+    """Scores of workspaces by name. sampling: how motions were sampled. fields: what files say, by their digest."""
 
     format: Literal["sqrp baseline 1"] = "sqrp baseline 1"
+    sampling: str
     workspaces: dict[str, WorkspaceRecord]
     fields: dict[str, dict[str, Scalar]] = Field(default={})
 
 
 def baseline_of(
-    cells: Sequence[ScoredCell], scores: Sequence[TaskScore], coverage: Callable[[TaskScore, Ranked], Coverage | None]
+    cells: Sequence[ScoredCell],
+    scores: Sequence[TaskScore],
+    coverage: Callable[[TaskScore, Ranked], Coverage | None],
+    sampling: Sampling,
 ) -> Baseline:
     """The baseline that these scores make; workspaces and tasks with errors are left out."""
     workspaces: dict[str, WorkspaceRecord] = {}
@@ -103,7 +108,8 @@ def baseline_of(
             if result.workspace == cell.name and result.task is not None and result.status != "error"
         }
         workspaces[cell.name] = WorkspaceRecord(digest=cell.workspace.digest, files=files, tasks=tasks)
-    return Baseline(workspaces=workspaces, fields={digest: found for digest, found in fields.items() if found})
+    known = {digest: found for digest, found in fields.items() if found}
+    return Baseline(sampling=repr(sampling), workspaces=workspaces, fields=known)
 
 
 def save_baseline(baseline: Baseline, path: Path) -> None:
@@ -112,17 +118,22 @@ def save_baseline(baseline: Baseline, path: Path) -> None:
     write_atomically(path, text + "\n")
 
 
-def load_baseline(path: Path) -> Baseline:
-    """Read a baseline. Raises InputError for a file that `save_baseline` did not write."""
+def load_baseline(path: Path, sampling: Sampling) -> Baseline:
+    """Read a baseline. Raises InputError for a file that `save_baseline` did not write, or from another sampling."""
     mend = f"make it with: sqrp score ... --save-baseline {path}"
     try:
-        return _with_known_coverage(Baseline.model_validate_json(path.read_bytes()))
+        baseline = _with_known_coverage(Baseline.model_validate_json(path.read_bytes()))
     except OSError as error:
         message = f"the baseline cannot be read: {error.strerror or error}"
         raise InputError(Problem("missing-file", message, Place(path), mend=mend)) from error
     except (ValidationError, ValueError, LookupError, TypeError, AttributeError) as error:
         message = "this is no baseline, or of another version"
         raise InputError(Problem("bad-baseline", message, Place(path), mend=mend)) from error
+    if baseline.sampling != repr(sampling):
+        message = f"the baseline was sampled as {baseline.sampling}, but this run as {sampling!r}"
+        mend = "give the options --samples, --dt or --tolerance that it was made with, or make it again"
+        raise InputError(Problem("other-sampling", message, Place(path), mend=mend))
+    return baseline
 
 
 def _with_known_coverage(baseline: Baseline) -> Baseline:

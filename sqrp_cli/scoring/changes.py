@@ -27,7 +27,8 @@ class Change:
     now: Scalar
 
     def __str__(self) -> str:
-        where = " ".join(filter(None, ["" if self.file == WORKSPACE else self.file, self.field]))
+        what = "content" if self.field is None else self.field
+        where = what if self.file == WORKSPACE else f"{self.file} {what}"
         if self.before is None:
             return f"{where} = {self.now} is new"
         if self.now is None:

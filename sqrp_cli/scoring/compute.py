@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from math import ceil
+from pathlib import Path
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace import Workspace
@@ -12,12 +15,30 @@ from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.identity import candidate_key
 from sqrp_cli.scoring.job import Job
 from sqrp_cli.scoring.outcome import Outcome
-from sqrp_cli.scoring.results_folder import Results
+from sqrp_cli.scoring.results_folder import Results, results_in
 from sqrp_cli.scoring.run_jobs import Done, run_jobs
-from sqrp_cli.scoring.workers import Workers
+from sqrp_cli.scoring.workers import Workers, open_workers
 
-CANDIDATES_PER_JOB = 4
-"""Small enough that little is lost with a worker, large enough that sending costs little."""
+
+@dataclass(frozen=True)
+class Means:
+    """How to compute: how, with what, and where results are kept; None: in memory only.
+
+    jobs: processes of this machine; cluster: a Dask cluster instead, see `open_workers`. seed: of what planning draws.
+    """
+
+    sampling: Sampling
+    jobs: int = 1
+    cluster: str | None = None
+    out: Path | None = None
+    seed: int = 0
+
+
+@contextmanager
+def open_computer(means: Means) -> Iterator[Computer]:
+    """What computes candidates by these means. Raises InputError for a folder or a cluster that cannot be used."""
+    with results_in(means.out) as results, open_workers(means.jobs, means.cluster) as workers:
+        yield Computer(workers, results, means.sampling, means.seed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +54,14 @@ class Wanted:
 class Computer:
     """Gets outcomes of candidates, from where results are kept or from workers.
 
-    computed: how many had to be computed. problems: of those that cannot be computed, by key.
+    seed: of what planning draws at random. computed: how many had to be computed. problems: of those that cannot be
+    computed, by key.
     """
 
     workers: Workers
     results: Results
     sampling: Sampling
+    seed: int = 0
     computed: int = 0
     problems: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
 
@@ -47,12 +70,16 @@ class Computer:
 
         coverage: with their coverage. Raises InputError where results cannot be kept.
         """
-        missing = {self._key(want, coverage): want for want in wanted if self.outcome(want, coverage=coverage) is None}
+        missing = {
+            self._key(want.content, want.candidate, coverage=coverage): want
+            for want in wanted
+            if self.outcome(want, coverage=coverage) is None
+        }
         advance(len(wanted) - len(missing))
 
         def keep(done: Done) -> None:
             job = done.job
-            keys = [candidate_key(job.content, c, self.sampling, coverage=coverage) for c in job.candidates]
+            keys = [self._key(job.content, candidate, coverage=coverage) for candidate in job.candidates]
             for key, text in zip(keys, done.outcomes, strict=False):
                 self.results.keep(key, text)
                 self.computed += 1
@@ -64,7 +91,7 @@ class Computer:
 
     def outcome(self, wanted: Wanted, *, coverage: bool = False) -> Outcome | None:
         """The outcome of a candidate, if there is one."""
-        text = self.results.get(self._key(wanted, coverage))
+        text = self.results.get(self._key(wanted.content, wanted.candidate, coverage=coverage))
         if text is None:
             return None
         try:
@@ -74,16 +101,17 @@ class Computer:
 
     def why_not(self, wanted: Wanted) -> tuple[Problem, ...]:
         """Why a candidate cannot be computed; empty where nothing is known to prevent it."""
-        return self.problems.get(self._key(wanted, coverage=False), ())
+        return self.problems.get(self._key(wanted.content, wanted.candidate, coverage=False), ())
 
-    def _key(self, wanted: Wanted, coverage: bool) -> str:
-        return candidate_key(wanted.content, wanted.candidate, self.sampling, coverage=coverage)
+    def _key(self, content: str, candidate: Candidate, *, coverage: bool) -> str:
+        return candidate_key(content, candidate, self.sampling, self.seed, coverage=coverage)
 
     def _jobs(self, wanted: Sequence[Wanted], *, coverage: bool) -> Iterator[Job]:
         groups: dict[str, list[Wanted]] = {}
         for want in wanted:
             groups.setdefault(want.content, []).append(want)
         for content, members in groups.items():
-            for start in range(0, len(members), CANDIDATES_PER_JOB):
-                candidates = tuple(member.candidate for member in members[start : start + CANDIDATES_PER_JOB])
-                yield Job(members[0].workspace, content, candidates, self.sampling, coverage)
+            count = ceil(len(members) / self.workers.portion)
+            for index in range(count):
+                candidates = tuple(member.candidate for member in members[index::count])
+                yield Job(members[0].workspace, content, candidates, self.sampling, self.seed, coverage)

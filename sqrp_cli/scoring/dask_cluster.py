@@ -16,6 +16,9 @@ from sqrp_cli.scoring.shipping import run_shipped
 CONNECT_TIMEOUT = 10.0
 """How long to wait for the scheduler [s]."""
 
+CANDIDATES_PER_JOB = 6
+"""A job takes some 10 ms to get to a worker, a candidate some 100 ms to compute."""
+
 JOBS_PER_THREAD = 3
 """Jobs under way per thread of the cluster, so that none waits for us."""
 
@@ -48,6 +51,7 @@ class DaskWorkers:
             message = f"the cluster at `{cluster}` has no workers"
             raise InputError(Problem("no-cluster", message, mend=f"dask worker {cluster}"))
         self.capacity = JOBS_PER_THREAD * threads
+        self.portion = CANDIDATES_PER_JOB
         self._executor = self._client.get_executor(pure=False)
         self._contents: dict[str, Any] = {}
 

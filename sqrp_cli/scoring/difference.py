@@ -7,14 +7,11 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.load import workspace_file
-from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.scoring.baseline import baseline_of
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
 from sqrp_cli.scoring.compute import Computer
 from sqrp_cli.scoring.findings import CoverageLookup, Findings, Progress, compare_with, score_cells
-from sqrp_cli.scoring.results_folder import Results
 from sqrp_cli.scoring.score import TaskScore
-from sqrp_cli.scoring.workers import Workers
 
 
 def read_version(path: Path) -> ScoredCell:
@@ -30,9 +27,7 @@ def read_version(path: Path) -> ScoredCell:
 def difference(
     before: ScoredCell,
     after: ScoredCell,
-    workers: Workers,
-    results: Results,
-    sampling: Sampling,
+    computer: Computer,
     allowance: float,
     progress: Progress,
 ) -> Findings:
@@ -40,14 +35,13 @@ def difference(
 
     Raises InputError where results cannot be kept, or candidates cannot be computed.
     """
-    computer = Computer(workers, results, sampling)
     first = score_cells([before], computer, progress)
     if first.interrupted:
         return replace(first, results=())
     lookup = CoverageLookup([before], computer)
     scores = [result.score for result in first.results]
     lookup.prepare([(score, way) for score in scores for way in score.ways.values()], progress)
-    baseline = baseline_of([before], scores, lookup)
+    baseline = baseline_of([before], scores, lookup, computer.sampling)
     second = score_cells([after], computer, progress)
     if second.interrupted:
         return second

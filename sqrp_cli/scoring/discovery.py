@@ -13,8 +13,8 @@ from sqrp_cli.knowledge.load import WORKSPACE_FILE, workspace_file
 def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
     """The workspace files that patterns stand for, each once: in the order of the patterns, each pattern's by name.
 
-    A pattern is a workspace file, the folder of one, a folder with workspaces at any depth below it, or a glob of those
-    (`cells/*`, `**` for any depth). Raises InputError for a pattern that no workspace fits.
+    A pattern is a workspace file, the folder of one, a folder with workspaces at any depth below it (hidden folders
+    left out), or a glob of those (`cells/*`, `**` for any depth). Raises InputError for one that no workspace fits.
     """
     found: dict[Path, None] = {}
     for pattern in patterns:
@@ -38,7 +38,8 @@ def _files(path: Path) -> list[Path]:
         return [path] if path.suffix in (".yaml", ".yml") else []
     if (path / WORKSPACE_FILE).is_file():
         return [path / WORKSPACE_FILE]
-    return sorted(path.rglob(WORKSPACE_FILE))
+    found = path.rglob(WORKSPACE_FILE)
+    return sorted(file for file in found if not any(part.startswith(".") for part in file.relative_to(path).parts))
 
 
 def short_names(files: Sequence[Path]) -> Mapping[Path, str]:

@@ -65,10 +65,10 @@ def says_something(path: str) -> bool:
     return not path.startswith(lists) and path.rpartition(".")[-1] not in _FILE_KEYS
 
 
-def candidate_key(content: str, candidate: Candidate, sampling: Sampling, *, coverage: bool) -> str:
+def candidate_key(content: str, candidate: Candidate, sampling: Sampling, seed: int, *, coverage: bool) -> str:
     """Names what is computed of one candidate; content: see `content_digest`. coverage: its `Coverage`, too."""
     parameters = list(candidate.parameters.items())
-    return _digest([program_digest(), content, candidate.skill.name, parameters, repr(sampling), coverage])
+    return _digest([program_digest(), content, candidate.skill.name, parameters, repr(sampling), seed, coverage])
 
 
 def _digest(value: object) -> str:

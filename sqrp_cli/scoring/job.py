@@ -25,14 +25,15 @@ CELLS_KEPT = 4
 class Job:
     """Some candidates of a task.
 
-    content: digest of the workspace, under which a worker keeps its cell. coverage: whether their coverage is wanted
-    besides their figures.
+    content: digest of the workspace, under which a worker keeps its cell. seed: of what planning draws at random.
+    coverage: whether their coverage is wanted besides their figures.
     """
 
     workspace: Workspace
     content: str
     candidates: tuple[Candidate, ...]
     sampling: Sampling
+    seed: int
     coverage: bool
 
 
@@ -44,7 +45,7 @@ def run_job(job: Job) -> tuple[str, ...]:
 
 
 def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
-    world = cell.workspace.initial_world
+    world = cell.initial_world
     if not job.coverage:
         return Outcome(Assignment(cell, world, job.sampling).assess(candidate), None)
     found = study(cell, candidate, world, job.sampling, full=True)
@@ -53,13 +54,14 @@ def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
     return Outcome(found.assessment(verdict(cell, found)), coverage_of(cell, found))
 
 
-_cells: OrderedDict[str, Cell] = OrderedDict()
+_cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()
 _one_at_a_time = threading.Lock()
 
 
 def _cell(job: Job) -> Cell:
-    cell = _cells.pop(job.content, None) or Cell.load(job.workspace)
-    _cells[job.content] = cell
+    name = (job.content, job.seed)
+    cell = _cells.pop(name, None) or Cell.load(job.workspace, job.seed)
+    _cells[name] = cell
     if len(_cells) > CELLS_KEPT:
         _cells.popitem(last=False)
     return cell

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from sqrp_cli.logic.formula_time import Stretch
@@ -13,7 +13,8 @@ from sqrp_cli.programming.faults import FaultMetrics
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
 
-_FIGURES = ("time", "q_avg", "q_eoi", "t_total", "t_eoi", "states", "error", "largest_gap")
+_PLAIN = tuple(f.name for f in fields(Assessment) if f.name not in ("candidate", "faults", "recalibrated"))
+"""What an assessment says in numbers and texts."""
 
 Numbers = dict[str, Any]
 
@@ -29,11 +30,8 @@ class Outcome:
         """One line of JSON, the same for the same figures."""
         assessment = self.assessment
         document = {
-            "feasible": assessment.feasible,
-            "reasons": list(assessment.reasons),
-            **{name: getattr(assessment, name) for name in _FIGURES},
+            **{name: getattr(assessment, name) for name in _PLAIN},
             "faults": {name: asdict(fault) for name, fault in assessment.faults.items()},
-            "verdict": assessment.verdict,
             "coverage": None if self.coverage is None else coverage_numbers(self.coverage),
         }
         return json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n"
@@ -45,11 +43,8 @@ class Outcome:
             document = json.loads(text)
             assessment = Assessment(
                 candidate=candidate,
-                feasible=document["feasible"],
-                reasons=tuple(document["reasons"]),
                 faults={name: FaultMetrics(**numbers) for name, numbers in document["faults"].items()},
-                verdict=document["verdict"],
-                **{name: document[name] for name in _FIGURES},
+                **{name: _plain(document[name]) for name in _PLAIN},
             )
             numbers = document["coverage"]
             return Outcome(assessment, None if numbers is None else read_coverage(numbers))
@@ -93,6 +88,10 @@ def read_coverage(numbers: Numbers) -> Coverage:
             for atom, target in numbers["targets"].items()
         },
     )
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401 # JSON has no tuples
+    return tuple(value) if isinstance(value, list) else value
 
 
 def _ends(stretch: Stretch) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -12,6 +13,8 @@ from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.knowledge.xml_file import Element, read_xml
 
 Fields = dict[str, Scalar]
+
+_SECTION = re.compile(r":(requirements|types|constants|predicates|functions|action|parameters|precondition|effect)\b")
 
 WORKSPACE = "workspace"
 """The role of the workspace file itself."""
@@ -50,12 +53,18 @@ def _attributes(element: Element, path: str) -> Iterator[tuple[str, Scalar]]:
 
 
 def _statements(path: Path) -> Iterator[tuple[str, Scalar]]:
-    """The parts of a PDDL file that begin with a keyword, without comments and layout."""
+    """The sections of a PDDL file, those of an action by its name; without comments and layout."""
     lines = (line.split(";")[0] for line in path.read_text(encoding="utf-8").splitlines())
-    words = " ".join(" ".join(lines).replace("(", " ( ").replace(")", " ) ").split())
-    for index, part in enumerate(words.split(" :")[1:]):
-        keyword, _, rest = part.partition(" ")
-        yield f"{index}.{keyword}", rest.rstrip("( ")
+    words = " ".join(" ".join(lines).replace("(", " (").replace(")", ") ").split())
+    action = ""
+    for keyword, content in zip(*[iter(_SECTION.split(words)[1:])] * 2, strict=True):
+        text = content.replace(" )", ")").rstrip(" (").lstrip()
+        while text.count(")") > text.count("("):
+            text = text[:-1].rstrip()  # what closes the sections around
+        if keyword == "action":
+            action = f"{text}."
+        else:
+            yield f"{action}{keyword}", text
 
 
 def changed_fields(before: Mapping[str, Scalar], now: Mapping[str, Scalar]) -> Iterator[tuple[str, Scalar, Scalar]]:

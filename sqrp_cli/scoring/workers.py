@@ -16,9 +16,14 @@ from sqrp_cli.scoring.job import Job, run_job
 
 
 class Workers(Protocol):
-    """Where jobs are done. capacity: so many jobs should be under way at a time."""
+    """Where jobs are done.
+
+    capacity: so many jobs should be under way at a time. portion: so many candidates make a good job: few, so that
+    little is lost with a worker, but enough that sending them costs little.
+    """
 
     capacity: int
+    portion: int
 
     def submit(self, job: Job) -> Future[tuple[str, ...]]:
         """Begin a job; its result is that of `run_job`. A worker that died shows as `BrokenExecutor`.
@@ -56,7 +61,8 @@ class LocalWorkers:
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
-        self.capacity = 1 if jobs == 1 else 2 * jobs
+        self.capacity = 1 if jobs == 1 else jobs + 1
+        self.portion = 1
         self._executor = self._new_executor()
 
     def submit(self, job: Job) -> Future[tuple[str, ...]]:

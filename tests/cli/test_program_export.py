@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -107,3 +108,21 @@ def test_an_export_is_replaced_by_the_next_and_is_the_same_every_time(sqrp, prog
         first = path.read_bytes()
         assert sqrp("program", program, "--export", path).code == 0
         assert path.read_bytes() == first
+
+
+def test_fingers_move_in_the_table_but_are_left_out_of_the_arm_controllers_message(sqrp, gripper, tmp_path):
+    program = tmp_path / "fingers.yaml"
+    assert sqrp("rank", gripper, "pickup_two_finger can", "--program", program).code == 0
+    for name in ("out.csv", "out.yaml"):
+        assert sqrp("program", program, "--export", tmp_path / name, "--rate", 10).code == 0
+    with (tmp_path / "out.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    fingers = [float(row["position_left_finger_joint"]) for row in rows]
+    assert fingers[0] == pytest.approx(0.04)
+    assert fingers[-1] < fingers[0]
+    grasping = [index for index, row in enumerate(rows) if row["action"] == "grasp"]
+    assert all(fingers[index] == fingers[0] for index in range(grasping[0] + 1))
+    message = yaml.load((tmp_path / "out.yaml").read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
+    assert len(message["joint_names"]) == 6
+    assert not any("finger" in joint for joint in message["joint_names"])
+    assert all(len(point["positions"]) == 6 for point in message["points"])

@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from xml.etree import ElementTree
@@ -204,6 +205,19 @@ def test_a_run_that_is_killed_goes_on_where_it_was(sqrp, tabletop, tmp_path):
     assert {p.name: p.read_bytes() for p in out.rglob("*.json")} == {
         p.name: p.read_bytes() for p in undisturbed.rglob("*.json")
     }
+
+
+def test_results_on_a_dask_cluster_are_the_same_without_the_files(sqrp, own_watch, tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    edit(own_watch, "watch green", "watch cube")
+    here = sqrp("score", own_watch, "--out", tmp_path / "here", "--json")
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    options = {"dashboard_address": None, "protocol": "tcp", "local_directory": str(tmp_path)}
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, **options) as cluster:
+        there = sqrp("score", own_watch, "--cluster", cluster.scheduler_address, "--out", tmp_path / "there", "--json")
+    assert (there.code, there.out, computed(there)) == (here.code, here.out, computed(here))
+    shipped = list(tmp_path.glob("sqrp-files-*/*.urdf"))
+    assert [file.read_bytes() for file in shipped] == [(own_watch / "arm.urdf").read_bytes()]
 
 
 def test_a_folder_that_cannot_be_written_is_refused(sqrp, own_watch, tmp_path):

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from sqrp_cli.knowledge.load import load_workspace
@@ -44,7 +46,7 @@ def cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
     (folder / "drop" / "skill.yaml").write_text(DROP_YAML)
     text = (TABLETOP / "workspace.yaml").read_text()
     text = text.replace("../robots/", f"{TABLETOP.parent}/robots/")
-    text = text.replace("[../../skills/pickup]", f"[{TABLETOP.parents[1]}/skills/pickup, drop]")
+    text = re.sub(r"skills: \[.*\]", f"skills: [{TABLETOP.parents[1]}/skills/pickup, drop]", text)
     (folder / "workspace.yaml").write_text(text)
     return Cell.load(load_workspace(folder))
 

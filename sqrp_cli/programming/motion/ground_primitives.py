@@ -21,11 +21,12 @@ from sqrp_cli.knowledge.skill import (
     Wait,
 )
 from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.programming.arm.branches import BranchChoice
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, finger_positions, pair
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
-from sqrp_cli.programming.motion.waypoints import ground_waypoint, needed_objects, setting_number
+from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number, setting_value
 from sqrp_cli.trajectory import Trajectory
 
 
@@ -34,7 +35,8 @@ class GroundPrimitive:
     """A primitive action whose waypoint, settings and surroundings are known.
 
     X_start, X_end: pose X_WT of the tool frame when it begins and ends, shape (4, 4).
-    home: a joint move to the home configuration; otherwise any joint positions that bring the tool to `X_end` will do.
+    home: a joint move to the home configuration; otherwise any joint positions that bring the tool to `X_end` will do,
+    if they are of the wanted branches. via_home: a joint move that stops at home on the way.
     speed, acceleration, jerk: of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0.
     hold: how long it stands still [s]; 0 for moves. world: where objects are, and what is held, while it lasts.
     fingers: how they move meanwhile, None if they stand still. allowed: pairs of names whose contacts belong to the
@@ -47,6 +49,8 @@ class GroundPrimitive:
     X_start: Array
     X_end: Array
     home: bool
+    via_home: bool
+    branches: BranchChoice
     speed: float
     acceleration: float
     jerk: float
@@ -76,17 +80,18 @@ def ground_primitives(
     """Follow tool and objects through the skill; infeasible where it is not known where an object is."""
     X_home = model.tool_pose(model.home)
     X_WT = model.tool_pose(start_configuration(model, world))
+    X_TO: dict[str, Array] = {}
     grounded: list[GroundPrimitive] = []
     for primitive in skill.primitives:
         X_start, during = X_WT, world
+        if world.held is not None and world.X_TO is not None:
+            X_TO[world.held] = world.X_TO
         to = primitive.to if isinstance(primitive, JointMove | StraightMove) else None
-        if to == HOME:
-            X_WT = X_home
-        elif to is not None:
-            unknown = sorted(needed_objects(to, skill.waypoints, binding) - world.X_WO.keys())
-            if unknown:
-                return Infeasible((f"it is not known where `{unknown[0]}` is",))
-            X_WT = ground_waypoint(skill.waypoints[to], skill.waypoints, binding, values, objects, world.X_WO)
+        if to is not None:
+            waypoints = WaypointGrounder(skill.waypoints, binding, values, objects, X_home, world.X_WO, X_TO)
+            if (missing := waypoints.missing(to)) is not None:
+                return Infeasible((missing,))
+            X_WT = waypoints.pose(to)
         changed = _after(primitive, binding, X_WT, world, scene)
         if isinstance(changed, Infeasible):
             return changed
@@ -110,9 +115,13 @@ def _ground(
     world: World,
 ) -> GroundPrimitive:
     speed = acceleration = jerk = hold = 0.0
+    via_home, branches = False, BranchChoice()
     match primitive:
         case JointMove():
             speed = setting_number(primitive.speed, values)
+            via_home = to != HOME and setting_value(primitive.via, values) == HOME
+            words = (setting_value(word, values) for word in (primitive.elbow, primitive.shoulder, primitive.wrist))
+            branches = BranchChoice(*map(str, words))
         case StraightMove():
             speed = setting_number(primitive.speed, values)
             acceleration = setting_number(primitive.acceleration, values)
@@ -121,8 +130,8 @@ def _ground(
             hold = setting_number(primitive.duration, values)
     home = isinstance(primitive, JointMove) and to == HOME
     return GroundPrimitive(
-        primitive.name, type(primitive), to, X_start, X_end, home, speed, acceleration, jerk, hold, world, None,
-        frozenset(),
+        primitive.name, type(primitive), to, X_start, X_end, home, via_home, branches, speed, acceleration, jerk, hold,
+        world, None, frozenset(),
     )  # fmt: skip
 
 

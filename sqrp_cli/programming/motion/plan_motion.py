@@ -135,7 +135,7 @@ class _Planner:
                 return self._infeasible()
         stations = [_station(ways) for ways in options]
         durations = [
-            joint_move_duration(before.q_end[:, None], after.q_start[None], self._move_limits(section.first - 1))
+            self._move_durations(section.first - 1, before.q_end[:, None], after.q_start[None])
             for before, after, section in zip(stations[:-1], stations[1:], sections[1:], strict=True)
         ]
 
@@ -157,7 +157,7 @@ class _Planner:
             if sections[i].move is None:
                 return True
             index = sections[i].first - 1
-            direct = joint_move(*ends(i, previous, chosen), self._move_limits(index))
+            direct = self._move(index, *ends(i, previous, chosen))
             contact = self._contact(index, direct)
             if contact is None:
                 moves[i, previous, chosen] = _Move(direct)
@@ -201,15 +201,30 @@ class _Planner:
         return contact is None
 
     def _way_around(self, index: int, q0: Array, q1: Array) -> Trajectory | None:
-        """A joint move from q0 to q1 whose direct one is blocked."""
+        """A joint move from q0 to q1 whose direct one is blocked; none where it has to be by home."""
         tries = min(TRIES_PER_WAY, self._tries_left)
-        if tries == 0:
+        if tries == 0 or self._skill.primitives[index].via_home:
             return None
         bounds = near_limits(self._model, np.stack([self._q_start, self._model.home]))
         limits = self._move_limits(index)
         found = find_way(self._scenes[index], q0, q1, bounds, self._radii, limits, tries, self._seed)
         self._tries_left -= found.tries
         return found.trajectory
+
+    def _move_durations(self, index: int, q0: Array, q1: Array) -> Array:
+        """Durations [s] of direct joint moves from q0 to q1, or by home, shapes (..., n) that broadcast."""
+        limits = self._move_limits(index)
+        if not self._skill.primitives[index].via_home:
+            return joint_move_duration(q0, q1, limits)
+        home = self._model.home
+        return joint_move_duration(q0, home, limits) + joint_move_duration(home, q1, limits)
+
+    def _move(self, index: int, q0: Array, q1: Array) -> Trajectory:
+        """The direct joint move from q0 to q1, or the one by home."""
+        limits = self._move_limits(index)
+        if not self._skill.primitives[index].via_home:
+            return joint_move(q0, q1, limits)
+        return joint_move(q0, self._model.home, limits).followed_by(joint_move(self._model.home, q1, limits))
 
     def _move_limits(self, index: int) -> MotionLimits:
         return replace(self._limits, velocity=self._skill.primitives[index].speed * self._limits.velocity)

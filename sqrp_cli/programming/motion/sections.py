@@ -11,6 +11,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill import JointMove, StraightMove
+from sqrp_cli.programming.arm.branches import chosen_branches
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
@@ -111,9 +112,11 @@ class BranchFinder:
             configurations = [self._model.home]
         else:
             solutions = all_solutions(self._model, move.X_end, self._seed)
-            configurations = list(solutions.solutions)
+            wanted = chosen_branches(self._model, solutions.solutions, move.branches)
+            configurations = list(solutions.solutions[wanted])
             if not configurations:
-                self._failures.note(section.first - 1, f"{move.name} to `{move.to}`: {solutions.reason}")
+                reason = solutions.reason or f"cannot be reached with {move.branches}"
+                self._failures.note(section.first - 1, f"{move.name} to `{move.to}`: {reason}")
         branches = []
         lost = False
         for q in self._clear_ends(section, configurations):

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, axis_rotation, pose
+from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import (
+    HOME,
     GraspWaypoint,
     MotionValue,
     PoseWaypoint,
+    PutWaypoint,
     RaiseWaypoint,
     Reference,
     RetreatWaypoint,
     Setting,
+    TurnWaypoint,
     Waypoint,
 )
 
@@ -30,60 +34,96 @@ def setting_number(setting: Setting, values: Mapping[str, MotionValue]) -> float
     return float(setting_value(setting, values))
 
 
-def ground_waypoint(
-    waypoint: Waypoint,
-    waypoints: Mapping[str, Waypoint],
-    binding: Mapping[str, str],
-    values: Mapping[str, MotionValue],
-    objects: Mapping[str, SceneObject],
-    X_WO: Mapping[str, Array],
+@dataclass(frozen=True, eq=False)
+class WaypointGrounder:
+    """Waypoints of a skill in one binding and one world.
+
+    waypoints: of the skill. binding: the object that each skill parameter stands for. values: of the motion parameters.
+    X_WH: pose of the tool frame at home. X_WO: poses of the objects whose place is known. X_TO: poses in the tool frame
+    of the objects that are held, or were last.
+    """
+
+    waypoints: Mapping[str, Waypoint]
+    binding: Mapping[str, str]
+    values: Mapping[str, MotionValue]
+    objects: Mapping[str, SceneObject]
+    X_WH: Array
+    X_WO: Mapping[str, Array]
+    X_TO: Mapping[str, Array]
+
+    def pose(self, name: str) -> Array:
+        """The pose X_WT of the tool frame at a waypoint of which nothing is `missing`, shape (4, 4).
+
+        - grasp: X_WO @ `side_pose`, turned by yaw about the tool's z axis and moved by depth along it;
+        - put: the held object as `put_pose` says;
+        - retreat: the other pose, moved by -distance along its own z axis;
+        - raise: the other pose, moved by distance along the world's z axis;
+        - turn: the other pose, turned about its own z axis, then about its own x axis.
+        """
+        if name == HOME:
+            return self.X_WH
+        match self.waypoints[name]:
+            case GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
+                thing = self.binding[parameter]
+                X_OS = side_pose(self.objects[thing].size, str(setting_value(side, self.values)))
+                return self.X_WO[thing] @ X_OS @ pose(axis_rotation(2, self._number(yaw)), (0, 0, self._number(depth)))
+            case PutWaypoint(object=parameter, on=surface) as put:
+                held, carrier = self.binding[parameter], self.binding[surface]
+                settings = (self._number(setting) for setting in (put.along, put.across, put.yaw))
+                X_BO = put_pose(self.objects[held].size, self.objects[carrier].size, *settings)
+                X_WT: Array = self.X_WO[carrier] @ X_BO @ inverse(self.X_TO[held])
+                return X_WT
+            case RetreatWaypoint(waypoint=other, distance=distance):
+                return self.pose(other) @ pose(position=(0.0, 0.0, -self._number(distance)))
+            case RaiseWaypoint(waypoint=other, distance=distance):
+                return pose(position=(0.0, 0.0, self._number(distance))) @ self.pose(other)
+            case TurnWaypoint(waypoint=other, turn=turn, tilt=tilt):
+                return (
+                    self.pose(other)
+                    @ pose(axis_rotation(2, self._number(turn)))
+                    @ pose(axis_rotation(0, self._number(tilt)))
+                )
+            case PoseWaypoint(X_WT=X_WT):
+                return X_WT
+
+    def missing(self, name: str) -> str | None:
+        """Why the pose of a waypoint is not known; None if it is."""
+        if name == HOME:
+            return None
+        match self.waypoints[name]:
+            case GraspWaypoint(object=parameter):
+                return self._unplaced(parameter)
+            case PutWaypoint(object=parameter, on=surface):
+                if self.binding[parameter] not in self.X_TO:
+                    return f"the tool does not hold `{self.binding[parameter]}`"
+                return self._unplaced(surface)
+            case RetreatWaypoint(waypoint=other) | RaiseWaypoint(waypoint=other) | TurnWaypoint(waypoint=other):
+                return self.missing(other)
+            case PoseWaypoint():
+                return None
+
+    def _unplaced(self, parameter: str) -> str | None:
+        name = self.binding[parameter]
+        return None if name in self.X_WO else f"it is not known where `{name}` is"
+
+    def _number(self, setting: Setting) -> float:
+        return setting_number(setting, self.values)
+
+
+def put_pose(
+    size: tuple[float, float, float],
+    surface: tuple[float, float, float],
+    along: float,
+    across: float,
+    yaw: float,
 ) -> Array:
-    """The pose X_WT of the tool frame at a waypoint, shape (4, 4).
+    """The pose X_BO of an object that stands upright on top of another one, both boxes of full extents [m], (4, 4).
 
-    waypoints: those that it may refer to. binding: the object that each skill parameter stands for. values: of the
-    motion parameters. X_WO: pose of every object that a waypoint may name.
-
-    - grasp: X_WO @ `side_pose`, turned by yaw about the tool's z axis and moved by depth along it;
-    - retreat: the other pose, moved by -distance along its own z axis;
-    - raise: the other pose, moved by distance along the world's z axis.
+    along, across: where, along the x and the y axis of the lower one: at 0 in the middle, at -1 and 1 flush with its
+    edges. An object that is wider than what it stands on stays in the middle. yaw: turn about z [rad].
     """
-
-    def ground(name: str) -> Array:
-        return ground_waypoint(waypoints[name], waypoints, binding, values, objects, X_WO)
-
-    match waypoint:
-        case GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
-            name = binding[parameter]
-            X_OS = side_pose(objects[name].size, str(setting_value(side, values)))
-            X_ST = pose(axis_rotation(2, setting_number(yaw, values)), (0.0, 0.0, setting_number(depth, values)))
-            return X_WO[name] @ X_OS @ X_ST
-        case RetreatWaypoint(waypoint=other, distance=distance):
-            return ground(other) @ pose(position=(0.0, 0.0, -setting_number(distance, values)))
-        case RaiseWaypoint(waypoint=other, distance=distance):
-            return pose(position=(0.0, 0.0, setting_number(distance, values))) @ ground(other)
-        case PoseWaypoint(X_WT=X_WT):
-            return X_WT
-
-
-def needed_objects(name: str, waypoints: Mapping[str, Waypoint], binding: Mapping[str, str]) -> frozenset[str]:
-    """Names of the objects whose poses a waypoint needs."""
-    match waypoints[name]:
-        case GraspWaypoint(object=parameter):
-            return frozenset({binding[parameter]})
-        case RetreatWaypoint(waypoint=other) | RaiseWaypoint(waypoint=other):
-            return needed_objects(other, waypoints, binding)
-        case PoseWaypoint():
-            return frozenset()
-
-
-def side_pose(size: tuple[float, float, float], side: str) -> Array:
-    """The pose X_OT of a tool frame at yaw 0 in the centre of a side of a box of full extents `size` [m], shape (4, 4).
-
-    side: the side's outward axis, one of `+x -x +y -y +z -z`. The tool's z axis points into the box; its x axis lies
-    along the box's x axis, or y axis for the sides +x and -x.
-    """
-    axis = "xyz".index(side[1])
-    outward = np.zeros(3)
-    outward[axis] = 1.0 if side[0] == "+" else -1.0
-    x = np.eye(3)[1 if axis == 0 else 0]
-    return pose(np.column_stack([x, np.cross(-outward, x), -outward]), 0.5 * np.asarray(size) * outward)
+    width, depth, height = size
+    c, s = abs(np.cos(yaw)), abs(np.sin(yaw))
+    free_x = max(0.0, surface[0] - c * width - s * depth)
+    free_y = max(0.0, surface[1] - s * width - c * depth)
+    return pose(axis_rotation(2, yaw), (0.5 * along * free_x, 0.5 * across * free_y, 0.5 * (surface[2] + height)))

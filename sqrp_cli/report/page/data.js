@@ -12,7 +12,8 @@ function make(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (name.startsWith('on')) element.addEventListener(name.slice(2), value);
-    else if (value !== undefined && value !== null && value !== false) element.setAttribute(name, value === true ? '' : value);
+    else if (value !== undefined && value !== null && value !== false)
+      element.setAttribute(name, value === true ? '' : value);
   }
   element.append(...children);
   return element;
@@ -47,7 +48,8 @@ function because(verdict) {
 }
 
 // How an entry fares, in words.
-const placeOf = ({ mark, candidate }) => `${/^\d+$/.test(mark) ? 'rank ' : ''}${mark}${candidate?.pareto ? ', Pareto-optimal' : ''}`;
+const placeOf = ({ mark, candidate }) =>
+  `${/^\d+$/.test(mark) ? 'rank ' : ''}${mark}${candidate?.pareto ? ', Pareto-optimal' : ''}`;
 
 const shownValue = (value) => (typeof value === 'string' ? value : String(+value.toPrecision(4)));
 

@@ -18,7 +18,8 @@ class Page {
     byId('title').replaceChildren(named(this.overview.title));
     byId('summary').replaceChildren(named(this.overview.summary));
     byId('ranking-title').textContent = this.overview.heading;
-    for (const [term, value] of this.overview.about) byId('about').append(make('dt', {}, named(term)), make('dd', {}, named(value)));
+    for (const [term, value] of this.overview.about)
+      byId('about').append(make('dt', {}, named(term)), make('dd', {}, named(value)));
     const some = (test) => this.entries.some((e) => e.candidate && test(e.candidate));
     byId('pareto-only').parentElement.hidden = !some((c) => c.pareto);
     byId('feasible-only').parentElement.hidden = !some((c) => !c.feasible);
@@ -37,31 +38,48 @@ class Page {
     this.scene?.close();
     this.scene = null;
     byId('view').replaceChildren(make('div', { id: 'labels' }));
-    const model = await unpack(`model-${index}`), cell = this.overview.scenes[index];
+    const model = await unpack(`model-${index}`),
+      cell = this.overview.scenes[index];
     if (this.cell !== index) return;
     try {
       this.scene = new Scene3D(model, cell, byId('view'), (name) => this.look(name));
     } catch (error) {
-      byId('view').replaceChildren(make('p', { class: 'missing' }, `This browser cannot draw in three dimensions: ${error.message}`));
+      byId('view').replaceChildren(
+        make('p', { class: 'missing' }, `This browser cannot draw in three dimensions: ${error.message}`),
+      );
     }
     this.viewNames = [null, ...Object.keys(cell.cameras)];
-    this.views = this.viewNames.map((name) => make('button', { type: 'button', 'aria-pressed': String(name === null), onclick: () => this.look(name) }, name === null ? 'look around' : named(name)));
+    this.views = this.viewNames.map((name) =>
+      make(
+        'button',
+        { type: 'button', 'aria-pressed': String(name === null), onclick: () => this.look(name) },
+        name === null ? 'look around' : named(name),
+      ),
+    );
     byId('views').replaceChildren(...this.views);
   }
 
   controls() {
     const slider = byId('time');
-    slider.addEventListener('input', () => { this.pause(); this.seek(slider.valueAsNumber); });
+    slider.addEventListener('input', () => {
+      this.pause();
+      this.seek(slider.valueAsNumber);
+    });
     slider.addEventListener('keydown', (event) => {
-      const step = { ArrowLeft: -0.1, ArrowDown: -0.1, ArrowRight: 0.1, ArrowUp: 0.1, PageUp: 1, PageDown: -1 }[event.key];
+      const step = { ArrowLeft: -0.1, ArrowDown: -0.1, ArrowRight: 0.1, ArrowUp: 0.1, PageUp: 1, PageDown: -1 }[
+        event.key
+      ];
       if (!step) return;
       event.preventDefault();
       this.pause();
       this.seek(this.time + step);
     });
     byId('play').addEventListener('click', () => (this.playing ? this.pause() : this.play()));
-    for (const id of ['show-boxes', 'show-lines', 'show-frusta']) byId(id).addEventListener('change', () => this.seek(this.time));
-    byId('theme').addEventListener('click', () => this.dress(document.documentElement.dataset.theme === 'dark' ? 'light' : 'dark'));
+    for (const id of ['show-boxes', 'show-lines', 'show-frusta'])
+      byId(id).addEventListener('change', () => this.seek(this.time));
+    byId('theme').addEventListener('click', () =>
+      this.dress(document.documentElement.dataset.theme === 'dark' ? 'light' : 'dark'),
+    );
     const dark = matchMedia('(prefers-color-scheme: dark)');
     dark.addEventListener('change', () => this.dress(dark.matches ? 'dark' : 'light'));
     this.dress(dark.matches ? 'dark' : 'light');
@@ -69,7 +87,8 @@ class Page {
 
   legend() {
     const shown = ['covered', 'hidden', 'out_of_image', 'too_far', 'oblique'].map((kind) => {
-      const [style, sign] = KINDS[kind], words = { too_far: 'too far or near', oblique: 'too flat an angle, or too small' }[kind] || KINDS[kind][2];
+      const [style, sign] = KINDS[kind],
+        words = { too_far: 'too far or near', oblique: 'too flat an angle, or too small' }[kind] || KINDS[kind][2];
       return make('span', {}, make('i', { class: `spot ${style}` }), `${words}${sign ? ` (${sign})` : ''}`);
     });
     byId('legend').append(...shown, make('span', {}, 'empty: no formula asks'));
@@ -77,7 +96,10 @@ class Page {
 
   dress(theme) {
     document.documentElement.dataset.theme = theme;
-    if (this.motion && this.scene) { this.scene.tell(); this.scene.draw(); }
+    if (this.motion && this.scene) {
+      this.scene.tell();
+      this.scene.draw();
+    }
   }
 
   async select(i) {
@@ -85,7 +107,9 @@ class Page {
     this.selected = i;
     this.table.choose(i);
     this.plot.choose(i);
-    const entry = this.entries[i], { candidate, reasons, name } = entry, verdict = candidate?.verdict || '';
+    const entry = this.entries[i],
+      { candidate, reasons, name } = entry,
+      verdict = candidate?.verdict || '';
     byId('name').textContent = name;
     byId('place').textContent = placeOf(entry);
     byId('verdict').replaceChildren(entry.moves ? named(verdict) : '');
@@ -99,25 +123,39 @@ class Page {
     if (this.selected !== i) return;
     this.motion = this.details.get(i);
     this.figures(candidate);
-    this.timeline = new Timeline(this.motion, Object.keys(this.overview.scenes[entry.scene].cameras), (t) => { this.pause(); this.seek(t); });
+    this.timeline = new Timeline(this.motion, Object.keys(this.overview.scenes[entry.scene].cameras), (t) => {
+      this.pause();
+      this.seek(t);
+    });
     byId('time').max = this.motion.time;
     this.scene?.load(this.motion);
     this.seek(Math.min(this.time, this.motion.time));
   }
 
   figures(c) {
-    const figures = [['Q_eoi', percent(c.q_eoi)], ['Q_avg', percent(c.q_avg)], ['time', seconds(c.time)]];
+    const figures = [
+      ['Q_eoi', percent(c.q_eoi)],
+      ['Q_avg', percent(c.q_avg)],
+      ['time', seconds(c.time)],
+    ];
     for (const [name, fault] of Object.entries(c.faults)) {
-      figures.push([`${name}: noticed after`, seconds(fault.delay_mean)], ['at worst', seconds(fault.delay_worst)],
-        ['longest blind stretch', seconds(fault.blind_longest)], ['done after one retry', seconds(fault.expected_time, 1)]);
+      figures.push(
+        [`${name}: noticed after`, seconds(fault.delay_mean)],
+        ['at worst', seconds(fault.delay_worst)],
+        ['longest blind stretch', seconds(fault.blind_longest)],
+        ['done after one retry', seconds(fault.expected_time, 1)],
+      );
     }
-    byId('figures').replaceChildren(...figures.map(([term, value]) => make('div', {}, make('dt', {}, named(term)), make('dd', {}, value))));
+    byId('figures').replaceChildren(
+      ...figures.map(([term, value]) => make('div', {}, make('dt', {}, named(term)), make('dd', {}, value))),
+    );
   }
 
   seek(t) {
     if (!this.motion) return;
     this.time = Math.max(0, Math.min(t, this.motion.time));
-    const text = seconds(this.time), primitive = this.motion.detail.primitives.filter((p) => p.start <= this.time + 1e-9).pop();
+    const text = seconds(this.time),
+      primitive = this.motion.detail.primitives.filter((p) => p.start <= this.time + 1e-9).pop();
     byId('time').value = this.time;
     byId('time').setAttribute('aria-valuetext', `${text}, ${primitive?.name ?? ''}`);
     byId('clock').textContent = text;
@@ -126,20 +164,49 @@ class Page {
     this.now(this.motion.at(this.time));
     if (!this.scene) return;
     this.scene.seek(this.time);
-    byId('tool').textContent = `tool at ${this.scene.toolPosition().map((x) => x.toFixed(3)).join(', ')} m`;
-    byId('view').setAttribute('aria-label', `The cell at ${text}, ${this.scene.through ? `as ${this.scene.through} sees it` : 'from outside'}. ${sentence(this.motion.at(this.time))}`);
+    const tool = this.scene.toolPosition().map((x) => x.toFixed(3));
+    byId('tool').textContent = `tool at ${tool.join(', ')} m`;
+    const eye = this.scene.through ? `as ${this.scene.through} sees it` : 'from outside';
+    const told = sentence(this.motion.at(this.time));
+    byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${told}`);
   }
 
   // What every camera sees now, in words.
   now(sample) {
     const asked = this.motion.atoms.map((atom) => [atom, found(sample, atom)]).filter(([, state]) => state);
-    const literals = asked.map(([atom, state]) => make('section', {},
-      make('h4', {}, make('i', { class: `spot ${state.covered ? 'covered' : 'missed'}` }), named(atom), make('span', { class: 'faint' }, state.covered ? 'covered' : 'not covered')),
-      make('ul', {}, ...Object.entries(state.cameras).map(([camera, verdict]) => make('li', {},
-        make('i', { class: `spot ${KINDS[kindOf(verdict)][0]}` }),
-        make('button', { type: 'button', 'aria-label': `Look through ${camera}`, onclick: () => this.look(camera) }, named(camera)),
-        make('span', {}, named(because(verdict))))))));
-    byId('now').replaceChildren(...(literals.length ? literals : [make('p', { class: 'faint' }, 'No formula asks for anything now.')]));
+    const literals = asked.map(([atom, state]) =>
+      make(
+        'section',
+        {},
+        make(
+          'h4',
+          {},
+          make('i', { class: `spot ${state.covered ? 'covered' : 'missed'}` }),
+          named(atom),
+          make('span', { class: 'faint' }, state.covered ? 'covered' : 'not covered'),
+        ),
+        make(
+          'ul',
+          {},
+          ...Object.entries(state.cameras).map(([camera, verdict]) =>
+            make(
+              'li',
+              {},
+              make('i', { class: `spot ${KINDS[kindOf(verdict)][0]}` }),
+              make(
+                'button',
+                { type: 'button', 'aria-label': `Look through ${camera}`, onclick: () => this.look(camera) },
+                named(camera),
+              ),
+              make('span', {}, named(because(verdict))),
+            ),
+          ),
+        ),
+      ),
+    );
+    byId('now').replaceChildren(
+      ...(literals.length ? literals : [make('p', { class: 'faint' }, 'No formula asks for anything now.')]),
+    );
   }
 
   look(name) {
@@ -147,7 +214,9 @@ class Page {
     this.scene.look(name);
     this.views.forEach((button, i) => button.setAttribute('aria-pressed', String(this.viewNames[i] === name)));
     const camera = name && this.overview.scenes[this.cell].cameras[name];
-    byId('spoken').textContent = name ? `Looking through ${name}${camera.D.some(Boolean) ? ', without its lens distortion' : ''}` : 'Looking from outside';
+    byId('spoken').textContent = name
+      ? `Looking through ${name}${camera.D.some(Boolean) ? ', without its lens distortion' : ''}`
+      : 'Looking from outside';
     this.seek(this.time);
   }
 
@@ -161,7 +230,8 @@ class Page {
       if (!this.playing) return;
       if (last !== null) this.seek(this.time + ((now - last) / 1000) * Number(byId('speed').value));
       last = now;
-      if (this.time >= this.motion.time) this.pause(); else requestAnimationFrame(step);
+      if (this.time >= this.motion.time) this.pause();
+      else requestAnimationFrame(step);
     };
     requestAnimationFrame(step);
   }
@@ -174,12 +244,18 @@ class Page {
 }
 
 function sentence(sample) {
-  const told = Object.entries(sample.literals).map(([literal, state]) => `${atomOf(literal)} is ${state.covered ? 'covered' : 'not covered'}`);
+  const told = Object.entries(sample.literals).map(
+    ([literal, state]) => `${atomOf(literal)} is ${state.covered ? 'covered' : 'not covered'}`,
+  );
   return told.length ? `${[...new Set(told)].join('; ')}.` : 'No formula asks for anything.';
 }
 
-unpack('overview').then((overview) => {
-  const page = new Page(overview);
-  window.sqrp = page;
-  return page.select(0);
-}).then(() => { document.documentElement.dataset.ready = 'true'; });
+unpack('overview')
+  .then((overview) => {
+    const page = new Page(overview);
+    window.sqrp = page;
+    return page.select(0);
+  })
+  .then(() => {
+    document.documentElement.dataset.ready = 'true';
+  });

@@ -15,23 +15,28 @@ class Motion {
 
   // Index of the last sample at or before t; of two at the same instant the second.
   before(t) {
-    let low = 0, high = this.t.length - 1;
+    let low = 0,
+      high = this.t.length - 1;
     while (low < high) {
       const middle = Math.ceil((low + high) / 2);
-      if (this.t[middle] <= t) low = middle; else high = middle - 1;
+      if (this.t[middle] <= t) low = middle;
+      else high = middle - 1;
     }
     return low;
   }
 
   // The sample whose verdicts hold at t: the nearest one.
   at(t) {
-    const i = this.before(t), next = Math.min(i + 1, this.t.length - 1);
+    const i = this.before(t),
+      next = Math.min(i + 1, this.t.length - 1);
     return this.samples[this.t[next] - t < t - this.t[i] ? next : i];
   }
 
   // The samples around t, and how far t is on the way from the first to the second.
   around(t) {
-    const i = this.before(t), next = Math.min(i + 1, this.t.length - 1), step = this.t[next] - this.t[i];
+    const i = this.before(t),
+      next = Math.min(i + 1, this.t.length - 1),
+      step = this.t[next] - this.t[i];
     return [this.samples[i], this.samples[next], step > 0 ? Math.min(1, (t - this.t[i]) / step) : 0];
   }
 
@@ -46,9 +51,13 @@ class Motion {
     const runs = [];
     let current = null;
     this.samples.forEach((sample, i) => {
-      const value = look(sample), key = value && value.key;
+      const value = look(sample),
+        key = value && value.key;
       const edge = i === 0 ? sample.t : (this.t[i - 1] + sample.t) / 2;
-      if (current && current.key === key) { current.end = sample.t; return; }
+      if (current && current.key === key) {
+        current.end = sample.t;
+        return;
+      }
       if (current) current.end = edge;
       current = value ? { ...value, start: edge, end: sample.t } : null;
       if (current) runs.push(current);
@@ -58,7 +67,8 @@ class Motion {
 
   // Share of the time that `look` says is covered, counted between neighbouring samples as Q is.
   share(look) {
-    let asked = 0, seen = 0;
+    let asked = 0,
+      seen = 0;
     for (let i = 0; i + 1 < this.samples.length; i++) {
       const [a, b] = [look(this.samples[i]), look(this.samples[i + 1])];
       if (a === null || b === null) continue;

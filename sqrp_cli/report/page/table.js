@@ -7,13 +7,25 @@ class EntryTable {
     const labels = Object.keys(entries[0].labels);
     const figures = (e) => e.candidate ?? { faults: {} };
     const faults = [...new Set(entries.flatMap((e) => Object.keys(figures(e).faults)))];
-    const timed = (title, value, digits) => ({ title, value, cell: (e) => this.figure(value(e), digits), number: true });
+    const timed = (title, value, digits) => ({
+      title,
+      value,
+      cell: (e) => this.figure(value(e), digits),
+      number: true,
+    });
     const quality = (title, value) => ({ title, value, cell: (e) => this.quality(value(e)), most: true });
     this.columns = [
-      { title: entries.some((e) => /^\d+$/.test(e.mark)) ? '#' : '', value: (e) => (/^\d+$/.test(e.mark) ? Number(e.mark) : e.candidate && !e.candidate.feasible ? null : e.mark), cell: (e) => this.mark(e) },
+      {
+        title: entries.some((e) => /^\d+$/.test(e.mark)) ? '#' : '',
+        value: (e) => (/^\d+$/.test(e.mark) ? Number(e.mark) : e.candidate && !e.candidate.feasible ? null : e.mark),
+        cell: (e) => this.mark(e),
+      },
       ...labels.map((title, place) => ({
-        title, value: (e) => e.labels[title], number: typeof entries[0].labels[title] !== 'string',
-        cell: (e, i) => (place ? named(shownValue(e.labels[title])) : this.button(i, shownValue(e.labels[title]), select)),
+        title,
+        value: (e) => e.labels[title],
+        number: typeof entries[0].labels[title] !== 'string',
+        cell: (e, i) =>
+          place ? named(shownValue(e.labels[title])) : this.button(i, shownValue(e.labels[title]), select),
       })),
       quality('Q_eoi', (e) => figures(e).q_eoi),
       quality('Q_avg', (e) => figures(e).q_avg),
@@ -26,8 +38,17 @@ class EntryTable {
     ];
     this.telling = 1 + labels.length;
     this.rows = entries.map((e, i) => make('tr', { onclick: () => select(i) }, ...this.cells(e, i)));
-    this.heads = this.columns.map((column, i) => make('th', { scope: 'col', class: column.number ? 'number' : null },
-      make('button', { type: 'button', onclick: () => this.sort(i) }, column.title ? named(column.title) : make('span', { class: 'unseen' }, 'status'))));
+    this.heads = this.columns.map((column, i) =>
+      make(
+        'th',
+        { scope: 'col', class: column.number ? 'number' : null },
+        make(
+          'button',
+          { type: 'button', onclick: () => this.sort(i) },
+          column.title ? named(column.title) : make('span', { class: 'unseen' }, 'status'),
+        ),
+      ),
+    );
     byId('ranking').tHead.append(make('tr', {}, ...this.heads));
     for (const id of ['filter', 'pareto-only', 'feasible-only']) byId(id).addEventListener('input', () => this.show());
     this.show();
@@ -36,17 +57,27 @@ class EntryTable {
   cells(e, i) {
     const shown = e.candidate?.feasible ? this.columns : this.columns.slice(0, this.telling);
     const cells = shown.map((column) => make('td', { class: column.number ? 'number' : null }, column.cell(e, i)));
-    if (shown !== this.columns) cells.push(make('td', { class: 'faint', colspan: this.columns.length - this.telling }, named(e.reasons[0] ?? '')));
+    if (shown !== this.columns)
+      cells.push(
+        make('td', { class: 'faint', colspan: this.columns.length - this.telling }, named(e.reasons[0] ?? '')),
+      );
     return cells;
   }
 
   mark(e) {
-    const star = make('span', { class: 'star', title: 'Pareto-optimal', role: 'img', 'aria-label': ' Pareto-optimal' }, ' ★');
+    const star = make(
+      'span',
+      { class: 'star', title: 'Pareto-optimal', role: 'img', 'aria-label': ' Pareto-optimal' },
+      ' ★',
+    );
     return make('span', { class: `mark ${e.mark}` }, e.mark, e.candidate?.pareto ? star : '');
   }
 
   button(i, text, select) {
-    const choose = (event) => { event.stopPropagation(); select(i); };
+    const choose = (event) => {
+      event.stopPropagation();
+      select(i);
+    };
     return make('button', { type: 'button', 'aria-label': this.entries[i].name, onclick: choose }, named(text));
   }
 
@@ -70,7 +101,8 @@ class EntryTable {
 
   // Rows without a figure come last in either order.
   show() {
-    const { column, descending } = this.sorting, value = this.columns[column].value;
+    const { column, descending } = this.sorting,
+      value = this.columns[column].value;
     const missing = (v) => v === null || v === undefined;
     const compare = (a, b) => {
       const [x, y] = [value(this.entries[a]), value(this.entries[b])];
@@ -79,11 +111,21 @@ class EntryTable {
       return (descending ? -order : order) || a - b;
     };
     const words = byId('filter').value.toLowerCase().split(/\s+/).filter(Boolean);
-    const chosen = this.entries.map((e, i) => i).filter((i) => {
-      const { name, mark, labels, candidate } = this.entries[i], told = { ...labels, ...candidate?.parameters };
-      const text = [name, mark, ...Object.entries(told).map(([key, value]) => `${key}=${value}`)].join(' ').toLowerCase();
-      return words.every((word) => text.includes(word)) && (candidate?.pareto || !byId('pareto-only').checked) && (candidate?.feasible || !byId('feasible-only').checked);
-    }).sort(compare);
+    const chosen = this.entries
+      .map((e, i) => i)
+      .filter((i) => {
+        const { name, mark, labels, candidate } = this.entries[i],
+          told = { ...labels, ...candidate?.parameters };
+        const text = [name, mark, ...Object.entries(told).map(([key, value]) => `${key}=${value}`)]
+          .join(' ')
+          .toLowerCase();
+        return (
+          words.every((word) => text.includes(word)) &&
+          (candidate?.pareto || !byId('pareto-only').checked) &&
+          (candidate?.feasible || !byId('feasible-only').checked)
+        );
+      })
+      .sort(compare);
     byId('ranking').tBodies[0].replaceChildren(...chosen.map((i) => this.rows[i]));
     byId('shown').textContent = chosen.length < this.entries.length ? `${chosen.length} of ${this.entries.length}` : '';
     this.heads.forEach((head, i) => {

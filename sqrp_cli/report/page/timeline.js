@@ -1,19 +1,43 @@
-// Coverage over time: a row per literal and camera, a coloured run per cause. One stop of the tab key; arrows move in it.
+// Coverage over time: a row per literal and camera, a coloured run per cause. One stop of the tab key; arrows move.
 
 class Timeline {
   constructor(motion, cameras, seek) {
     this.motion = motion;
     this.seek = seek;
-    const detail = motion.detail, rows = [];
-    rows.push(this.row('', 'axis', detail.primitives.map((p) => this.span('primitive', p, p.name, `${p.name}: ${seconds(p.start)} to ${seconds(p.end)}`)), ''));
+    const detail = motion.detail,
+      rows = [];
+    rows.push(
+      this.row(
+        '',
+        'axis',
+        detail.primitives.map((p) =>
+          this.span('primitive', p, p.name, `${p.name}: ${seconds(p.start)} to ${seconds(p.end)}`),
+        ),
+        '',
+      ),
+    );
     const interest = this.stretches(detail.formulas.filter((f) => f.operator === 'eventually'));
-    if (interest.length) rows.push(this.row('event of interest', 'axis', interest.map((s) => this.span('interest', s, '', `event of interest: ${seconds(s.start)} to ${seconds(s.end)}`)), ''));
+    if (interest.length)
+      rows.push(
+        this.row(
+          'event of interest',
+          'axis',
+          interest.map((s) =>
+            this.span('interest', s, '', `event of interest: ${seconds(s.start)} to ${seconds(s.end)}`),
+          ),
+          '',
+        ),
+      );
     rows.push(this.coverage('all literals', (sample) => sample.covered));
     for (const atom of motion.atoms) {
       rows.push(this.coverage(atom, (sample) => found(sample, atom)?.covered ?? null));
       for (const camera of cameras) rows.push(this.camera(atom, camera));
     }
-    this.grid = make('div', { role: 'grid', 'aria-label': 'Coverage over time; arrow keys move, Enter goes there', 'aria-readonly': 'true' }, ...rows);
+    this.grid = make(
+      'div',
+      { role: 'grid', 'aria-label': 'Coverage over time; arrow keys move, Enter goes there', 'aria-readonly': 'true' },
+      ...rows,
+    );
     this.cursor = make('i', {});
     byId('timeline').replaceChildren(this.grid, make('div', { id: 'cursor' }, this.cursor));
     this.grid.addEventListener('keydown', (event) => this.move(event));
@@ -50,17 +74,24 @@ class Timeline {
   }
 
   row(label, kind, runs, share) {
-    return make('div', { class: `row ${kind}`, role: 'row' },
+    return make(
+      'div',
+      { class: `row ${kind}`, role: 'row' },
       make('div', { class: 'label', role: 'rowheader', title: label }, named(label)),
       make('div', { class: 'lane', role: 'presentation' }, ...runs),
-      make('div', { class: 'share', role: 'gridcell' }, share));
+      make('div', { class: 'share', role: 'gridcell' }, share),
+    );
   }
 
   runs(label, look) {
     return this.motion.runs(look).map((run) => {
-      const [style, sign] = KINDS[run.kind], wide = (run.end - run.start) / this.motion.time > 0.025;
+      const [style, sign] = KINDS[run.kind],
+        wide = (run.end - run.start) / this.motion.time > 0.025;
       const text = `${label}, ${run.start.toFixed(2)} s to ${run.end.toFixed(2)} s: ${run.words}`;
-      const element = this.place(make('div', { class: `run ${style}`, role: 'gridcell', tabindex: '-1', 'aria-label': text }, wide ? sign : ''), run);
+      const element = this.place(
+        make('div', { class: `run ${style}`, role: 'gridcell', tabindex: '-1', 'aria-label': text }, wide ? sign : ''),
+        run,
+      );
       element.dataset.start = run.start;
       attachTip(element, () => text);
       return element;
@@ -70,7 +101,9 @@ class Timeline {
   coverage(label, covered) {
     const look = (sample) => {
       const value = covered(sample);
-      return value === null ? null : { key: String(value), kind: value ? 'covered' : 'missed', words: value ? 'covered' : 'not covered' };
+      return value === null
+        ? null
+        : { key: String(value), kind: value ? 'covered' : 'missed', words: value ? 'covered' : 'not covered' };
     };
     return this.row(label, 'literal', this.runs(label, look), this.shareText(covered));
   }
@@ -93,15 +126,24 @@ class Timeline {
   move(event) {
     const current = document.activeElement.closest('.run');
     if (!current) return;
-    if (event.key === 'Enter' || event.key === ' ') { event.preventDefault(); this.seek(Number(current.dataset.start) + 1e-6); return; }
+    if (event.key === 'Enter' || event.key === ' ') {
+      event.preventDefault();
+      this.seek(Number(current.dataset.start) + 1e-6);
+      return;
+    }
     const lanes = [...this.grid.querySelectorAll('.lane')].filter((lane) => lane.querySelector('.run'));
-    const lane = current.closest('.lane'), runs = [...lane.querySelectorAll('.run')];
+    const lane = current.closest('.lane'),
+      runs = [...lane.querySelectorAll('.run')];
     const middle = (run) => parseFloat(run.style.left) + parseFloat(run.style.width) / 2;
-    const nearest = (target) => [...target.querySelectorAll('.run')].reduce((best, run) =>
-      Math.abs(middle(run) - middle(current)) < Math.abs(middle(best) - middle(current)) ? run : best);
+    const nearest = (target) =>
+      [...target.querySelectorAll('.run')].reduce((best, run) =>
+        Math.abs(middle(run) - middle(current)) < Math.abs(middle(best) - middle(current)) ? run : best,
+      );
     const next = {
-      ArrowRight: () => runs[runs.indexOf(current) + 1], ArrowLeft: () => runs[runs.indexOf(current) - 1],
-      Home: () => runs[0], End: () => runs[runs.length - 1],
+      ArrowRight: () => runs[runs.indexOf(current) + 1],
+      ArrowLeft: () => runs[runs.indexOf(current) - 1],
+      Home: () => runs[0],
+      End: () => runs[runs.length - 1],
       ArrowDown: () => lanes[lanes.indexOf(lane) + 1] && nearest(lanes[lanes.indexOf(lane) + 1]),
       ArrowUp: () => lanes[lanes.indexOf(lane) - 1] && nearest(lanes[lanes.indexOf(lane) - 1]),
     }[event.key]?.();

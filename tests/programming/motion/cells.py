@@ -18,7 +18,9 @@ from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision import CollisionScene, pair
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 
-VALUES = {"approach_yaw": 0.3, "lift": 0.1, "speed": 1.0}
+VALUES = {
+    "approach_yaw": 0.3, "lift": 0.1, "speed": 1.0, "elbow": "any", "shoulder": "any", "wrist": "any", "via": "direct",
+}  # fmt: skip
 
 
 def thing(name: str, size: tuple[float, float, float], X_WO: Array | None, fixed: bool = True) -> SceneObject:

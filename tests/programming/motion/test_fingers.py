@@ -16,7 +16,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
-from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.programming.task import read_task
 
 GRIPPER = Path(__file__).parents[2] / "cases" / "gripper"
@@ -128,3 +128,29 @@ def test_fingers_that_close_on_a_neighbour_are_found_out(cell: Cell) -> None:
     motion = feasible_motion(cell, candidate, replace(world, X_WO=X_WO))
     assert isinstance(motion, Infeasible)
     assert any("hits neighbour as the fingers move in a3" in reason for reason in motion.reasons), motion.reasons
+
+
+def test_a_move_by_home_stops_there_and_takes_as_long_as_both_parts(cell: Cell) -> None:
+    lifted = motion_of(cell, "pickup_two_finger object=cube").final
+    world = replace(lifted, facts=frozenset())
+    q = np.array([lifted.joints[name] for name in cell.model.arm]) + np.array([0.4, 0.1, 0, 0, 0, 0])
+    away = replace(world, joints={**lifted.joints, **dict(zip(cell.model.arm, q.tolist(), strict=True))})
+    away = replace(away, X_WO={**away.X_WO, "cube": cell.model.tool_pose(q) @ away.X_TO})
+    place = cell.workspace.skills["place_two_finger"]
+    values = {parameter.name: parameter.values[0] for parameter in place.motion_parameters}
+    times = {}
+    for via in ("direct", "home"):
+        motion = plan_motion(
+            place, {"object": "cube", "onto": "table"}, {**values, "via": via}, cell.workspace.objects, away,
+            cell.model, cell.collision, 0,
+        )  # fmt: skip
+        assert isinstance(motion, Motion)
+        move = motion.primitives[0]
+        t = np.linspace(move.start, move.end, 2001)
+        home = np.abs(motion.positions(0, t)[:, :-1] - cell.model.home).max(axis=1)
+        assert (home.min() < 1e-3) == (via == "home")
+        if via == "home":
+            rest = np.abs(move.trajectory.derivatives(t[home.argmin()][None] - move.start, 1)).max()
+            assert rest < 0.01
+        times[via] = move.end - move.start
+    assert times["home"] > times["direct"]

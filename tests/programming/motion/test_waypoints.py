@@ -5,24 +5,45 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sqrp_cli.geometry import axis_rotation, pose
+from sqrp_cli.geometry import axis_rotation, inverse, pose, side_pose
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import GraspWaypoint, PoseWaypoint, RaiseWaypoint, Reference, RetreatWaypoint
-from sqrp_cli.programming.motion.waypoints import ground_waypoint, needed_objects, side_pose
+from sqrp_cli.knowledge.skill import (
+    GraspWaypoint,
+    PoseWaypoint,
+    PutWaypoint,
+    RaiseWaypoint,
+    Reference,
+    RetreatWaypoint,
+    TurnWaypoint,
+)
+from sqrp_cli.programming.motion.waypoints import WaypointGrounder, put_pose
 
 SIZE = (0.1, 0.2, 0.3)
+TRAY = (0.6, 0.4, 0.02)
 WAYPOINTS = {
     "grasp": GraspWaypoint("object", "+z", Reference("yaw")),
     "above": RetreatWaypoint("grasp", 0.02),
     "lifted": RaiseWaypoint("above", 0.1),
     "inspect": PoseWaypoint(pose(position=(1.0, 2.0, 3.0))),
+    "put": PutWaypoint("object", "onto", Reference("along"), -1.0, Reference("yaw")),
+    "over": RaiseWaypoint("put", 0.1),
+    "turned": TurnWaypoint("home", 0.4, 0.2),
+    "deep": GraspWaypoint("object", "-x", 0.0, 0.03),
 }
+HOME = pose(axis_rotation(0, np.pi), (0.3, 0.1, 0.5))
+IN_TOOL = pose(axis_rotation(0, 2.0), (0.01, 0.02, 0.15))
+
+
+def grounder(yaw: float = 0.0, X_WO: np.ndarray | None = None, **X_TO: np.ndarray) -> WaypointGrounder:
+    box = SceneObject("box", "thing", None, (), SIZE, None, False, None, None, ())
+    tray = SceneObject("tray", "thing", None, (), TRAY, None, True, None, None, ())
+    where = {"box": pose() if X_WO is None else X_WO, "tray": pose(axis_rotation(2, 0.7), (0.4, 0.2, 0.01))}
+    binding, values = {"object": "box", "onto": "tray"}, {"yaw": yaw, "along": 0.5}
+    return WaypointGrounder(WAYPOINTS, binding, values, {"box": box, "tray": tray}, HOME, where, X_TO)
 
 
 def ground(name: str, yaw: float = 0.0, X_WO: np.ndarray | None = None) -> np.ndarray:
-    thing = SceneObject("box", "thing", None, (), SIZE, None, False, None, None, ())
-    where = pose() if X_WO is None else X_WO
-    return ground_waypoint(WAYPOINTS[name], WAYPOINTS, {"object": "box"}, {"yaw": yaw}, {"box": thing}, {"box": where})
+    return grounder(yaw, X_WO, box=IN_TOOL).pose(name)
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -51,6 +72,39 @@ def test_retreat_goes_back_along_the_tool_and_raise_goes_up_in_the_world() -> No
     np.testing.assert_array_equal(lifted[:3, :3], grasp[:3, :3])
 
 
-def test_a_waypoint_needs_the_objects_that_it_refers_to_through_others() -> None:
-    assert needed_objects("lifted", WAYPOINTS, {"object": "box"}) == {"box"}
-    assert needed_objects("inspect", WAYPOINTS, {"object": "box"}) == frozenset()
+def test_depth_goes_on_into_the_object() -> None:
+    np.testing.assert_allclose(ground("deep")[:3, 3], [-0.05 + 0.03, 0.0, 0.0], atol=1e-15)
+
+
+def test_a_turn_is_about_the_tools_own_axes_and_keeps_its_place() -> None:
+    turned = ground("turned")
+    np.testing.assert_allclose(turned[:3, 3], HOME[:3, 3])
+    np.testing.assert_allclose(turned[:3, 0], HOME[:3, :3] @ axis_rotation(2, 0.4)[:, 0], atol=1e-15)  # tilted about x
+    assert turned[:3, 2] @ HOME[:3, 2] == pytest.approx(np.cos(0.2))
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5, -2.0])
+def test_what_is_put_down_stands_upright_on_the_surface_where_the_tool_leaves_it(yaw: float) -> None:
+    tray = grounder().X_WO["tray"]
+    X_BO = inverse(tray) @ ground("put", yaw) @ IN_TOOL
+    np.testing.assert_allclose(X_BO[:3, :3], axis_rotation(2, yaw), atol=1e-12)
+    corners = X_BO[:3, :3] @ (np.array(np.meshgrid(*[(-s / 2, s / 2) for s in SIZE])).reshape(3, -1)) + X_BO[:3, 3:]
+    assert corners[2].min() == pytest.approx(TRAY[2] / 2)  # its bottom on the top
+    assert corners[1].min() == pytest.approx(-TRAY[1] / 2)  # across -1: flush with the edge
+    gaps = TRAY[0] / 2 + corners[0].min(), TRAY[0] / 2 - corners[0].max()
+    assert gaps[0] == pytest.approx(3 * gaps[1])  # along 0.5: three quarters of the way
+    np.testing.assert_allclose(ground("over", yaw)[:3, 3] - ground("put", yaw)[:3, 3], [0, 0, 0.1], atol=1e-12)
+
+
+def test_on_something_narrower_it_stands_in_the_middle() -> None:
+    np.testing.assert_allclose(put_pose(SIZE, (0.05, 0.05, 0.1), 1.0, -1.0, 0.0)[:3, 3], [0.0, 0.0, 0.2])
+
+
+def test_what_a_waypoint_lacks_is_named_through_others() -> None:
+    assert grounder(box=IN_TOOL).missing("over") is None
+    assert grounder().missing("over") == "the tool does not hold `box`"
+    nowhere = WaypointGrounder(WAYPOINTS, {"object": "box", "onto": "tray"}, {}, {}, HOME, {}, {"box": IN_TOOL})
+    assert nowhere.missing("lifted") == "it is not known where `box` is"
+    assert nowhere.missing("over") == "it is not known where `tray` is"
+    assert nowhere.missing("inspect") is None
+    assert nowhere.missing("turned") is None

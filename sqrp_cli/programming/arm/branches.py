@@ -1,0 +1,112 @@
+"""Names of the branches of inverse kinematics of arms with six turning joints: elbow, shoulder and wrist."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.arm.kinematics import RobotModel
+
+ANY = "any"
+
+ALONG = np.cos(0.02)
+"""Cosine from which two axes count as parallel: they are within 0.02 rad."""
+
+LEAST_OFFSET = 5e-3
+"""Distance of the shoulder from the axis of the first joint, along that of the second, from which it has a side [m]."""
+
+
+@dataclass(frozen=True)
+class BranchChoice:
+    """Which branches are wanted; `any` leaves it open.
+
+    elbow: `up` or `down`: the third joint is above or below the line from the second joint to the wrist.
+    shoulder: `left` or `right`: seen from the first joint's axis towards the wrist, where the second joint is.
+    wrist: `no_flip` or `flip`: the fifth joint is bent to the side to which it is at home, or to the other one.
+    Joints are where the URDF puts their frames. The wrist is the fourth joint if its axis is parallel to the third's,
+    else the fifth.
+    """
+
+    elbow: str = ANY
+    shoulder: str = ANY
+    wrist: str = ANY
+
+    def __str__(self) -> str:
+        words = {"elbow": self.elbow, "shoulder": self.shoulder, "wrist": self.wrist}
+        return ", ".join(f"{name} {word}" for name, word in words.items() if word != ANY)
+
+
+def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> NDArray[np.bool_]:
+    """Whether each of m positions of the arm, shape (m, n), is of the wanted branches, shape (m,).
+
+    Positions that are neither one nor the other (an arm stretched out) are of none. Raises InputError where a name has
+    no meaning for the arm.
+    """
+    wanted = np.ones(len(q), dtype=bool)
+    if astuple(choice) == (ANY, ANY, ANY):
+        return wanted
+    _check(model, choice)
+    for row, position in enumerate(q):
+        elbow, shoulder, wrist = _figures(model, position)
+        signs = ((choice.elbow, "up", elbow), (choice.shoulder, "left", shoulder), (choice.wrist, "no_flip", wrist))
+        wanted[row] = all(
+            word == ANY or (figure > 1e-9 if word == yes else figure < -1e-9) for word, yes, figure in signs
+        )
+    return wanted
+
+
+def _figures(model: RobotModel, q: Array) -> tuple[float, float, float]:
+    """Figures that are positive for elbow up, shoulder left and no flip, and negative for the opposite."""
+    axes, origins = _axes(model, q), model.joint_origins(q)
+    up = np.array([0.0, 0.0, 1.0])
+    wrist = _wrist(axes, origins)
+    in_plane = np.eye(3) - np.outer(axes[1], axes[1])
+    line, to_elbow = in_plane @ (wrist - origins[1]), in_plane @ (origins[2] - origins[1])
+    across = np.cross(axes[1], line)
+    elbow = float(to_elbow @ across) * float(across @ up)
+    side = float(np.cross(wrist - origins[0], origins[1] - origins[0]) @ axes[0]) * float(np.sign(axes[0] @ up) or 1.0)
+    home = _bend(_axes(model, model.home))
+    return elbow, side, _bend(axes) * home
+
+
+def _axes(model: RobotModel, q: Array) -> Array:
+    """Axes of the joints in the world, shape (n, 3)."""
+    axes: Array = model.jacobian(q)[3:].T
+    return axes
+
+
+def _wrist(axes: Array, origins: Array) -> Array:
+    wrist: Array = origins[3] if abs(axes[2] @ axes[3]) > ALONG else origins[4]
+    return wrist
+
+
+def _bend(axes: Array) -> float:
+    """How far the fifth joint is bent, with a sign: 0 where the axes of the fourth and the sixth are parallel."""
+    return float(np.cross(axes[3], axes[5]) @ axes[4])
+
+
+def _check(model: RobotModel, choice: BranchChoice) -> None:
+    """Raises InputError where a wanted name has no meaning for the arm."""
+    if len(model.arm) != 6 or not model.turns.all() or not model.joints_move_alone:
+        _refuse(choice, "elbow", "shoulder", "wrist", why="it takes an arm with six joints that turn one by one")
+        return
+    axes, origins = _axes(model, model.home), model.joint_origins(model.home)
+    if abs(axes[1] @ axes[2]) < ALONG:
+        _refuse(choice, "elbow", why="the axes of its second and third joint are not parallel")
+    if abs((origins[1] - origins[0]) @ axes[1]) < LEAST_OFFSET or abs(axes[0] @ axes[1]) > 1 - ALONG:
+        _refuse(choice, "shoulder", why="its second joint is not beside the axis of the first one")
+    if max(abs(axes[3] @ axes[4]), abs(axes[4] @ axes[5])) > 0.02:
+        _refuse(choice, "wrist", why="the axes of its last three joints are not at right angles")
+    if abs(_bend(axes)) < 1e-6:
+        _refuse(choice, "wrist", why="its fifth joint is straight at home")
+
+
+def _refuse(choice: BranchChoice, *names: str, why: str) -> None:
+    wanted = [f"{name}={getattr(choice, name)}" for name in names if getattr(choice, name) != ANY]
+    if wanted:
+        message = f"`{wanted[0]}` has no meaning for this arm: {why}"
+        raise InputError(Problem("unknown-branch", message, mend=f"leave it at `{wanted[0].split('=')[0]}=any`"))

@@ -1,0 +1,100 @@
+"""The skills that are shipped fit together: plans from one to the next, with predicates that mean the same in all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import Place
+from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.read_skill import read_skill
+from sqrp_cli.logic.domain import Conjunction, Constant, Domain, Holds, merge_domains
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.planner import Plan, find_plan
+from sqrp_cli.logic.planning_task import Step
+
+SKILLS = Path(__file__).parents[1] / "skills"
+CUBES = ("a", "b", "c")
+OBJECTS = {**{cube: frozenset({"cube", "movable"}) for cube in CUBES}, "tray": frozenset({"tray", "fixture"})}
+
+
+def domain(*names: str) -> Domain:
+    folders = [SKILLS / name for name in names]
+    return merge_domains([read_skill(folder, Place(folder), ContentDigest()).domain for folder in folders])
+
+
+class Cubes:
+    """What may be done with cubes, worked out by hand: where each one stands, and what is held."""
+
+    def __init__(self, under: dict[str, str], held: str | None = None) -> None:
+        self.under, self.held = under, held
+
+    @property
+    def facts(self) -> frozenset[Atom]:
+        standing = [Atom("on", (c, u)) if u in CUBES else Atom("obj_on_table", (c,)) for c, u in self.under.items()]
+        hand = Atom("hold", (self.held,)) if self.held else Atom("hand_empty", ())
+        return frozenset([*standing, hand])
+
+    def clear(self, cube: str) -> bool:
+        return cube != self.held and cube not in self.under.values()
+
+    def do(self, step: Step) -> None:
+        cube, *rest = step.arguments
+        if step.action in ("pickup", "unstack"):
+            below = self.under.pop(cube)
+            assert self.held is None
+            assert cube not in self.under.values()
+            assert (below in CUBES) == (step.action == "unstack")
+            assert not rest or rest == [below]
+            self.held = cube
+        else:
+            (onto,) = rest
+            assert self.held == cube
+            assert step.action == ("stack" if onto in CUBES else "place")
+            assert onto not in CUBES or self.clear(onto)
+            self.under[cube], self.held = onto, None
+
+
+def goal(*atoms: Atom) -> Conjunction:
+    return Conjunction(tuple(Holds(atom.predicate, tuple(map(Constant, atom.arguments))) for atom in atoms))
+
+
+@pytest.mark.parametrize(
+    ("start", "wanted", "steps"),
+    [
+        (Cubes({"a": "tray", "b": "tray", "c": "tray"}), {"b": "c", "a": "b"}, 4),
+        (Cubes({"b": "tray", "c": "tray"}, "a"), {"a": "b", "c": "a"}, 3),
+        (Cubes({"c": "tray", "b": "c", "a": "b"}), {"b": "a", "c": "b"}, 6),  # upside down
+        (Cubes({"c": "tray", "b": "c", "a": "b"}), {"c": "a"}, 6),
+    ],
+)
+def test_towers_are_planned_with_pickup_place_stack_and_unstack(
+    start: Cubes, wanted: dict[str, str], steps: int
+) -> None:
+    cubes = Cubes(dict(start.under), start.held)
+    target = goal(*(Atom("on", pair) for pair in wanted.items()))
+    plan = find_plan(domain("pickup", "place", "stack", "unstack", "inspect"), OBJECTS, cubes.facts, target, {})
+    assert isinstance(plan, Plan)
+    for step in plan.steps:
+        cubes.do(step)
+    assert wanted.items() <= cubes.under.items()
+    assert len(plan.steps) == steps
+
+
+def test_a_gripper_with_fingers_is_open_again_once_it_has_placed_something() -> None:
+    facts = frozenset([Atom("open", ()), *(Atom("obj_on_table", (cube,)) for cube in CUBES)])
+    fingers = domain("pickup_two_finger", "place_two_finger")
+    held = find_plan(fingers, OBJECTS, facts, goal(Atom("hold", ("a",))), {})
+    assert isinstance(held, Plan)
+    assert [str(step) for step in held.steps] == ["pickup_two_finger(a)"]
+    then = facts - {Atom("open", ()), Atom("obj_on_table", ("a",))} | {Atom("hold", ("a",))}
+    other = find_plan(fingers, OBJECTS, then, goal(Atom("hold", ("b",))), {})
+    assert isinstance(other, Plan)
+    assert [step.action for step in other.steps] == ["place_two_finger", "pickup_two_finger"]
+
+
+def test_every_shipped_skill_is_named_in_the_readme() -> None:
+    readme = (SKILLS.parent / "README.md").read_text(encoding="utf-8")
+    missing = [folder.name for folder in SKILLS.iterdir() if f"`{folder.name}`" not in readme]
+    assert not missing
