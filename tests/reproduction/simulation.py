@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.assessment import Study
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.grounding import TargetGrounder, ground_formulas
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.sampling import Adaptive, FixedCount, Sampling
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.scene import SceneStates, fixed_frame
+from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate, read_task
 from tests.reproduction.summary import Summary, always_in_interest, feasible_study, hidden_by_the_robot
 
@@ -79,7 +81,7 @@ def simulate(cell: Cell) -> Simulation:
         sampled={name: _sampled(cell, candidates["g1"], sampling) for name, sampling in SAMPLINGS.items()},
         hide_g1=always_in_interest(cell, g1, None, Cause.NONE, Cause.HIDDEN) & hidden_by_the_robot(cell, g1, "hold"),
         see_lift_of_g5=always_in_interest(cell, g5, None, Cause.NONE),
-        see_g6=_seeing_at_home(cell, candidates["g6"]),
+        see_g6=_seeing_at_home(cell, "g6", g1),
     )
 
 
@@ -89,16 +91,21 @@ def _sampled(cell: Cell, candidate: Candidate, sampling: Sampling) -> Sampled:
     return Sampled(found.q_avg, time.perf_counter() - begin)
 
 
-def _seeing_at_home(cell: Cell, candidate: Candidate) -> frozenset[str]:
-    """Cameras that see where a candidate's object stands while the robot is at home."""
-    workspace, model, world = cell.workspace, cell.model, cell.workspace.initial_world
-    spans = {primitive.name: (float(i), i + 1.0) for i, primitive in enumerate(candidate.skill.primitives)}
-    grounder = TargetGrounder(candidate, world, workspace.objects, workspace.detectors, workspace.robot, model)
-    targets = grounder.targets(ground_formulas(candidate, spans, float(len(spans))))
-    objects = {name: fixed_frame(X_WO) for name, X_WO in world.X_WO.items()}
-    at_start = {f"{name}@start": X_WO for name, X_WO in objects.items()}
-    frames = {"world": fixed_frame(), **model.link_poses(model.home[None]), **objects, **at_start}
-    placed = next(target for target in targets if target.atom.predicate == "obj_on_table")
-    boxes = cell.observer.verdicts(placed, SceneStates(1, frames))
-    sees = np.all([box.cause[0] == Cause.NONE for box in boxes], axis=0)
-    return frozenset(camera.name for camera, is_so in zip(cell.observer.cameras, sees, strict=True) if is_so)
+def _seeing_at_home(cell: Cell, name: str, like: Study) -> frozenset[str]:
+    """Cameras that see where an object stands while the robot is at home, as they have to see that of a study."""
+    model, world = cell.model, cell.workspace.initial_world
+    (box,) = next(target.boxes for target in like.targets if target.atom.predicate == "obj_on_table")
+    moved = replace(box, frame=name, encloses=frozenset({name}))
+    objects = {thing: fixed_frame(X_WO) for thing, X_WO in world.X_WO.items()}
+    states = SceneStates(1, {"world": fixed_frame(), **model.link_poses(model.home[None]), **objects})
+    (seen,) = cell.observer.verdicts(Target(Atom("obj_on_table", (name,)), 1, (moved,)), states)
+    return frozenset(
+        camera.name for camera, cause in zip(cell.observer.cameras, seen.cause[0], strict=True) if cause == Cause.NONE
+    )
+
+
+def coverage_of_g1(cell: Cell, sampling: Sampling) -> tuple[np.ndarray, np.ndarray]:
+    """Times [s] of the samples of g1 that hold literals, and whether the state is covered, shape (m,) each."""
+    candidate = next(c for c in read_task(TASK, cell.workspace).candidates if c.name == "g1")
+    timeline = feasible_study(cell, candidate, sampling).timeline
+    return timeline.samples.t[timeline.monitored], timeline.covered[timeline.monitored]
