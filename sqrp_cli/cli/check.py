@@ -112,7 +112,7 @@ def _check(
     suggested = best_suggestion(found, suggester) if planned else ()
     if program is not None and suggested:
         add_steps(session.cell, chosen_steps(suggested), Adaptive(), program)
-    return _Checked(workspace.name, problems, tuple(found), suggested)
+    return _Checked(workspace.name, (*problems, *session.cell.warnings), tuple(found), suggested)
 
 
 def _planner(name: str) -> Planner:

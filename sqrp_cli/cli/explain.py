@@ -54,7 +54,7 @@ def command(
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
-    from sqrp_cli.cli.console import progress, say_raw
+    from sqrp_cli.cli.console import print_problems, progress, say_raw
     from sqrp_cli.cli.documents import as_text, header
     from sqrp_cli.cli.rank import check_choice, choose_candidate
     from sqrp_cli.cli.session import Session, explain
@@ -71,6 +71,7 @@ def command(
         check_pictures(images)
     sampling = read_sampling(samples, dt, tolerance)
     session = Session.begin(open_workspace(workspace), task, after, sampling, seed=seed)
+    print_problems(session.cell.warnings)
     check_choice(session.task, choice)
     with progress(f"Assessing {task}", len(session.task.candidates)) as advance:
         assessments = []

@@ -45,9 +45,9 @@ def options(
 
 def main() -> None:
     """Run a command and leave with its exit code."""
-    for stream in (sys.stdout, sys.stderr):
+    for stream in (sys.stdin, sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal without block characters shows `?` for them
+            stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
     sys.exit(run(sys.argv[1:]))
 
 

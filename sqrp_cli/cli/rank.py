@@ -67,7 +67,7 @@ def command(
 
     The best are those in which the cameras will see what matters. The chosen one can be written as a program.
     """
-    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.cli.console import print_problems, say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
     from sqrp_cli.cli.report_page import check_report, write_ranking
@@ -81,6 +81,7 @@ def command(
         check_report(report)
     drawn = read_calibration(calibration, seed)
     session = Session.begin(open_workspace(workspace), task, before, sampling, drawn, seed)
+    print_problems(session.cell.warnings)
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))
     if not assessments:

@@ -50,7 +50,7 @@ def write_ranking(
             advance()
     differing = differing_parameters([ranked.assessment.candidate for ranked in ranking])
     entries = [_candidate(ranked, differing, detail) for ranked, detail in zip(ranking, details, strict=True)]
-    about = [*_origin(arguments), ("workspace", str(workspace.path)), ("digest of its files", workspace.digest)]
+    about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest of its files", workspace.digest)]
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
     title = f"{session.task.text} in {workspace.name}"
@@ -88,7 +88,7 @@ def write_scores(
             entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
             scenes += [] if scene is None else [scene]
             advance()
-    about = [*_origin(arguments)]
+    about = [*origin(arguments)]
     about += [(f"digest of {cell.name}", cell.workspace.digest) for cell in usable if cell.workspace is not None]
     passed = (
         f"{findings.count('passed')} of {len(findings.results)} tasks passed; of each, the best candidate is shown."
@@ -131,7 +131,8 @@ def _scene(cell: Cell) -> CellScene:
     return CellScene(scene_document(cell), packed(model_document(cell)))
 
 
-def _origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
+def origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
+    """Where a page comes from: the command's arguments, and the version."""
     return [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
 
 

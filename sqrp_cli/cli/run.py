@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json, Seed
+from sqrp_cli.cli.options import Json, Report, Seed
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ _FORMS = "slip@a4+0.4, slip@a4:random, miss-pick, camera-loss:cam2@5, frozen:cam
 
 
 def command(
+    context: typer.Context,
     program: Annotated[Path | None, typer.Argument(metavar="PROGRAM", help="A program that `sqrp rank` wrote.")] = None,
     sim: Annotated[bool, typer.Option("--sim", help="Run it in the simulated cell.")] = False,
     fault: Annotated[list[str] | None, typer.Option("--fault", help=f"Let this happen: {_FORMS}; repeatable.")] = None,
@@ -48,20 +49,25 @@ def command(
     replay: Annotated[
         Path | None, typer.Option("--replay", metavar="LOG", help="Show a run again, from its log, without simulating.")
     ] = None,
+    report: Report = None,
     as_json: Json = False,
 ) -> ExitCode:
     """Run a program, watched through camera images alone.
 
     The robot stops, tries again or goes on as the skill says when a fault is seen.
     """
+    if report is not None:
+        from sqrp_cli.cli.report_page import check_report
+
+        check_report(report)
     if replay is not None:
-        return _replay(replay, as_json=as_json)
+        return _replay(replay, report, context.obj, as_json=as_json)
     if program is None:
         raise InputError(Problem("no-program", "expected a program to run", mend="sqrp run PROGRAM --sim"))
     simulation = _open(program, sim=sim, seed=seed)
     if sweep is not None:
         return _sweep(simulation, sweep, n, as_json=as_json)
-    return _run(simulation, fault or [], (record, log, frames), as_json=as_json)
+    return _run(simulation, fault or [], (record, log, frames), report, context.obj, as_json=as_json)
 
 
 def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
@@ -110,12 +116,15 @@ def _run(
     simulation: Simulation,
     texts: Sequence[str],
     outputs: tuple[Path | None, Path | None, Path | None],
+    page: Path | None,
+    arguments: Sequence[str],
     *,
     as_json: bool,
 ) -> ExitCode:
     import numpy as np
 
     from sqrp_cli.cli.console import note
+    from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_view import LiveView, wall_time
     from sqrp_cli.files import check_writable
     from sqrp_cli.runtime.faults import parse_fault
@@ -131,14 +140,18 @@ def _run(
             check_writable(path)
     gallery = _gallery(workspace, record, frames)
     writer = LogWriter(log, header(program, workspace, simulation.seed, faults)) if log is not None else None
+    recorder = EventRecorder()
     try:
         with LiveView(list(workspace.cameras)) as view:
-            report = simulation.run(faults, [listener for listener in (writer, view) if listener is not None], gallery)
+            listeners = [listener for listener in (writer, view, recorder) if listener is not None]
+            report = simulation.run(faults, listeners, gallery)
         if writer is not None:
             writer.close(report)
     finally:
         if gallery is not None:
             gallery.close()
+    if page is not None:
+        write_run(workspace.name, list(workspace.cameras), report, recorder.events, page, arguments)
     if not as_json:
         note(wall_time(report))
     return _show(report, workspace.name, as_json=as_json)
@@ -171,21 +184,26 @@ def _sweep(simulation: Simulation, text: str, count: int, *, as_json: bool) -> E
     return ExitCode.OK if all(run.report.outcome == "done" for run in runs) else ExitCode.STOPPED_ON_FAULT
 
 
-def _replay(path: Path, *, as_json: bool) -> ExitCode:
+def _replay(path: Path, page: Path | None, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
+    from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_view import LiveView
     from sqrp_cli.runtime.log import read_log, report_of
 
     events = read_log(path)
     header = next(events)
     report = None
+    recorder = EventRecorder()
     with LiveView(header.fields["cameras"], pace=not as_json) as view:
         for event in events:
             if event.kind == "report":
                 report = report_of(dict(event.fields))
             else:
                 view(event)
+                recorder(event)
     if report is None:
         raise InputError(Problem("no-log", "this log has no report at its end: the run was interrupted", Place(path)))
+    if page is not None:
+        write_run(header.fields["workspace"], header.fields["cameras"], report, recorder.events, page, arguments)
     return _show(report, header.fields["workspace"], as_json=as_json)
 
 

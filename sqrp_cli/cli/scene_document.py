@@ -28,7 +28,11 @@ def scene_document(cell: Cell) -> Document:
             "base": robot.X_WB.tolist(),
             "tool": None
             if robot.tool is None
-            else {"urdf": str(robot.tool.urdf), "link": robot.tool.link, "pose": robot.tool.X_LT.tolist()},
+            else {
+                "urdf": None if robot.tool.urdf is None else str(robot.tool.urdf),
+                "link": robot.tool.link,
+                "pose": robot.tool.X_LT.tolist(),
+            },
             "tool_frame": robot.tool_frame,
             "joints": {
                 name: {
@@ -47,6 +51,7 @@ def scene_document(cell: Cell) -> Document:
             "held": workspace.initial_world.held,
             "markers": {link: {"id": marker.id, "side": marker.side} for link, marker in robot.markers.items()},
             "geometry": robot.geometry,
+            "unchecked_pairs": sorted(map(list, cell.unchecked_pairs)),
         },
         "cameras": {name: _camera(cell, camera) for name, camera in workspace.cameras.items()},
         "detectors": {name: _detector(detector) for name, detector in workspace.detectors.items()},

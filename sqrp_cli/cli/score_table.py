@@ -77,7 +77,8 @@ def print_difference(findings: Findings) -> None:
 
 def verdict(findings: Findings) -> str:
     """The sentence that ends a run."""
-    counts = [f"{findings.count('passed')} of {len(findings.results)} tasks passed"]
+    total = len(findings.results)
+    counts = [f"{findings.count('passed')} of {total} task{'s' if total != 1 else ''} passed"]
     counts += [f"{findings.count('failed')} failed"] if findings.count("failed") else []
     errors = findings.count("error")
     counts += [f"{errors} could not be scored"] if errors else []

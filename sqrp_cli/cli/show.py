@@ -19,13 +19,14 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
 
     Robot, cameras, objects, skills and state, with every path and pose resolved.
     """
-    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.cli.console import print_problems, say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.scene_document import scene_document
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.programming.cell import Cell
 
     cell = Cell.load(load_workspace(workspace))
+    print_problems(cell.warnings)
     if as_json:
         say_raw(as_text(scene_document(cell)))
     else:
@@ -55,7 +56,7 @@ def _print_scene(cell: Cell) -> None:
         joints,
     )
     _print_hand(robot)
-    say()
+    say(_checked_pairs(cell))
     cameras = [
         (
             camera.name, camera.frame, _numbers(camera.X_FC[:3, 3]), f"{camera.width}x{camera.height}",
@@ -95,6 +96,23 @@ def _print_hand(robot: Robot) -> None:
     if robot.markers:
         markers = (f"{link} (id {m.id}, {1000 * m.side:.0f} mm)" for link, m in robot.markers.items())
         say(f"markers  {', '.join(markers)}")
+
+
+def _checked_pairs(cell: Cell) -> str:
+    """Which pairs of links are checked against each other, and which are not."""
+    from sqrp_cli.programming.motion.self_contacts import SAMPLES
+
+    checked = len(cell.collision.self_pairs)
+    contacts = cell.self_contacts
+    if contacts is None:
+        left_out = len(cell.workspace.robot.disabled_pairs)
+        return f"\n{checked} pairs of parts are checked for contact; the SRDF leaves out {left_out} pairs of links.\n"
+    names = ", ".join(f"{a}-{b}" for a, b in sorted(contacts.unchecked)) or "none"
+    return (
+        f"\n{checked} pairs of parts are checked for contact. There is no SRDF: left out are neighbours, and links "
+        f"that touch at home or always: {names}. {len(contacts.never)} pairs of links touched at none of {SAMPLES} "
+        "positions tried, and are checked all the same.\n"
+    )
 
 
 def _numbers(values: object) -> str:

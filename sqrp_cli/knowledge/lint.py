@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sqrp_cli.errors import Problem
+from sqrp_cli.knowledge.held import grasping_skills
 from sqrp_cli.knowledge.lint_actions import formulas_against_the_action, impossible_preconditions
 from sqrp_cli.knowledge.lint_formulas import contradictions, fault_boxes_that_move, predicates_of
 from sqrp_cli.knowledge.lint_scene import blind_cameras, overlapping_objects, too_small_boxes
-from sqrp_cli.knowledge.skill import Grasp, Reference, Skill
+from sqrp_cli.knowledge.skill import Reference, Skill
 from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.logic.pddl import Variable
 
 
 def lint(workspace: Workspace) -> tuple[Problem, ...]:
@@ -62,12 +62,7 @@ def _too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
 
 def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
     """Facts that only a grasp makes true, about an object that is not in the tool; and the other way round."""
-    grasps = {
-        added.predicate
-        for skill in workspace.skills.values()
-        for added in skill.action.effect.adds
-        if added.terms in [(Variable(p.object),) for p in skill.primitives if isinstance(p, Grasp)]
-    }
+    grasps = grasping_skills(workspace.skills.values())
     stated = {fact.arguments[0]: fact for fact in sorted(workspace.state, key=str) if fact.predicate in grasps}
     for name, fact in stated.items():
         if workspace.objects[name].X_TO is None:

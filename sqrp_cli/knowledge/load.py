@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
 from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.held import with_held_by_facts
 from sqrp_cli.knowledge.read_cell import WORLD, CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
@@ -47,6 +48,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         raise InputError(*problems)
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
     state = cell.facts(domain)
+    objects, taken_as_held = with_held_by_facts(objects, state, skills.values(), document)
     problems += cell.problems
     for skill in skills.values():
         problems += _check_skill(skill, robot_reader.links, list(objects), list(detectors))
@@ -68,7 +70,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         digest=digest.hexdigest(),
         files=digest.files,
         values=document.leaves,
-        warnings=(*robot_reader.warnings, *cell.warnings),
+        warnings=(*robot_reader.warnings, *cell.warnings, *taken_as_held),
         places=document.places,
     )
 

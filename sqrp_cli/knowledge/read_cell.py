@@ -8,13 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, side_pose
+from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge import packages
 from sqrp_cli.knowledge.calibration import image_intrinsics, read_calibration
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.hand_eye import HandEye, read_hand_eye
+from sqrp_cli.knowledge.held import pose_in_tool
 from sqrp_cli.knowledge.mesh_file import check_mesh
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere, object_types
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted
@@ -163,8 +164,7 @@ class CellReader:
     def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
         X_WO = X_TO = None
         if isinstance(entry.pose, HeldEntry):
-            X_ST = pose(axis_rotation(2, entry.pose.yaw), (0.0, 0.0, entry.pose.depth))
-            X_TO = read_only(inverse(side_pose(entry.size, entry.pose.held) @ X_ST))
+            X_TO = pose_in_tool(entry.size, entry.pose.held, entry.pose.yaw, entry.pose.depth)
         elif not isinstance(entry.pose, str):
             X_WO = read_only(entry.pose.matrix())
         parts = [Part(name, name, Box(entry.size), read_only(pose()))] if not entry.parts else []

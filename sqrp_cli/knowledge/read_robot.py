@@ -7,19 +7,21 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from sqrp_cli.errors import Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge import packages, units
 from sqrp_cli.knowledge.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.entries import Pose
 from sqrp_cli.knowledge.read_cell import add_mesh
 from sqrp_cli.knowledge.robot import Fingers, JointLimits, Marker, Robot, Tool
 from sqrp_cli.knowledge.scene import Mesh, Part
 from sqrp_cli.knowledge.source import Document, KeyPath
 from sqrp_cli.knowledge.srdf import SrdfModel, read_srdf
+from sqrp_cli.knowledge.tool_of_boxes import TOOL_TIP, tool_of_boxes
 from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
-from sqrp_cli.knowledge.workspace_file import RobotEntry
+from sqrp_cli.knowledge.workspace_file import RobotEntry, ToolEntry
 
 DEFAULT_VELOCITY = 1.0
 """Limit of a joint's velocity where neither the workspace nor the URDF states one [rad/s or m/s]."""
@@ -63,9 +65,11 @@ class RobotReader:
             self.srdf_path = self._resolve(self.entry.srdf, ("robot", "srdf"))
             self.digest.add_file("robot.srdf", self.srdf_path)
             self.srdf = read_srdf(self.srdf_path, self.urdf)
-        self.tool = (
-            None if self.entry.tool is None else self._read_urdf(self.entry.tool.urdf, ("robot", "tool", "urdf"))
-        )
+        self.tool = None if self.entry.tool is None else self._read_tool(self.entry.tool)
+        if self.entry.tool_frame is None and (self.entry.tool is None or self.entry.tool.frame is None):
+            message = "`robot`: the key `tool_frame` is missing: the link that grasps"
+            raise InputError(Problem("missing-key", message, self.document.key_place(("robot",))))
+        self.tool_frame = self.entry.tool_frame or TOOL_TIP
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -83,7 +87,7 @@ class RobotReader:
             package_roots=self.roots,
             X_WB=read_only(self.entry.base.matrix()),
             tool=tool,
-            tool_frame=self.entry.tool_frame,
+            tool_frame=self.tool_frame,
             home=self._home(arm),
             limits=self._limits(joints),
             geometry=self.entry.geometry,
@@ -110,6 +114,13 @@ class RobotReader:
                 add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, urdf.links[part.parent].place)
         return urdf
 
+    def _read_tool(self, entry: ToolEntry) -> UrdfModel:
+        if entry.urdf is not None:
+            return self._read_urdf(entry.urdf, ("robot", "tool", "urdf"))
+        place = self.document.key_place(("robot", "tool", "boxes"))
+        boxes = [(box.size, box.pose.matrix()) for box in entry.boxes or ()]
+        return tool_of_boxes(boxes, (entry.frame or Pose()).matrix(), self.document.path, place)
+
     def _tool(self) -> Tool | None:
         if self.entry.tool is None or self.tool is None:
             return None
@@ -120,12 +131,14 @@ class RobotReader:
         for name in self.tool.links:
             if name in self.urdf.links:
                 message = f"robot and tool both have a link `{name}`"
-                self._report("ambiguous-name", ("robot", "tool", "urdf"), message, "rename the link of the tool")
-        return Tool(self.tool.path, link, read_only(self.entry.tool.pose.matrix()))
+                path = ("robot", "tool", "urdf" if self.entry.tool.urdf else "boxes")
+                self._report("ambiguous-name", path, message, "rename one of them")
+        urdf = None if self.entry.tool.urdf is None else self.tool.path
+        return Tool(self.tool, link, read_only(self.entry.tool.pose.matrix()), urdf)
 
     def _arm(self) -> list[UrdfJoint]:
         """The joints that move by themselves on the way from the root to the tool frame, in order."""
-        frame = self.entry.tool_frame
+        frame = self.tool_frame
         if frame not in self.links:
             expected = expected_names(frame, self.links)
             self._report("unknown-link", ("robot", "tool_frame"), f"found `{frame}`, which is no link; {expected}")
@@ -142,7 +155,7 @@ class RobotReader:
                 break
         arm = [joint for joint in joints if joint.movable and joint.mimic is None]
         if not arm:
-            message = f"no joint moves `{self.entry.tool_frame}`; expected a link at the end of the arm"
+            message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
             self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
         return arm
 
@@ -234,12 +247,7 @@ class RobotReader:
         velocity = self._values("velocity", joints)
         acceleration = self._values("acceleration", joints)
         jerk = self._values("jerk", joints)
-        unlimited = [joint.name for joint in joints if not joint.velocity and joint.name not in velocity]
-        if unlimited:
-            message = f"no velocity limit for {', '.join(unlimited)}: {DEFAULT_VELOCITY:g} rad/s or m/s is assumed"
-            place = self.document.key_place(("robot", "limits", "velocity"))
-            mend = "state it under `robot.limits.velocity`"
-            self.warnings.append(Problem("assumed-limit", message, place, severity="warning", mend=mend))
+        self._warn_of_assumed_limits(joints, velocity, acceleration, jerk)
         return {
             joint.name: JointLimits(
                 joint.lower,
@@ -250,6 +258,30 @@ class RobotReader:
             )
             for joint in joints
         }
+
+    def _warn_of_assumed_limits(
+        self,
+        joints: Sequence[UrdfJoint],
+        velocity: Mapping[str, float],
+        acceleration: Mapping[str, float],
+        jerk: Mapping[str, float],
+    ) -> None:
+        """One warning that names the joints without a stated limit, and what is assumed for them."""
+        lacking = {
+            f"velocity ({DEFAULT_VELOCITY:g}": [j.name for j in joints if not j.velocity and j.name not in velocity],
+            f"acceleration ({DEFAULT_ACCELERATION:g}": [j.name for j in joints if j.name not in acceleration],
+            f"jerk ({DEFAULT_JERK:g}": [j.name for j in joints if j.name not in jerk],
+        }
+        told = [
+            f"{limit} for {'all joints' if len(names) == len(joints) else ', '.join(names)})"
+            for limit, names in lacking.items()
+            if names
+        ]
+        if told:
+            message = f"limits are not stated and assumed, in rad or m and s: {', '.join(told)}"
+            place = self.document.key_place(("robot", "limits"))
+            mend = "state them under `robot.limits`; times depend on them"
+            self.warnings.append(Problem("assumed-limit", message, place, severity="warning", mend=mend))
 
     def _values(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
         """The stated values of one limit by joint. One value for all goes to every joint that its unit fits."""

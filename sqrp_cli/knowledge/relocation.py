@@ -14,7 +14,7 @@ def files_to_load(workspace: Workspace) -> Mapping[Path, str]:
     """The files that are read again when a workspace is loaded for computing, with the digests of their content."""
     robot = workspace.robot
     parts = [*robot.parts, *(part for thing in workspace.objects.values() for part in thing.parts)]
-    paths = {robot.urdf, *([robot.tool.urdf] if robot.tool else [])}
+    paths = {robot.urdf, *([robot.tool.urdf] if robot.tool and robot.tool.urdf else [])}
     paths |= {part.shape.path for part in parts if isinstance(part.shape, Mesh)}
     return {file.path: file.digest for file in workspace.files.values() if file.path in paths}
 
@@ -31,7 +31,9 @@ def relocated(workspace: Workspace, moved: Callable[[Path], Path]) -> Workspace:
         )
 
     robot = workspace.robot
-    tool = None if robot.tool is None else replace(robot.tool, urdf=moved(robot.tool.urdf))
+    tool = robot.tool
+    if tool is not None and tool.urdf is not None:
+        tool = replace(tool, urdf=moved(tool.urdf))
     return replace(
         workspace,
         robot=replace(robot, urdf=moved(robot.urdf), tool=tool, parts=parts(robot.parts)),

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import Part
+
+if TYPE_CHECKING:
+    from sqrp_cli.knowledge.urdf import UrdfModel
 
 Geometry = Literal["collision", "visual"]
 
@@ -26,14 +29,16 @@ class JointLimits:
 
 @dataclass(frozen=True, eq=False)
 class Tool:
-    """A tool description, a URDF of its own, whose root link is fixed to a link of the robot.
+    """A tool, whose root link is fixed to a link of the robot.
 
-    X_LT: pose of the tool's root link in `link`, shape (4, 4).
+    model: its links and joints. X_LT: pose of its root link in `link`, shape (4, 4). urdf: the file that describes it,
+    None for a tool of boxes.
     """
 
-    urdf: Path
+    model: UrdfModel
     link: str
     X_LT: Array
+    urdf: Path | None
 
 
 @dataclass(frozen=True)

@@ -39,12 +39,35 @@ PerJoint = Annotated[
 ]
 
 
-class ToolEntry(Entry):
-    """A tool that is fixed to the robot."""
+class ToolBoxEntry(Entry):
+    """A box of a tool."""
 
-    urdf: Text = Field(description="The tool's own URDF; relative to this file, or package://.")
+    size: Extents = Field(description="Full extents along its own axes.")
+    pose: Pose = Field(default=Pose(), description="Pose of its centre in the tool's root link.")
+
+
+class ToolEntry(Entry):
+    """A tool that is fixed to the robot: a URDF, or boxes with a frame that grasps."""
+
+    urdf: Text | None = Field(default=None, description="The tool's own URDF; relative to this file, or package://.")
+    boxes: list[ToolBoxEntry] | None = Field(
+        default=None, min_length=1, max_length=100, description="Boxes that enclose the tool, instead of a URDF."
+    )
+    frame: Pose | None = Field(
+        default=None,
+        description="With `boxes`: the frame that grasps, as a pose in the tool's root link; its z axis points out of "
+        "the tool. It is the tool frame, called `tool_tip`.",
+    )
     link: Text = Field(description="The link of the robot that carries the tool's root link.")
     pose: Pose = Field(default=Pose(), description="Pose of the tool's root link in that link.")
+
+    @model_validator(mode="after")
+    def _urdf_or_boxes(self) -> ToolEntry:
+        if (self.urdf is None) == (self.boxes is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `urdf`, `boxes`")
+        if (self.boxes is None) != (self.frame is None):
+            raise PydanticCustomError("conflicting-keys", "`boxes` needs `frame`, and `frame` goes with `boxes`")
+        return self
 
 
 PositionsEntry = Annotated[
@@ -91,7 +114,11 @@ class RobotEntry(Entry):
     package_roots: list[Text] = Field(default=[], description="Folders in which package://NAME/ is looked up first.")
     base: Pose = Field(default=Pose(), description="Pose of the robot's root link in the world.")
     tool: ToolEntry | None = Field(default=None, description="A tool on the robot, with a URDF of its own.")
-    tool_frame: Text = Field(description="The link that grasps; its z axis points out of the tool, into the object.")
+    tool_frame: Text | None = Field(
+        default=None,
+        description="The link that grasps; its z axis points out of the tool, into the object. A tool of boxes has its "
+        "own.",
+    )
     home: PositionsEntry = Field(
         description="Position of every joint of the arm by its name, or the name of a state of the SRDF."
     )
@@ -101,6 +128,15 @@ class RobotEntry(Entry):
     geometry: Geometry = Field(
         default="collision", description="The geometry of the links that is solid and hides things."
     )
+
+    @model_validator(mode="after")
+    def _one_tool_frame(self) -> RobotEntry:
+        own = self.tool is not None and self.tool.frame is not None
+        if own and self.tool_frame is not None:
+            raise PydanticCustomError(
+                "conflicting-keys", "`tool_frame` and `tool.frame` both say what grasps; keep one"
+            )
+        return self
 
 
 class DetectorEntry(Entry):

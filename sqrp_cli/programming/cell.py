@@ -2,40 +2,60 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision import CollisionScene, finger_positions
+from sqrp_cli.programming.mesh_sizes import doubtful_meshes
+from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, finger_positions
 from sqrp_cli.programming.motion.fingers import closed_on
+from sqrp_cli.programming.motion.self_contacts import SelfContacts, find_self_contacts
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.solids import load_solids
 
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """What all candidates of a workspace share; made once. seed: of what planning draws at random."""
+    """What all candidates of a workspace share; made once.
+
+    self_contacts: which links touch by design, found by trying positions; None if an SRDF says so. warnings: findings
+    about the robot and its surroundings that need their geometry. seed: of what planning draws at random.
+    """
 
     workspace: Workspace
     model: RobotModel
     collision: CollisionScene
     observer: Observer
-    seed: int = 0
+    self_contacts: SelfContacts | None
+    warnings: tuple[Problem, ...]
+    seed: int
 
     @classmethod
     def load(cls, workspace: Workspace, seed: int = 0) -> Cell:
         """Read the robot and every mesh. Raises InputError for a URDF or mesh that cannot be used."""
-        model = RobotModel.load(workspace.robot)
+        robot = workspace.robot
+        model = RobotModel.load(robot)
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
         parts = [*model.parts, *(part for thing in objects for part in thing.parts)]
+        contacts = _self_contacts(workspace, model, seed) if robot.srdf is None else None
+        unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
         return cls(
             workspace,
             model,
-            CollisionScene(model, objects, workspace.robot.disabled_pairs, workspace.padding),
+            CollisionScene(model, objects, unchecked, workspace.padding),
             Observer(tuple(workspace.cameras.values()), load_solids(parts)),
+            contacts,
+            (*doubtful_meshes(workspace, model), *_assumed(robot, contacts)),
             seed,
         )
+
+    @property
+    def unchecked_pairs(self) -> Pairs:
+        """Pairs of links whose contact is not checked, beside neighbours."""
+        return self.workspace.robot.disabled_pairs if self.self_contacts is None else self.self_contacts.unchecked
 
     @property
     def initial_world(self) -> World:
@@ -58,3 +78,23 @@ class Cell:
         part = self.observer.solids[index].part
         of_robot = part.parent in self.model.links and part.parent not in self.model.tool_links
         return part.parent if of_robot else part.name
+
+
+_found_contacts: dict[tuple[str, int], SelfContacts] = {}
+"""What trying positions found in this process, by the workspace's digest and the seed."""
+
+
+def _self_contacts(workspace: Workspace, model: RobotModel, seed: int) -> SelfContacts:
+    key = (workspace.digest, seed)
+    if key not in _found_contacts:
+        _found_contacts[key] = find_self_contacts(model, seed)
+    return _found_contacts[key]
+
+
+def _assumed(robot: Robot, contacts: SelfContacts | None) -> Iterator[Problem]:
+    """A warning about pairs of links that are not checked because they touch at home or always."""
+    if contacts is not None and contacts.unchecked:
+        names = ", ".join(f"{a}-{b}" for a, b in sorted(contacts.unchecked))
+        message = f"there is no SRDF, and these links touch at home or wherever the arm is: {names}; not checked"
+        mend = "state the pairs that may touch in an SRDF, `robot.srdf`"
+        yield Problem("assumed-contact", message, Place(robot.urdf), severity="warning", mend=mend)

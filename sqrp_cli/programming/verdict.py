@@ -25,6 +25,9 @@ _LOOKS = 5
 
 _NOTHING_MISSING = "Every literal is covered all the time."
 
+HELP = ". It would help to "
+"""What parts the sentence about what is lost from the one about what would help."""
+
 _SENTENCES = {
     Cause.TOO_NEAR: "{camera} is {figure} too near to {target}",
     Cause.TOO_FAR: "{camera} is {figure} too far from {target}",
@@ -135,7 +138,7 @@ def _on_coverage(cell: Cell, study: Study) -> str:
     if not candidates:
         return _NOTHING_MISSING
     stretch = explain_stretch(cell, study, max(candidates, key=lambda rows: t[rows[-1]] - t[rows[0]]))
-    return f"{stretch}. It would help to {stretch.advice}."
+    return f"{stretch}{HELP}{stretch.advice}."
 
 
 def stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:

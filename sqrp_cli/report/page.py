@@ -26,6 +26,7 @@ class Entry:
     name: of the whole. mark: what the row begins with, such as a rank; labels: what tells it from the others, by title.
     candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of the cell
     that it belongs to. detail: the `packed` document of `explain --json` `without_repetition`; None without a motion.
+    figures: what is told instead of the candidate's figures, as pairs of a term and its value.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Entry:
     reasons: Sequence[str]
     scene: int | None
     detail: str | None
+    figures: Sequence[tuple[str, str]] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,6 +108,7 @@ def _row(entry: Entry) -> dict[str, Any]:
         "reasons": list(entry.reasons),
         "scene": entry.scene,
         "moves": entry.detail is not None,
+        "figures": [list(pair) for pair in entry.figures],
     }
 
 

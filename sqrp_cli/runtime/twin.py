@@ -53,7 +53,7 @@ class Twin:
     def load(cls, robot: Robot) -> Twin:
         """Read the URDFs and meshes. Raises InputError for those that cannot be used."""
         urdf = read_urdf(robot.urdf)
-        tool = read_urdf(robot.tool.urdf) if robot.tool else None
+        tool = robot.tool.model if robot.tool else None
         mount = (robot.tool.link, robot.tool.X_LT) if robot.tool else (None, None)
         tree = JointTree.of(urdf, robot.X_WB, tool, *mount)
         surfaces = tuple(surface for model in (urdf, tool) if model for surface in _surfaces(model, robot))

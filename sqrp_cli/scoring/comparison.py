@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -134,8 +134,7 @@ def compare(
     changes = []
     for change in changed_ways(before, now, allowance):
         seen, sees = before.ways[change.way].seen, coverage(now, now.ways[change.way]) if change.worse else None
-        losses = () if seen is None or sees is None else lost(seen, sees)
-        changes.append(WayChange(change.way, change.before, change.now, change.shifts, losses, change.reason))
+        changes.append(change if seen is None or sees is None else replace(change, losses=lost(seen, sees)))
     verdict: Verdict = "unchanged"
     if changes:
         verdict = "regressed" if any(change.worse for change in changes) else "improved"

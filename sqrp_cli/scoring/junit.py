@@ -47,7 +47,9 @@ def _case(suite: Xml.Element, result: Result) -> None:
         element.text = _text("\n".join(score.reasons))
     if score.best is not None:
         best = score.best.assessment
-        lines = [f"best: {best.candidate.name}", f"Q_eoi: {best.q_eoi}", f"Q_avg: {best.q_avg}", f"time: {best.time} s"]
+        qualities = [("Q_eoi", best.q_eoi), ("Q_avg", best.q_avg)]
+        lines = [f"{label}: {100 * quality:.1f} %" for label, quality in qualities if quality is not None]
+        lines = [f"best: {best.candidate.name}", *lines, f"time: {best.time:.2f} s"]
         Xml.SubElement(case, "system-out").text = _text("\n".join(lines))
 
 

@@ -15,7 +15,7 @@ def write_summary(findings: Findings, path: Path) -> None:
     lines = [
         f"## SQRP: {'passed' if findings.passed else 'not passed'}",
         "",
-        f"{len(findings.results)} tasks: {counts}",
+        f"{len(findings.results)} task{'s' if len(findings.results) != 1 else ''}: {counts}",
         "",
     ]
     for result in findings.results:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from sqrp_cli.knowledge.workspace import Thresholds
 from sqrp_cli.programming.assessment import Assessment
+from sqrp_cli.programming.verdict import HELP
 
 
 def shortcomings(best: Assessment | None, thresholds: Thresholds, why_none: str) -> tuple[str, ...]:
@@ -26,6 +27,7 @@ def worst_delay(assessment: Assessment) -> float | None:
 
 def _shortcomings(best: Assessment, thresholds: Thresholds) -> Iterator[str]:
     name = best.candidate.name
+    lost = best.verdict.split(HELP)[0]
     if thresholds.feasible is False:
         yield f"{name} can be done, but no candidate was expected to be"
     qualities = (("Q_eoi", best.q_eoi, thresholds.min_q_eoi), ("Q_avg", best.q_avg, thresholds.min_q_avg))
@@ -35,13 +37,13 @@ def _shortcomings(best: Assessment, thresholds: Thresholds) -> Iterator[str]:
         if quality is None:
             yield f"{label} of {name} is undefined, expected at least {100 * least:g} %"
         elif quality < least:
-            yield f"{label} of {name} is {100 * quality:.1f} %, expected at least {100 * least:g} %: {best.verdict}"
+            yield f"{label} of {name} is {100 * quality:.1f} %, expected at least {100 * least:g} %: {lost}"
     if thresholds.max_time is not None and best.time is not None and best.time > thresholds.max_time:
         yield f"{name} takes {best.time:.2f} s, expected at most {thresholds.max_time:g} s"
     delay = worst_delay(best)
     if thresholds.max_delay is not None and delay is not None and delay > thresholds.max_delay:
         fault = max(best.faults, key=lambda fault: best.faults[fault].delay_worst)
         most = f"expected at most {thresholds.max_delay:g} s"
-        yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {best.verdict}"
+        yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {lost}"
     if thresholds.winner is not None and thresholds.winner not in best.candidate.objects.values():
         yield f"{name} is best, expected one with {thresholds.winner}"

@@ -144,3 +144,13 @@ def test_the_steps_of_a_listing_are_those_of_the_file(sqrp, program):
         assert {name: step[name] for name in ("task", "skill", "time", "q_avg", "faults")} == {
             name: shown[name] for name in ("task", "skill", "time", "q_avg", "faults")
         }
+
+
+def test_a_program_that_could_not_be_read_again_is_not_written(sqrp, watch, program, monkeypatch):
+    before = program.read_bytes()
+    monkeypatch.setattr("sqrp_cli.program.MAX_BYTES", len(before))
+    outcome = sqrp("rank", watch, "watch seen", "--program", program)
+    assert outcome.code == 2
+    assert "3 steps" in outcome.err
+    assert f"--after {program}" in outcome.err
+    assert program.read_bytes() == before

@@ -15,6 +15,7 @@ import pytest
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.lint import lint
 from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.scene import Box
 from sqrp_cli.knowledge.skill import JointMove, Reference, StraightMove
 from sqrp_cli.knowledge.workspace_file import workspace_schema
 from sqrp_cli.logic.literal import Atom
@@ -53,6 +54,17 @@ def test_missing_limits_are_assumed_as_stated(cell: Path) -> None:
     assert workspace.robot.limits["elbow"].jerk == 50.0
     assert [warning.code for warning in workspace.warnings] == ["assumed-limit"]
     assert "elbow" in workspace.warnings[0].message
+
+
+def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged: Damage) -> None:
+    boxes = "tool: {boxes: [{size: [6 cm, 6 cm, 4 cm]}], frame: {position: [0, 0, 2 cm]}, link: wrist}"
+    urdf = "tool: {urdf: cup.urdf, link: wrist, pose: {position: [0, 0, 5 mm]}}\n  tool_frame: tip"
+    robot = load_workspace(damaged({"file": "workspace.yaml", "replace": {urdf: boxes}})).robot
+    assert robot.tool is not None
+    assert robot.tool.urdf is None
+    assert robot.tool_frame == "tool_tip"
+    assert robot.tool.model.links["tool_body"].collision[0].shape == Box((0.06, 0.06, 0.04))
+    assert robot.tool.model.joints["tool_tip_joint"].X_PJ[2, 3] == 0.02
 
 
 def test_home_may_be_a_named_state_of_the_srdf(damaged: Damage) -> None:

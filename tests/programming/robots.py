@@ -31,6 +31,11 @@ REAL_ARMS = {
 """URDF and tool frame."""
 
 
+def mounted(urdf: Path, link: str, X_LT: Array) -> Tool:
+    """A tool of a URDF on a link, its root at X_LT there."""
+    return Tool(read_urdf(urdf), link, X_LT, urdf)
+
+
 def robot(
     urdf: Path,
     tool_frame: str,
@@ -40,7 +45,8 @@ def robot(
     limits: Mapping[str, tuple[float, float]] | None = None,
 ) -> Robot:
     """A robot with the position limits of its URDFs unless `limits` has others."""
-    joints = [joint for path in (urdf, *([tool.urdf] if tool else [])) for joint in read_urdf(path).movable_joints]
+    models = [read_urdf(urdf), *([tool.model] if tool else [])]
+    joints = [joint for model in models for joint in model.movable_joints]
     positions = {joint.name: (joint.lower, joint.upper) for joint in joints} | dict(limits or {})
     parts = [
         part

@@ -62,8 +62,11 @@ SEED_STEPS = 20
 SEED_STARTS, SEED_SPREAD = 8, 0.5
 """Starting points around an approximate solution that is far from exact, and how far off they are at most [rad]."""
 
-REDUNDANCY_SAMPLES = 8
-"""Positions of the joints that are held still, one after the other, in an arm with more than six joints."""
+REDUNDANCY_SAMPLES, MORE_REDUNDANCY_SAMPLES = 8, 32
+"""Positions of the joints that are held still, one after the other, in an arm with more than six joints.
+
+The second number is for motions that none of the first allows.
+"""
 
 FIRST_HELD = 2
 """The first of them: the third joint, the one that swings the elbow of common seven-axis arms."""
@@ -81,17 +84,19 @@ class IkResult:
     reason: Unreachable | None
 
 
-def all_solutions(model: RobotModel, X_WT: Array, seed: int = 0) -> IkResult:
+def all_solutions(
+    model: RobotModel, X_WT: Array, seed: int = 0, redundancy_samples: int = REDUNDANCY_SAMPLES
+) -> IkResult:
     """All branches that bring the tool frame to X_WT, shape (4, 4), within the joints' limits.
 
     Up to six joints: every isolated solution. Where the arm is singular and a whole curve of positions gives the same
     pose, the points of it that are nearest to home. No more than `MOST_BRANCHES`.
     More than six joints: the branches that remain when the joints from the third on, as many as there are too many, are
-    held at `REDUNDANCY_SAMPLES` positions: home, and positions spread over their limits that depend on `seed` alone.
+    held at `redundancy_samples` positions: home, and positions spread over their limits that depend on `seed` alone.
     Fewer than six: solutions exist only for the few poses, with their full orientation, that such an arm can take.
     The result does not depend on whether EAIK is installed; it only saves time, for arms with six joints.
     """
-    held, samples = _redundancy(model, seed)
+    held, samples = _redundancy(model, seed, redundancy_samples)
     branches = _branches(model, X_WT, held, samples)
     inside = _within_limits(model, branches)
     if not len(inside) and held.any():
@@ -101,7 +106,7 @@ def all_solutions(model: RobotModel, X_WT: Array, seed: int = 0) -> IkResult:
     return IkResult(read_only(inside), why_unreachable(model, X_WT, branches))
 
 
-def _redundancy(model: RobotModel, seed: int) -> tuple[NDArray[np.bool_], Array]:
+def _redundancy(model: RobotModel, seed: int, samples: int) -> tuple[NDArray[np.bool_], Array]:
     """Which joints are held, shape (n,), and joint positions (k, n) to hold them at; one row if none is held."""
     n = len(model.arm)
     held = np.zeros(n, dtype=bool)
@@ -111,7 +116,7 @@ def _redundancy(model: RobotModel, seed: int) -> tuple[NDArray[np.bool_], Array]
     middle = 0.5 * (model.lower + model.upper)
     reach = np.minimum(0.5 * (model.upper - model.lower), np.where(model.turns, np.pi, 1.0))
     middle = np.where(np.isfinite(middle), middle, model.home)
-    count = REDUNDANCY_SAMPLES - 1
+    count = samples - 1
     strata = np.random.default_rng(seed).permuted(np.tile(np.arange(count), (n, 1)), axis=1).T
     share = (strata + np.random.default_rng(seed + 1).random((count, n))) / count
     return held, np.concatenate([model.home[None], middle + reach * (2 * share - 1)])

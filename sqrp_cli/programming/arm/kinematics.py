@@ -81,7 +81,7 @@ class RobotModel:
         link, a joint without limits, or a tool frame that no joint moves.
         """
         urdf = read_urdf(robot.urdf)
-        tool = read_urdf(robot.tool.urdf) if robot.tool else None
+        tool = robot.tool.model if robot.tool else None
         _check_names(robot, urdf, tool)
         if robot.tool is None or tool is None:
             tree = JointTree.of(urdf, robot.X_WB, None, None, None)

@@ -243,6 +243,14 @@ class PlacedScene:
         found = {near.stretch: near.contact for near in self._near(self._all_open(still, still, q, np.zeros_like(q)))}
         return tuple(found.get(k) for k in range(len(q)))
 
+    def touching_pairs(self, q: Array) -> tuple[Pairs, ...]:
+        """All pairs of names that touch at each of m joint positions, shape (m, n)."""
+        still = np.zeros(len(q))
+        found: list[set[tuple[str, str]]] = [set() for _ in q]
+        for near in self._near(self._all_open(still, still, q, np.zeros_like(q))):
+            found[near.stretch].add(pair(near.contact.first, near.contact.second))
+        return tuple(map(frozenset, found))
+
     def is_free(self, path: Path, spare: float = RESOLUTION) -> bool:
         """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are told sooner.
 

@@ -12,6 +12,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import MotionValue, Skill
 from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDANCY_SAMPLES, REDUNDANCY_SAMPLES
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.branch_search import Question, Station, fastest_sequence
@@ -22,6 +23,9 @@ from sqrp_cli.programming.motion.sections import Branch, BranchFinder, Failures,
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.programming.motion.way_around import find_way
 from sqrp_cli.trajectory import Trajectory
+
+MOST_AXES_WITHOUT_REDUNDANCY = 6
+"""Arms with more axes reach a pose in infinitely many ways, of which some are tried."""
 
 MAX_REASONS = 5
 """Reasons given for an infeasible motion."""
@@ -96,13 +100,19 @@ def plan_motion(
     binding: the object that each skill parameter stands for. values: of every motion parameter. world: before it.
     seed: of what is drawn at random: ways around, and redundant joints. Every move keeps its clearance at all times.
     Joint moves are straight in joint space; only where no combination of branches has direct joint moves alone are
-    ways around looked for, most promising combination first. Infeasible names, most useful first, what is out of
-    reach, which joint is at its limit, or what hits what and where.
+    ways around looked for, most promising combination first. Of an arm with more than six axes, more positions of its
+    redundant joints are tried where few do not do. Infeasible names, most useful first, what is out of reach, which
+    joint is at its limit, or what hits what and where.
     """
     grounded = ground_primitives(skill, binding, values, objects, world, model, scene)
     if isinstance(grounded, Infeasible):
         return grounded
-    return _Planner(model, scene, grounded, start_configuration(model, world), seed).plan()
+    q_start = start_configuration(model, world)
+    planner = _Planner(model, scene, grounded, q_start, seed, REDUNDANCY_SAMPLES)
+    motion = planner.plan()
+    if len(model.arm) <= MOST_AXES_WITHOUT_REDUNDANCY or isinstance(motion, Motion) or planner.is_out_of_reach:
+        return motion
+    return _Planner(model, scene, grounded, q_start, seed, MORE_REDUNDANCY_SAMPLES).plan()
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,8 +126,11 @@ class _Move:
 class _Planner:
     """Plans one motion: sections, the branches of each, and the moves between them."""
 
-    def __init__(self, model: RobotModel, scene: CollisionScene, skill: GroundSkill, q_start: Array, seed: int) -> None:
+    def __init__(
+        self, model: RobotModel, scene: CollisionScene, skill: GroundSkill, q_start: Array, seed: int, samples: int
+    ) -> None:
         self._model, self._skill, self._q_start, self._seed = model, skill, q_start, seed
+        self._samples = samples
         self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
         self._radii = scene.bound.radii
         placed = cache(scene.placed)
@@ -127,7 +140,7 @@ class _Planner:
 
     def plan(self) -> Motion | Infeasible:
         sections = cut_into_sections(self._skill.primitives)
-        finder = BranchFinder(self._model, self._scenes, self._q_start, self._failures, self._seed)
+        finder = BranchFinder(self._model, self._scenes, self._q_start, self._failures, self._seed, self._samples)
         options: list[list[tuple[Branch, Array]]] = []
         for section in sections:
             options.append([(branch, turn) for branch in finder.branches(section) for turn in branch.turns])
@@ -182,6 +195,11 @@ class _Planner:
         branches = [ways[k] for ways, k in zip(options, chosen, strict=True)]
         return self._motion(branches, [moves[i, chosen[i - 1], chosen[i]] for i in range(1, len(chosen))])
 
+    @property
+    def is_out_of_reach(self) -> bool:
+        """Whether a waypoint is out of reach, whatever is in the way."""
+        return self._failures.out_of_reach
+
     def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:
         """The first contact during a primitive; notes what touches, and when."""
         contact = self._scenes[index].check_motion(trajectory)
@@ -232,6 +250,9 @@ class _Planner:
     def _infeasible(self) -> Infeasible:
         """The reasons collected, and whether a way around was looked for."""
         reasons = self._failures.reasons(MAX_REASONS)
+        if self._samples > REDUNDANCY_SAMPLES:
+            joint = self._model.arm[FIRST_HELD]
+            reasons = (f"{reasons[0]}, with {self._samples} positions of `{joint}` tried", *reasons[1:])
         if (tries := MOST_TRIES - self._tries_left) > 0:
             reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])
         return Infeasible(reasons)

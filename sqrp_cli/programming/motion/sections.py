@@ -71,10 +71,14 @@ def cut_into_sections(primitives: Sequence[GroundPrimitive]) -> list[Section]:
 
 
 class Failures:
-    """Why branches fail, each with the index of the primitive at which it does."""
+    """Why branches fail, each with the index of the primitive at which it does.
+
+    out_of_reach: whether a waypoint is, whatever is in the way.
+    """
 
     def __init__(self) -> None:
         self._found: list[tuple[int, str]] = []
+        self.out_of_reach = False
 
     def note(self, index: int, reason: str) -> None:
         """Note a reason at a primitive."""
@@ -89,7 +93,7 @@ class Failures:
 class BranchFinder:
     """Finds the branches of sections, and notes why there are none.
 
-    scenes: the surroundings of each primitive of the skill.
+    scenes: the surroundings of each primitive of the skill. seed, redundancy_samples: as of `all_solutions`.
     """
 
     def __init__(
@@ -99,8 +103,10 @@ class BranchFinder:
         q_start: Array,
         failures: Failures,
         seed: int,
+        redundancy_samples: int,
     ) -> None:
-        self._model, self._scenes, self._q_start, self._failures, self._seed = model, scenes, q_start, failures, seed
+        self._model, self._scenes, self._q_start, self._failures = model, scenes, q_start, failures
+        self._seed, self._samples = seed, redundancy_samples
         self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
 
     def branches(self, section: Section) -> list[Branch]:
@@ -111,9 +117,10 @@ class BranchFinder:
         elif move.home:
             configurations = [self._model.home]
         else:
-            solutions = all_solutions(self._model, move.X_end, self._seed)
+            solutions = all_solutions(self._model, move.X_end, self._seed, self._samples)
             wanted = chosen_branches(self._model, solutions.solutions, move.branches)
             configurations = list(solutions.solutions[wanted])
+            self._failures.out_of_reach |= not len(solutions.solutions)
             if not configurations:
                 reason = solutions.reason or f"cannot be reached with {move.branches}"
                 self._failures.note(section.first - 1, f"{move.name} to `{move.to}`: {reason}")
@@ -135,7 +142,7 @@ class BranchFinder:
         """Where a line could not be followed because its very end is out of reach, that is the most useful reason."""
         for primitive in section.tied:
             if primitive.kind is StraightMove:
-                solutions = all_solutions(self._model, primitive.X_end, self._seed)
+                solutions = all_solutions(self._model, primitive.X_end, self._seed, self._samples)
                 if not len(solutions.solutions):
                     reason = f"{primitive.name} to `{primitive.to}`: {solutions.reason}"
                     self._failures.note(len(self._scenes), reason)

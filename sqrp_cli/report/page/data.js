@@ -25,7 +25,7 @@ const named = (text) => make('bdi', {}, text);
 const percent = (share) => (share === null ? '–' : (100 * share).toFixed(1) + ' %');
 const seconds = (t, digits = 2) => (t === null ? '–' : t.toFixed(digits) + ' s');
 
-// Kinds of verdicts: colour class, sign within a run, words for the legend.
+// Kinds of verdicts, predicted or of images: colour class, sign within a run, words for the legend.
 const KINDS = {
   covered: ['covered', '', 'covered'],
   hidden: ['hidden', 'h', 'hidden'],
@@ -36,10 +36,16 @@ const KINDS = {
   detector_near: ['range', 'n', 'too near for its detector'],
   oblique: ['angle', 'a', 'seen at too flat an angle'],
   too_small: ['angle', 's', 'too small'],
+  shown_true: ['covered', 't', 'images show that it is true'],
+  shown_false: ['out', 'f', 'images show that it is false'],
+  unseen: ['missed', '–', 'no image shows it'],
   missed: ['missed', '–', 'not covered'],
 };
 
-const kindOf = (verdict) => (verdict.covered ? 'covered' : verdict.cause || 'missed');
+const kindOf = (verdict) => verdict.kind ?? (verdict.covered ? 'covered' : verdict.cause || 'missed');
+
+// The kind of a literal or of a whole state.
+const stateOf = (state) => state.kind ?? (state.covered ? 'covered' : 'missed');
 
 function because(verdict) {
   const words = KINDS[kindOf(verdict)][2];

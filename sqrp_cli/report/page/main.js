@@ -20,6 +20,7 @@ class Page {
     byId('ranking-title').textContent = this.overview.heading;
     for (const [term, value] of this.overview.about)
       byId('about').append(make('dt', {}, named(term)), make('dd', {}, named(value)));
+    document.querySelector('.overview').hidden = !this.entries.some((e) => e.candidate || e.reasons.length);
     const some = (test) => this.entries.some((e) => e.candidate && test(e.candidate));
     byId('pareto-only').parentElement.hidden = !some((c) => c.pareto);
     byId('feasible-only').parentElement.hidden = !some((c) => !c.feasible);
@@ -86,7 +87,9 @@ class Page {
   }
 
   legend() {
-    const shown = ['covered', 'hidden', 'out_of_image', 'too_far', 'oblique'].map((kind) => {
+    const predicted = ['covered', 'hidden', 'out_of_image', 'too_far', 'oblique'];
+    const ofImages = ['shown_true', 'shown_false', 'unseen'];
+    const shown = (this.overview.scenes.length ? predicted : ofImages).map((kind) => {
       const [style, sign] = KINDS[kind],
         words = { too_far: 'too far or near', oblique: 'too flat an angle, or too small' }[kind] || KINDS[kind][2];
       return make('span', {}, make('i', { class: `spot ${style}` }), `${words}${sign ? ` (${sign})` : ''}`);
@@ -118,12 +121,13 @@ class Page {
     byId('spoken').textContent = `${name}: ${[...(entry.moves ? [verdict] : []), ...reasons].join('; ')}`;
     this.motion = null;
     if (!entry.moves) return;
-    await this.enter(entry.scene);
+    byId('study').classList.toggle('flat', entry.scene === null);
+    if (entry.scene !== null) await this.enter(entry.scene);
     if (!this.details.has(i)) this.details.set(i, new Motion(await unpack(`detail-${i}`)));
     if (this.selected !== i) return;
     this.motion = this.details.get(i);
-    this.figures(candidate);
-    this.timeline = new Timeline(this.motion, Object.keys(this.overview.scenes[entry.scene].cameras), (t) => {
+    this.figures(entry);
+    this.timeline = new Timeline(this.motion, Object.keys(this.motion.detail.cameras), (t) => {
       this.pause();
       this.seek(t);
     });
@@ -132,22 +136,21 @@ class Page {
     this.seek(Math.min(this.time, this.motion.time));
   }
 
-  figures(c) {
-    const figures = [
-      ['Q_eoi', percent(c.q_eoi)],
-      ['Q_avg', percent(c.q_avg)],
-      ['time', seconds(c.time)],
-    ];
-    for (const [name, fault] of Object.entries(c.faults)) {
-      figures.push(
-        [`${name}: noticed after`, seconds(fault.delay_mean)],
-        ['at worst', seconds(fault.delay_worst)],
-        ['longest blind stretch', seconds(fault.blind_longest)],
-        ['done after one retry', seconds(fault.expected_time, 1)],
-      );
+  figures({ candidate, figures }) {
+    const told = [...figures];
+    if (candidate) {
+      const { q_eoi: qEoi, q_avg: qAvg, time, faults } = candidate;
+      told.push(['Q_eoi', percent(qEoi)], ['Q_avg', percent(qAvg)], ['time', seconds(time)]);
+      for (const [name, fault] of Object.entries(faults))
+        told.push(
+          [`${name}: noticed after`, seconds(fault.delay_mean)],
+          ['at worst', seconds(fault.delay_worst)],
+          ['longest blind stretch', seconds(fault.blind_longest)],
+          ['done after one retry', seconds(fault.expected_time, 1)],
+        );
     }
     byId('figures').replaceChildren(
-      ...figures.map(([term, value]) => make('div', {}, make('dt', {}, named(term)), make('dd', {}, value))),
+      ...told.map(([term, value]) => make('div', {}, make('dt', {}, named(term)), make('dd', {}, value))),
     );
   }
 
@@ -162,7 +165,7 @@ class Page {
     byId('now-time').textContent = `${text}, ${primitive?.name ?? ''}`;
     this.timeline.show(this.time);
     this.now(this.motion.at(this.time));
-    if (!this.scene) return;
+    if (!this.scene || this.entries[this.selected].scene === null) return;
     this.scene.seek(this.time);
     const tool = this.scene.toolPosition().map((x) => x.toFixed(3));
     byId('tool').textContent = `tool at ${tool.join(', ')} m`;
@@ -181,9 +184,9 @@ class Page {
         make(
           'h4',
           {},
-          make('i', { class: `spot ${state.covered ? 'covered' : 'missed'}` }),
+          make('i', { class: `spot ${KINDS[stateOf(state)][0]}` }),
           named(atom),
-          make('span', { class: 'faint' }, state.covered ? 'covered' : 'not covered'),
+          make('span', { class: 'faint' }, KINDS[stateOf(state)][2]),
         ),
         make(
           'ul',

@@ -28,9 +28,20 @@ class Timeline {
           '',
         ),
       );
-    rows.push(this.coverage('all literals', (sample) => sample.covered));
+    for (const { label, spans } of detail.marks ?? [])
+      rows.push(
+        this.row(
+          label,
+          'axis',
+          spans.map((span) => this.span('interest', span, '', span.text)),
+          '',
+        ),
+      );
+    rows.push(
+      this.coverage('all literals', (sample) => (sample.covered === null ? null : { covered: sample.covered })),
+    );
     for (const atom of motion.atoms) {
-      rows.push(this.coverage(atom, (sample) => found(sample, atom)?.covered ?? null));
+      rows.push(this.coverage(atom, (sample) => found(sample, atom)));
       for (const camera of cameras) rows.push(this.camera(atom, camera));
     }
     this.grid = make(
@@ -98,21 +109,27 @@ class Timeline {
     });
   }
 
-  coverage(label, covered) {
+  // state: what a sample says, or null where no formula asks.
+  coverage(label, state) {
     const look = (sample) => {
-      const value = covered(sample);
-      return value === null
-        ? null
-        : { key: String(value), kind: value ? 'covered' : 'missed', words: value ? 'covered' : 'not covered' };
+      const told = state(sample);
+      if (told === null) return null;
+      const kind = stateOf(told);
+      return { key: kind, kind, words: KINDS[kind][2] };
     };
-    return this.row(label, 'literal', this.runs(label, look), this.shareText(covered));
+    return this.row(
+      label,
+      'literal',
+      this.runs(label, look),
+      this.shareText((sample) => state(sample)?.covered ?? null),
+    );
   }
 
   camera(atom, camera) {
     const verdict = (sample) => found(sample, atom)?.cameras[camera] ?? null;
     const look = (sample) => {
       const seen = verdict(sample);
-      return seen && { key: `${seen.cause}/${seen.by}`, kind: kindOf(seen), words: because(seen) };
+      return seen && { key: because(seen), kind: kindOf(seen), words: because(seen) };
     };
     const share = this.shareText((sample) => verdict(sample)?.covered ?? null);
     return this.row(camera, 'camera', this.runs(`${camera}, ${atom}`, look), share);

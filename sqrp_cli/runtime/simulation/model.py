@@ -102,7 +102,7 @@ class _Builder:
         urdf = read_urdf(robot.urdf)
         self._add_urdf(urdf, robot, self._spec.worldbody, robot.X_WB)
         if robot.tool is not None:
-            self._add_urdf(read_urdf(robot.tool.urdf), robot, self._spec.body(robot.tool.link), robot.tool.X_LT)
+            self._add_urdf(robot.tool.model, robot, self._spec.body(robot.tool.link), robot.tool.X_LT)
         for link, marker in robot.markers.items():
             self._add_marker(self._spec.body(link), marker.id, marker.side, pose())
         tip = self._spec.body(robot.tool_frame).add_geom(name=TIP, type=mujoco.mjtGeom.mjGEOM_SPHERE)

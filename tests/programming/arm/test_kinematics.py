@@ -11,10 +11,9 @@ from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array, inverse, pose, rpy_to_matrix
-from sqrp_cli.knowledge.robot import Tool
 from sqrp_cli.knowledge.urdf import UrdfModel, read_urdf
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from tests.programming.robots import REAL_ARMS, ROBOTS, SUCTION_CUP, joint, real_arm, robot, written_urdf
+from tests.programming.robots import REAL_ARMS, ROBOTS, SUCTION_CUP, joint, mounted, real_arm, robot, written_urdf
 
 SEED = st.integers(0, 2**32 - 1)
 X_WB = pose(rpy_to_matrix([0.3, -0.5, 1.2]), [1.0, -2.0, 0.5])
@@ -110,7 +109,7 @@ def test_a_tool_moves_with_the_link_that_carries_it():
     urdf, frame = REAL_ARMS["ur5"]
     plain, tooled = (
         real_arm("ur5"),
-        RobotModel.load(robot(ROBOTS / urdf, "suction_tip", Tool(SUCTION_CUP, frame, X_LT))),
+        RobotModel.load(robot(ROBOTS / urdf, "suction_tip", mounted(SUCTION_CUP, frame, X_LT))),
     )
     q = np.random.default_rng(5).uniform(-2.0, 2.0, 6)
     along_z = pose(position=[0.0, 0.0, 0.02 + 0.06 + 0.02])
@@ -125,7 +124,7 @@ def test_a_tool_moves_with_the_link_that_carries_it():
 
 def test_neighbours_and_rigidly_connected_links_are_adjacent():
     urdf, frame = REAL_ARMS["ur5"]
-    pairs = RobotModel.load(robot(ROBOTS / urdf, "suction_tip", Tool(SUCTION_CUP, frame, np.eye(4)))).adjacent_pairs
+    pairs = RobotModel.load(robot(ROBOTS / urdf, "suction_tip", mounted(SUCTION_CUP, frame, np.eye(4)))).adjacent_pairs
     assert {
         ("forearm_link", "upper_arm_link"),
         ("suction_cup", "suction_tube"),
@@ -185,7 +184,7 @@ def test_what_does_not_fit_together_is_refused(tmp_path):
     with pytest.raises(InputError, match="did you mean `tool0`"):
         RobotModel.load(replace(fitting, tool_frame="tool1"))
     with pytest.raises(InputError, match="did you mean `tool0`"):
-        RobotModel.load(robot(ROBOTS / urdf, frame, Tool(SUCTION_CUP, "tool", np.eye(4))))
+        RobotModel.load(robot(ROBOTS / urdf, frame, mounted(SUCTION_CUP, "tool", np.eye(4))))
     with pytest.raises(InputError, match="no joint moves the tool frame `base_link`"):
         RobotModel.load(replace(fitting, tool_frame="base_link"))
     with pytest.raises(InputError, match="no limits are given for joint `elbow_joint`"):
@@ -194,7 +193,7 @@ def test_what_does_not_fit_together_is_refused(tmp_path):
         )
     clash = written_urdf(tmp_path / "tool.urdf", joint("j", "base_link", "tip", "fixed", "0 0 0", "0 0 1"))
     with pytest.raises(InputError, match="`base_link` is also a name in the robot's URDF"):
-        RobotModel.load(robot(ROBOTS / urdf, frame, Tool(clash, frame, np.eye(4))))
+        RobotModel.load(robot(ROBOTS / urdf, frame, mounted(clash, frame, np.eye(4))))
 
 
 def test_the_jacobian_of_an_arm_of_one_joint_has_one_column(tmp_path):

@@ -1,0 +1,66 @@
+"""What the tool holds at the beginning, by the facts of a workspace."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from sqrp_cli.errors import Problem
+from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, side_pose
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill import Grasp, GraspWaypoint, Reference, Setting, Skill
+from sqrp_cli.knowledge.source import Document
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.pddl import Variable
+
+
+def grasping_skills(skills: Iterable[Skill]) -> dict[str, Skill]:
+    """The predicates that a grasp makes true of what it grasps, such as `hold`, with the first skill that does."""
+    found: dict[str, Skill] = {}
+    for skill in skills:
+        grasped = {Variable(p.object) for p in skill.primitives if isinstance(p, Grasp)}
+        for added in skill.action.effect.adds:
+            if len(added.terms) == 1 and added.terms[0] in grasped:
+                found.setdefault(added.predicate, skill)
+    return found
+
+
+def with_held_by_facts(
+    objects: Mapping[str, SceneObject], state: frozenset[Atom], skills: Iterable[Skill], document: Document
+) -> tuple[dict[str, SceneObject], tuple[Problem, ...]]:
+    """The objects, with the one in the tool that the facts say is held; and a warning if its entry does not say so.
+
+    It is held as the skill that makes the fact true would grasp it, with its parameters at their defaults.
+    """
+    skills_by = grasping_skills(skills)
+    stated = {fact.arguments[0]: fact for fact in state if fact.predicate in skills_by}
+    if len(stated) != 1 or any(thing.X_TO is not None for thing in objects.values()):
+        return dict(objects), ()
+    ((name, fact),) = stated.items()
+    skill = skills_by[fact.predicate]
+    grasp = next((w for w in skill.waypoints.values() if isinstance(w, GraspWaypoint)), None)
+    if grasp is None:
+        return dict(objects), ()
+    side, X_TO = _grasped(skill, grasp, objects[name])
+    message = (
+        f"the state has `{fact}`, so `{name}` begins in the tool, held by its side {side} as `{skill.name}` does it"
+    )
+    warning = document.problem(
+        "held-by-the-facts", ("objects", name, "pose"), message, f"write `pose: {{held: {side}}}`"
+    )
+    return {**objects, name: replace(objects[name], X_WO=None, X_TO=X_TO)}, (replace(warning, severity="warning"),)
+
+
+def pose_in_tool(size: tuple[float, float, float], side: str, yaw: float, depth: float) -> Array:
+    """The pose X_TO of an object of a size [m] that is held by a side, as in `skill.GraspWaypoint`, shape (4, 4)."""
+    return read_only(inverse(side_pose(size, side) @ pose(axis_rotation(2, yaw), (0.0, 0.0, depth))))
+
+
+def _grasped(skill: Skill, grasp: GraspWaypoint, thing: SceneObject) -> tuple[str, Array]:
+    defaults = {parameter.name: parameter.values[0] for parameter in skill.motion_parameters}
+
+    def value(setting: Setting) -> float | str:
+        return defaults[setting.parameter] if isinstance(setting, Reference) else setting
+
+    side = str(value(grasp.side))
+    return side, pose_in_tool(thing.size, side, float(value(grasp.yaw)), float(value(grasp.depth)))
