@@ -69,11 +69,19 @@ def _pairs(found: Summary, reported: Reported) -> tuple[str, ...]:
 
 
 def _samples(page: Page, simulated: Simulation) -> None:
-    paper = {name: (Q_AVG_BY_SAMPLES.get(int(name)), COMPUTING_BY_SAMPLES.get(int(name))) for name in SAMPLINGS if name != "default"}
+    paper = {
+        name: (Q_AVG_BY_SAMPLES.get(int(name)), COMPUTING_BY_SAMPLES.get(int(name)))
+        for name in SAMPLINGS
+        if name != "default"
+    }
     page.table(
         ("samples", "Q_avg [%]", "paper", "computed in [s]", "paper"),
         [
-            (name, f"{one.q_avg:.2f}", *_or_dash(paper.get(name, (None, None))[0], f"{one.computing:.3f}", paper.get(name, (None, None))[1]))
+            (
+                name,
+                f"{one.q_avg:.2f}",
+                *_or_dash(paper.get(name, (None, None))[0], f"{one.computing:.3f}", paper.get(name, (None, None))[1]),
+            )
             for name, one in simulated.sampled.items()
         ],
     )

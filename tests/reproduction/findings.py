@@ -54,17 +54,20 @@ SIMULATED: tuple[Finding[Simulation], ...] = (
     Finding("nothing of interest is seen of g1", lambda found: found.of["g1"].q_eoi == 0.0),
     Finding("it is the arm that hides g1 from a camera all through the lift", lambda found: bool(found.hide_g1)),
     Finding("cam2 sees all that is of interest of g5", lambda found: "cam2" in found.see_lift_of_g5),
-    Finding(
-        "g1 has a much higher Q_avg than g5", lambda found: found.of["g1"].q_avg - found.of["g5"].q_avg > 20.0
-    ),
+    Finding("g1 has a much higher Q_avg than g5", lambda found: found.of["g1"].q_avg - found.of["g5"].q_avg > 20.0),
     Finding("g6 is too far away", lambda found: "g6" not in found.of and "too far" in found.why_not_g6),
     Finding("cam2 sees g6", lambda found: "cam2" in found.see_g6),
     Finding("g2 is the fastest", lambda found: found.of["g2"].time == min(one.time for one in found.of.values())),
-    Finding("all that is of interest of g2 and g5 is seen", lambda found: found.of["g2"].q_eoi == found.of["g5"].q_eoi == 100.0),
+    Finding(
+        "all that is of interest of g2 and g5 is seen",
+        lambda found: found.of["g2"].q_eoi == found.of["g5"].q_eoi == 100.0,
+    ),
     Finding("g2 is ranked first", lambda found: found.first == "g2"),
     Finding(
         "g3 and g4 have a high Q_avg and a Q_eoi between 50 and 70 %",
-        lambda found: all(found.of[name].q_avg > 70.0 and 50.0 <= found.of[name].q_eoi <= 70.0 for name in ("g3", "g4")),
+        lambda found: all(
+            found.of[name].q_avg > 70.0 and 50.0 <= found.of[name].q_eoi <= 70.0 for name in ("g3", "g4")
+        ),
     ),
     Finding(
         "5 samples per primitive miss 5 to 15 points of what 10 find of g1",
