@@ -3,7 +3,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank run test check bench load damage planners pictures format clean
+.PHONY: all rank run test check bench load damage planners trials pictures calibrate format clean
 
 all: .venv/installed
 
@@ -44,6 +44,12 @@ planners: all
 # The pictures in the README; needs Chromium.
 pictures: all
 	$(BIN)/python -m tests.pictures
+
+calibrate: all
+	$(BIN)/python -m tests.runtime.simulation.detector_limits
+
+trials: all
+	$(BIN)/python -m tests.trials
 
 damage: all
 	$(BIN)/python -m tests.damage

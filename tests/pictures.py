@@ -34,6 +34,7 @@ def main() -> None:
         assert run(["rank", CELL, TASK, "--report", str(page)]) == 0
         assert run(["explain", CELL, TASK, "--choose", "g1", "--images", str(pictures)]) == 0
         opened = Opened(browser, page)
+        opened.page.set_viewport_size({"width": 1280, "height": 900})
         opened.js(SHOW_G1)
         opened.page.wait_for_timeout(1000)
         shot = Image.open(io.BytesIO(opened.page.screenshot(full_page=True)))

@@ -30,13 +30,14 @@ def command(
     from sqrp_cli.cli.run import open_program
     from sqrp_cli.cli.run_document import audit_document
     from sqrp_cli.cli.run_view import print_audit
-    from sqrp_cli.runtime.audit import audit
-    from sqrp_cli.runtime.recording import read_frames
     from sqrp_cli.runtime.simulation.requirements import check_packages
 
     if not 0.0 <= threshold <= 1.0:
         raise InputError(Problem("bad-option", f"--threshold is {threshold:g}, expected 0 to 1"))
     check_packages()
+    from sqrp_cli.runtime.audit import audit
+    from sqrp_cli.runtime.recording import read_frames
+
     found, workspace = open_program(program)
     total = sum(1 for _ in read_frames(folder, list(workspace.cameras), len(found.steps)))
     with progress(f"Looking at {folder}", total) as advance:

@@ -62,12 +62,13 @@ def command(
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
-    from sqrp_cli.report.pictures import check_pictures
 
     if all_candidates and choose is not None:
         raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
     choice = choose or "best"
     if images is not None:
+        from sqrp_cli.report.pictures import check_pictures
+
         check_pictures(images)
     sampling = read_sampling(samples, dt, tolerance)
     session = Session.begin(open_workspace(workspace), task, after, sampling, seed=seed)

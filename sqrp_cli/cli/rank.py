@@ -70,7 +70,6 @@ def command(
     from sqrp_cli.cli.console import print_problems, say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
-    from sqrp_cli.cli.report_page import check_report, write_ranking
     from sqrp_cli.cli.session import Session, world_before
     from sqrp_cli.programming.ranking import rank
 
@@ -78,6 +77,8 @@ def command(
     sampling = read_sampling(samples, dt, tolerance)
     before = world_before(after, program)
     if report is not None:
+        from sqrp_cli.cli.report_page import check_report
+
         check_report(report)
     drawn = read_calibration(calibration, seed)
     session = Session.begin(open_workspace(workspace), task, before, sampling, drawn, seed)
@@ -88,6 +89,8 @@ def command(
         return ExitCode.INTERRUPTED
     ranking = rank(assessments, criterion)
     if report is not None and not interrupted:
+        from sqrp_cli.cli.report_page import write_ranking
+
         write_ranking(session, ranking, criterion, report, context.obj, job_count(jobs))
     if as_json:
         say_raw(as_text(_document(session, assessments, ranking, criterion, interrupted=interrupted)))

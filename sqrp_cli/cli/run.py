@@ -72,7 +72,6 @@ def command(
 
 def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
     """The program with its workspace. Raises InputError where it cannot be run."""
-    from sqrp_cli.runtime.simulated_run import Simulation
     from sqrp_cli.runtime.simulation.requirements import check_simulator
 
     program, workspace = open_program(path)
@@ -80,7 +79,9 @@ def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
         message = "there is no driver for a real robot yet"
         raise InputError(Problem("no-driver", message, mend=f"sqrp run {path} --sim"))
     check_simulator()
-    return Simulation(program, workspace, _LazyReplanner(workspace), seed)
+    from sqrp_cli.runtime.simulated_run import Simulation
+
+    return Simulation(program, workspace, LazyReplanner(workspace), seed)
 
 
 def open_program(path: Path) -> tuple[Program, Workspace]:
@@ -96,14 +97,15 @@ def open_program(path: Path) -> tuple[Program, Workspace]:
     return program, workspace
 
 
-class _LazyReplanner:
-    """Loads what planning needs when a step has to be planned again."""
+class LazyReplanner:
+    """A replanner that loads what planning needs when a step has to be planned again."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
         self._planner: StepReplanner | None = None
 
     def replan(self, step: Step, world: World) -> Step | None:
+        """As `program.Replanner` says."""
         from sqrp_cli.programming.cell import Cell
         from sqrp_cli.programming.retry import StepReplanner
 

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from sqrp_cli.cli.documents import SCHEMA, Document
-from sqrp_cli.runtime.audit import AuditReport
 from sqrp_cli.runtime.outcome import FaultRecord, Prediction, RunReport
-from sqrp_cli.runtime.simulated_run import SweepRun
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.audit import AuditReport
+    from sqrp_cli.runtime.simulated_run import SweepRun
 
 
 def run_document(workspace: str, report: RunReport) -> Document:

@@ -45,6 +45,7 @@ def write_run(
             figures.append((f"{fault.name}: seen after", f"{fault.delay:.2f} s"))
         if fault.delay is not None and fault.predicted_delay is not None:
             figures.append(("predicted: within", f"{fault.predicted_delay:.2f} s"))
+    watched = any(event.kind == "evidence" for event in events)
     entry = Entry(
         name=", ".join(names),
         mark=report.outcome,
@@ -52,7 +53,7 @@ def write_run(
         candidate=None,
         reasons=[] if report.reason is None else [report.reason],
         scene=None,
-        detail=packed(_detail(cameras, report, events)),
+        detail=packed(_detail(cameras, report, events)) if watched else None,
         figures=figures,
     )
     title = f"A run in {workspace}"

@@ -6,13 +6,15 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cli.console import Column, Show, joined, live, plain, print_table, say
 from sqrp_cli.program import Program, Step
-from sqrp_cli.runtime.audit import AuditReport
 from sqrp_cli.runtime.outcome import Confusion, Disagreement, Event, FaultRecord, Prediction, RunReport
-from sqrp_cli.runtime.simulated_run import SweepRun
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.audit import AuditReport
+    from sqrp_cli.runtime.simulated_run import SweepRun
 
 MOST_DISAGREEMENTS = 8
 """Groups of disagreements that a table lists."""
@@ -87,7 +89,7 @@ def _line(event: Event) -> str:
 
 def print_run(workspace: str, report: RunReport) -> None:
     """The outcome of a run: what was done, the faults, and whether predictions came true."""
-    what = "; ".join(f"{step.skill} {_objects(step.parameters)}" for step in report.steps)
+    what = "; ".join(step.label for step in report.steps)
     tries = sum(step.attempts - 1 for step in report.steps)
     after = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
     if report.outcome == "done":
@@ -102,13 +104,13 @@ def print_run(workspace: str, report: RunReport) -> None:
     _print_prediction(report.prediction, report.total)
     _print_disagreements(report.disagreements)
     say()
-    conflicts = f"{report.conflicts} times cameras contradicted each other" if report.conflicts else ""
+    conflicts = f"cameras contradicted each other {report.conflicts} times" if report.conflicts else ""
     tracking = f"the tool was off its path by {1000 * (report.tracking or 0.0):.3f} mm rms"
     say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
 
 
 def _print_faults(faults: Sequence[FaultRecord]) -> None:
-    columns = ("injected", "t_f", "seen t_r", "after", "predicted", "acts t_redo", "done t_e")
+    columns = ("injected", "t_f", "t_r", "t_r - t_f", "predicted", "t_redo", "t_e")
     rows = [
         [
             fault.name,
@@ -119,6 +121,7 @@ def _print_faults(faults: Sequence[FaultRecord]) -> None:
         for fault in faults
     ]
     print_table([Column("fault [s]"), *(Column(title, right=True) for title in columns)], rows)
+    say("t_f happened, t_r seen, t_redo the robot responded, t_e the step was done", "dim")
 
 
 def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
@@ -186,9 +189,9 @@ def _print_disagreements(found: Sequence[Disagreement]) -> None:
 
 def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun], period: float) -> None:
     """The runs of a sweep, and how predicted and measured delays compare; period: of the slowest camera [s]."""
-    say(f"{step.skill} {_objects(step.parameters)} in {workspace}: {text} at {len(runs)} instants")
+    say(f"{step.short_task} in {workspace}: {text} at {len(runs)} instants")
     say()
-    columns = ("slip at", "t_f", "seen t_r", "after", "predicted", "done t_e")
+    columns = ("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e")
     print_table(
         [*(Column(title, right=True) for title in columns), Column("outcome")],
         [
@@ -202,16 +205,22 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
             for run in runs
         ],
     )
+    say("t_f it happened, t_r it was seen, t_e the step was done, all in s", "dim")
     predictable = [
         run.fault for run in runs if run.fault.predicted_delay is not None and run.fault.happened is not None
     ]
     seen = [fault for fault in predictable if fault.delay is not None]
-    close = [f for f in seen if abs((f.delay or 0.0) - (f.predicted_delay or 0.0)) <= period + 1e-9]
+    later = [(f.delay or 0.0) - (f.predicted_delay or 0.0) for f in seen]
+    close = sum(abs(difference) <= period + 1e-9 for difference in later)
     say()
     say(
         f"{len(seen)} of {len(predictable)} slips that the prediction says can be seen were seen, "
-        f"{len(close)} of them within one frame period ({1000 * period:.0f} ms) of the predicted delay."
+        f"{close} of them within one frame period ({1000 * period:.0f} ms) of the predicted delay."
     )
+    if later:
+        say(
+            f"The prediction is an upper bound: {-min(later):.2f} s too late at most, {max(0.0, max(later)):.2f} s too soon."
+        )
     delays = [fault.delay for fault in seen if fault.delay is not None]
     ends = [run.fault.recovered for run in runs if run.fault.recovered is not None]
     if delays:
@@ -221,7 +230,7 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
 
 def print_audit(program: Program, workspace: str, report: AuditReport, threshold: float) -> None:
     """What recorded frames say about a program's predictions."""
-    what = "; ".join(f"{step.skill} {_objects(step.parameters)}" for step in program.steps)
+    what = "; ".join(step.short_task for step in program.steps)
     say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
     if report.repeated:
         say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
@@ -247,10 +256,6 @@ def wall_time(report: RunReport) -> str:
         f"{total:.1f} s of wall time for {report.time:.1f} s and {report.images} images: "
         f"{', '.join(parts)}, the rest {rest:.1f} s; perception {apart:.1f} s of CPU in its own processes"
     )
-
-
-def _objects(parameters: Mapping[str, float | str]) -> str:
-    return " ".join(value for value in parameters.values() if isinstance(value, str))
 
 
 def _seconds(t: float | None, sign: str = "") -> str:

@@ -84,7 +84,6 @@ def command(
 
     Each task's best candidate is held against the thresholds that its workspace states, and against a baseline.
     """
-    from sqrp_cli.cli.report_page import check_report, write_scores
     from sqrp_cli.cli.score_run import Outputs, ScoreRun
     from sqrp_cli.cli.sweep_run import SweepRequest, run_sweep
     from sqrp_cli.scoring.compute import Means
@@ -101,12 +100,16 @@ def command(
     outputs = Outputs(junit, summary, save_baseline)
     outputs.check()
     if report is not None:
+        from sqrp_cli.cli.report_page import check_report
+
         check_report(report)
     with ScoreRun.open(paths, means) as run:
         findings = run.findings(baseline, allow)
         if not findings.interrupted:
             run.write(findings, outputs)
     if report is not None and findings.results and not findings.interrupted:
+        from sqrp_cli.cli.report_page import write_scores
+
         write_scores(run.cells, findings, means.sampling, report, context.obj, job_count(jobs))
     return show(findings, as_json=as_json)
 

@@ -45,13 +45,13 @@ class ScoreRun:
     def open(cls, paths: Sequence[str], means: Means) -> Iterator[ScoreRun]:
         """Read the workspaces and hire workers. Raises InputError for paths, clusters and folders of no use."""
         files = find_workspaces(paths)
-        with progress("Reading workspaces", len(files)) as advance:
-            cells = read_cells(files, advance)
-        for cell in cells:
-            print_problems(problem for problem in cell.problems if problem.severity == "warning")
-            if cell.workspace is not None and not cell.tasks:
-                note(f"{cell.name} lists no tasks")
         with open_computer(means) as computer:
+            with progress("Reading workspaces", len(files)) as advance:
+                cells = read_cells(files, advance)
+            for cell in cells:
+                print_problems(problem for problem in cell.problems if problem.severity == "warning")
+                if cell.workspace is not None and not cell.tasks:
+                    note(f"{cell.name} lists no tasks")
             yield cls(cells, computer)
 
     def findings(self, baseline: Path | None, allowance: float) -> Findings:

@@ -79,7 +79,7 @@ def workspace_file(path: Path) -> Path:
     """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none."""
     path = Path.cwd() / path
     if path.is_dir():
-        if (path / WORKSPACE_FILE).exists():
+        if os.path.lexists(path / WORKSPACE_FILE):
             return path / WORKSPACE_FILE
         entries = sorted(path.iterdir())
         inside = [entry.name for entry in entries if (entry / WORKSPACE_FILE).is_file()]

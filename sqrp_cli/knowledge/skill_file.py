@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, PlainSerializer, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.knowledge.bounds import SHORTEST_DIRECTION
+from sqrp_cli.knowledge.bounds import LARGEST, SHORTEST_DIRECTION
 from sqrp_cli.knowledge.entries import (
     Direction,
     Entry,
@@ -30,8 +30,11 @@ MAX_VALUES = 1000
 
 def _value(value: object) -> Quantity | str:
     read = read_quantity(value)
-    if read is not None:
+    if read is not None and abs(read.value) <= LARGEST:
         return read
+    if read is not None:
+        message = f"found {describe(value)}, expected a number of at most {LARGEST:g} in size"
+        raise PydanticCustomError("wrong-value", "{message}", {"message": message})
     if isinstance(value, str) and value and not any(character.isspace() for character in value):
         return value
     message = f"found {describe(value)}, expected a number, a number with a unit such as `5 cm`, or a word"
@@ -260,7 +263,7 @@ class BoxEntry(Entry):
 class TargetEntry(Entry):
     """What decides a predicate."""
 
-    cameras: Annotated[int, Field(strict=True, ge=1)] = Field(
+    cameras: Annotated[int, Field(strict=True, ge=1, le=200)] = Field(
         default=1, description="How many cameras must each see all boxes."
     )
     boxes: list[BoxEntry] = Field(min_length=1, max_length=20)

@@ -36,6 +36,8 @@ _CLOSING = re.compile(r"\n---\s*\Z")
 """The line that ROS prints after each message, which YAML takes for the beginning of another document."""
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
+_LIMIT_CODES = {"nested deeper": "nesting-too-deep", "more than": "too-many-values"}
+
 _SYNTAX_HINTS = {
     "<stream end>": "the file ends inside a list, a mapping or a value",
     "mapping values are not allowed here": "a second `: ` on one line; put text that contains `: ` in quotes",
@@ -144,6 +146,8 @@ def missing_file(path: Path) -> Problem:
     """The problem of a file that does not exist, with what is nearest to it."""
     if path.is_dir():
         return Problem("missing-file", "found a folder, expected a file", Place(path))
+    if path.exists() or path.is_symlink():
+        return Problem("missing-file", "found a pipe, a device or a broken link, expected a file", Place(path))
     folder = path.parent
     if not folder.is_dir():
         return Problem("missing-file", f"file not found: there is no folder {folder}", Place(path))
@@ -211,9 +215,14 @@ class _DepthLimitedLoader(yaml.SafeLoader):
     """A loader that refuses deep nesting before Python's own stack does."""
 
     depth = 0
+    count = 0
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         self.depth += 1
+        self.count += 1
+        if self.count > 2 * MAX_VALUES:  # a key is a node, too
+            problem = f"more than {MAX_VALUES:,} values"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.peek_event().start_mark)  # type: ignore[no-untyped-call]
         if self.depth > MAX_DEPTH:
             problem = f"nested deeper than {MAX_DEPTH} levels"
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=self.peek_event().start_mark)  # type: ignore[no-untyped-call]
@@ -245,7 +254,7 @@ def _syntax_problem(path: Path, text: str, error: yaml.MarkedYAMLError) -> Probl
     if mark and opened and opened.line < mark.line and context.startswith("while") and "block" not in context:
         mark = opened  # where a bracket, quote or key was opened that is not closed in its line
     problem = error.problem or error.context or "not YAML"
-    code = "nesting-too-deep" if problem.startswith("nested deeper") else "yaml-syntax"
+    code = next((code for start, code in _LIMIT_CODES.items() if problem.startswith(start)), "yaml-syntax")
     said = f"{error.context} {problem}"
     hint = next((hint for fragment, hint in _SYNTAX_HINTS.items() if fragment in said), problem)
     if mark is None:
@@ -330,7 +339,9 @@ class _Builder:
         if _INTEGER.fullmatch(text) and len(text) < 20:
             return int(text)
         if _NOT_FINITE.fullmatch(text) or (_FLOAT.fullmatch(text) and abs(float(text)) == float("inf")):
-            raise InputError(Problem("not-finite", f"found `{text}`, expected a finite number", self._place(node)))
+            raise InputError(
+                Problem("not-finite", f"found {describe(text)}, expected a finite number", self._place(node))
+            )
         return float(text) if _FLOAT.fullmatch(text) else text
 
     def _place(self, node: yaml.Node) -> Place:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.urdf import UrdfModel
-from sqrp_cli.knowledge.xml_file import Element, read_xml
+from sqrp_cli.knowledge.xml_file import MAX_DEPTH, Element, read_xml
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,8 @@ def _groups(robot: Element, urdf: UrdfModel) -> dict[str, tuple[str, ...]]:
         element = elements[name]
         if name in inside:
             raise element.error("group-cycle", f"group `{name}` contains itself")
+        if len(inside) > MAX_DEPTH:
+            raise element.error("nesting-too-deep", f"groups contain each other deeper than {MAX_DEPTH} levels")
         if name not in members:
             joints = {_known(child, "name", "joint", urdf.joints) for child in element.all("joint")}
             for child in element.all("chain"):

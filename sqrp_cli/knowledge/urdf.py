@@ -24,6 +24,11 @@ from sqrp_cli.knowledge.xml_file import Element, read_xml
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
 
+MAX_LINKS = 2000
+"""Most links of a robot."""
+MAX_JOINTS = 200
+"""Most joints of a robot that move."""
+
 _JOINT_TYPES: tuple[JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
 _OTHER_JOINT_TYPES = ("floating", "planar")
 
@@ -148,6 +153,10 @@ def read_urdf(path: Path) -> UrdfModel:
     joints = _unique(_joint(element) for element in robot.all("joint"))
     for joint in joints.values():
         _check_references(joint, links, joints)
+    if len(links) > MAX_LINKS or sum(joint.movable for joint in joints.values()) > MAX_JOINTS:
+        message = f"the robot has {len(links):,} links and {len(joints):,} joints"
+        message += f", expected at most {MAX_LINKS:,} links and {MAX_JOINTS} joints that move"
+        raise robot.error("too-many-links", message)
     root = _root(links, joints, robot.place)
     return UrdfModel(robot.attributes.get("name", path.stem), path, links, _outwards(root, joints), root)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from difflib import SequenceMatcher
 from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
@@ -11,6 +13,8 @@ from sqrp_cli.errors import InputError, Problem, nearest
 from sqrp_cli.knowledge.source import Document, KeyPath, describe, dotted
 
 Model = TypeVar("Model", bound=BaseModel)
+
+_QUOTED = re.compile(r"`(\w+)`")
 
 _EXPECTED = {
     "string_type": "text",
@@ -29,7 +33,7 @@ _EXPECTED = {
     "model_type": "a mapping",
     "model_attributes_type": "a mapping",
     "too_short": "a list with at least {min_length} item(s)",
-    "too_long": "a list with at most {max_length} items",
+    "too_long": "at most {max_length} entries",
     "greater_than": "a value above {gt:g}",
     "greater_than_equal": "a value of at least {ge:g}",
     "less_than": "a value below {lt:g}",
@@ -68,6 +72,8 @@ def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
         owner = f"`{dotted(path)}`" if path else "the file"
         return [Problem("missing-key", f"{owner} lacks the key `{absent}`", document.key_place(path))]
     found = describe(details["input"])
+    if kind == "too_long":
+        found = f"{len(details['input']):,} entries"
     or_mapping = " or a mapping" if "<else>" in details["loc"] else ""
     if kind == "literal_error":
         message = _wrong_word(details["input"], str(context["expected"]))
@@ -76,8 +82,22 @@ def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
         code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
         expected = _EXPECTED[kind].format(**context) + or_mapping
         return [document.problem(code, path, f"found {found}, expected {expected}")]
+    if kind == "ambiguous-entry" and isinstance(details["input"], dict):
+        message = details["msg"] + _found_instead(list(details["input"]), details["msg"])
+        return [document.problem(kind, path, message)]
     code = "wrong-value" if kind == "value_error" else kind.replace("_", "-")
     return [document.problem(code, path, details["msg"].removeprefix("Value error, "))]
+
+
+def _found_instead(found: list[str], message: str) -> str:
+    """What stands where exactly one of the keys that a message names was expected."""
+    wanted = _QUOTED.findall(message)
+    chosen = [key for key in found if key in wanted]
+    if chosen:
+        return f"; found {' and '.join(f'`{key}`' for key in chosen)}"
+    pairs = [(SequenceMatcher(None, key, other).ratio(), key, other) for key in found for other in wanted]
+    likeness, key, other = max(pairs, default=(0.0, "", ""))
+    return f"; found `{key}`, did you mean `{other}`?" if likeness > 0.6 else ""
 
 
 def _wrong_word(found: object, expected: str) -> str:

@@ -274,7 +274,7 @@ class HeldEntry(Entry):
 def _kind_of_pose(data: object) -> str:
     if not isinstance(data, dict):
         return "<else>"
-    return "<held>" if "held" in data else "<mapping>"
+    return "<held>" if data.keys() & HeldEntry.model_fields.keys() else "<mapping>"
 
 
 class ObjectEntry(Entry):

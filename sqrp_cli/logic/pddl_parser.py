@@ -67,6 +67,10 @@ Scope = dict[str, str]
 """Type of each variable that may be used."""
 
 
+MAX_PROBLEMS = 100
+"""Most problems of a file that are reported at once."""
+
+
 @dataclass
 class _Reader:
     """The state of reading one domain: what has been declared so far, and the problems found so far."""
@@ -80,8 +84,9 @@ class _Reader:
     actions: dict[str, Action] = field(default_factory=dict)
 
     def report(self, code: str, message: str, node: Node, mend: str | None = None) -> None:
-        """Notes a problem after which reading can go on."""
-        self.problems.append(self.source.problem(code, message, node.offset, mend))
+        """Notes a problem after which reading can go on; no more than `MAX_PROBLEMS`."""
+        if len(self.problems) < MAX_PROBLEMS:
+            self.problems.append(self.source.problem(code, message, node.offset, mend))
 
     def failure(self, message: str, node: Node, code: str = "pddl-syntax") -> InputError:
         """The error for a problem after which the list that `node` stands in cannot be understood."""

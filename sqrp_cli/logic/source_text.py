@@ -28,9 +28,12 @@ class SourceText:
         return Place(self.place.file, (self.place.line or 1) + lines_before, column + shift)
 
     def excerpt(self, offset: int) -> str:
-        """The line of the text that holds `offset`, and a second line with a caret under that character."""
-        start = self.text.rfind("\n", 0, offset) + 1
-        line = self.text[start:].split("\n", 1)[0].rstrip()
+        """The line of the text that holds `offset`, and a second line with a caret under that character.
+
+        Of a long line, the part around it.
+        """
+        start = max(self.text.rfind("\n", 0, offset) + 1, offset - 60)
+        line = self.text[start : offset + 60].split("\n", 1)[0].rstrip()
         before = "".join("\t" if character == "\t" else " " for character in self.text[start:offset])
         return f"{line}\n{before}^"
 

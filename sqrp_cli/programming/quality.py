@@ -40,4 +40,5 @@ def interest_quality(timeline: Timeline) -> float | None:
 def _covered_length(timeline: Timeline, *, interesting_only: bool) -> float:
     covered = timeline.covered & timeline.interesting if interesting_only else timeline.covered
     within = covered[:-1] & covered[1:] & ~np.isnan(timeline.steps)
-    return float(timeline.steps[within].sum())
+    covered_length = float(timeline.steps[within].sum())
+    return min(covered_length, timeline.T_eoi if interesting_only else timeline.T)  # rounding may add a little

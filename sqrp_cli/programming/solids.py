@@ -101,8 +101,8 @@ def _load_mesh(path: Path, scale: tuple[float, float, float]) -> tuple[Any, Arra
     try:
         geometry = coal.MeshLoader(coal.BV_OBBRSS).load(str(path), np.array(scale))
     except (RuntimeError, ValueError) as error:
-        reason = str(error).strip().splitlines()[-1] if str(error).strip() else "not a mesh"
-        raise InputError(Problem("mesh-unreadable", f"this mesh cannot be read: {reason}", Place(path))) from error
+        message = "this mesh cannot be read: it is damaged, has no triangle with an area, or is no STL, OBJ or DAE file"
+        raise InputError(Problem("mesh-unreadable", message, Place(path))) from error
     count = geometry.num_tris
     if count == 0:
         raise InputError(Problem("mesh-empty", "this mesh has no triangles", Place(path)))

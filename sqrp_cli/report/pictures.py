@@ -67,14 +67,15 @@ def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
     Raises InputError where a file cannot be written or a library is missing.
     """
     sheet = []
-    for interval in blind_intervals(study):
+    for number, interval in enumerate(blind_intervals(study), 1):
         samples = Samples(study.timeline.samples.piece[[interval.row]], study.timeline.samples.t[[interval.row]])
         states = study.stage.states(samples)
         photographer = Photographer(cell, states)
         pictures = []
         for camera in range(len(cell.observer.cameras)):
             made = _picture(cell, study, interval, states, photographer, camera)
-            name = f"{interval.start:05.1f}s-{interval.end:05.1f}s_{cell.observer.cameras[camera].name}"
+            when = f"{interval.start:.1f}s-{interval.end:.1f}s"
+            name = f"{number:02d}_{when}_{cell.observer.cameras[camera].name}"
             _write(folder / f"{_file_name(name)}.png", captioned(made))
             pictures.append(made)
         if pictures:

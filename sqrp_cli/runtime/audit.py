@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import Program, Step
-from sqrp_cli.runtime.expectation import Expectation
+from sqrp_cli.runtime.expectation import Expectation, values_when_open
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.judge import Judge
 from sqrp_cli.runtime.outcome import Confusion, Disagreement, Prediction
@@ -60,7 +60,8 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
             judge = Judge(expectation, 1.0)
             check = PredictionCheck(index, expectation, list(workspace.cameras))
             checks.append(check)
-            pool.watch(Watchlist(dict(step.targets), {n: np.array(X) for n, X in step.before.objects.items()}))
+            starts = {name: np.array(X) for name, X in step.before.objects.items()}
+            pool.watch(Watchlist(dict(step.targets), starts, values_when_open(step)))
             for entry in (entry for entry in entries if entry.step == index + 1):
                 image_done()
                 if entry.t is None or not 0.0 <= entry.t <= step.time:

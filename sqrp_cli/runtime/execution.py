@@ -15,7 +15,7 @@ from sqrp_cli.logic.literal import Literal
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program import Program, ProgramResponse, Replanner, Step
 from sqrp_cli.runtime.evidence import Finding, fuse
-from sqrp_cli.runtime.expectation import Expectation, Situation, holds
+from sqrp_cli.runtime.expectation import Expectation, Situation, holds, values_when_open
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.faults import InjectedFault
 from sqrp_cli.runtime.judge import PATIENCE, Alarm, Judge, condition_value, read_formula
@@ -26,7 +26,7 @@ from sqrp_cli.runtime.playback import Playback
 from sqrp_cli.runtime.prediction_check import PredictionCheck, predicted_delay, word
 from sqrp_cli.runtime.recording import Gallery
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
-from sqrp_cli.runtime.twin import Twin
+from sqrp_cli.runtime.twin import OPEN_SHARE, Twin
 
 LOOK_AGAIN = 2.0
 """How long the robot waits for the condition of a retry to be seen [s]."""
@@ -50,7 +50,10 @@ class _Action:
 
 @dataclass(eq=False)
 class _Attempt:
-    """One attempt at a step. start: of its motion on the cell's clock [s], None before it."""
+    """One attempt at a step.
+
+    start: of its motion on the cell's clock [s], None before it. undisturbed: whether it is what the program planned.
+    """
 
     step: Step
     expectation: Expectation
@@ -58,7 +61,7 @@ class _Attempt:
     check: PredictionCheck
     start: float | None = None
     actions: list[_Action] = field(default_factory=list)
-    undisturbed: bool = True
+    undisturbed: bool = False
 
 
 class Execution:
@@ -117,7 +120,7 @@ class Execution:
     # Steps and retries
 
     def _run_step(self, index: int, step: Step) -> None:
-        record = StepRecord(step.skill, step.parameters, self._now)
+        record = StepRecord(step.skill, step.parameters, step.short_task, self._now)
         self._report.steps.append(record)
         self._holding = step.before.held is not None
         tries = 0
@@ -127,6 +130,8 @@ class Execution:
                 break
             if alarm.kind == "fault":
                 self._note_detection(alarm)
+            elif alarm.kind == "violation" and self._open_fault is not None:
+                self._open_fault.detected = self._now
             response = alarm.response
             if response.action != "retry" or tries >= response.retries:
                 more = f" after {tries} retries" if tries else ""
@@ -148,9 +153,9 @@ class Execution:
         expectation = Expectation(step, self._program.joints, self._twin)
         period = max(1.0 / camera.rate for camera in self._workspace.cameras.values())
         check = PredictionCheck(index, expectation, list(self._workspace.cameras))
-        attempt = _Attempt(step, expectation, Judge(expectation, period), check)
+        attempt = _Attempt(step, expectation, Judge(expectation, period), check, undisturbed=first)
         starts = {name: np.array(rows) for name, rows in step.before.objects.items()}
-        self._pool.watch(Watchlist(dict(step.targets), starts))
+        self._pool.watch(Watchlist(dict(step.targets), starts, values_when_open(step)))
         self._starts = starts
         self._findings, self._found_at = {}, self._now
         self._latest.clear()
@@ -297,8 +302,13 @@ class Execution:
         if attempt is None:
             return {}
         truth = self._cell.truth()
-        situation = Situation(self._twin.link_poses(truth.joints), truth.X_WO, self._starts, truth.held)
-        return {atom: holds(atom, target, situation) for atom, target in attempt.step.targets.items()}
+        is_open = self._twin.closure(truth.joints) <= OPEN_SHARE
+        situation = Situation(self._twin.link_poses(truth.joints), truth.X_WO, self._starts, truth.held, is_open)
+        when_open = values_when_open(attempt.step)
+        return {
+            atom: holds(atom, target, situation, when_open=when_open[atom])
+            for atom, target in attempt.step.targets.items()
+        }
 
     def _slowest(self) -> float:
         return max(camera.latency for camera in self._workspace.cameras.values())
@@ -311,7 +321,8 @@ class Execution:
             if primitive.action == "Grasp":
                 actions.append(_Action(primitive.start, "grasp"))
             elif primitive.action == "Release":
-                actions.append(_Action(primitive.start, "release"))
+                opens = primitive.start if self._twin.fingers is not None else primitive.end
+                actions += [_Action(opens, "release"), _Action(primitive.end, "let go")]
             actions.append(_Action(primitive.start, primitive.name))
         if first:
             actions.extend(_Action(fault.t if fault.t is not None else 0.0, "fault", fault) for fault in self._faults)
@@ -324,6 +335,7 @@ class Execution:
             self._holding = True
         elif action.do == "release":
             self._cell.release()
+        elif action.do == "let go":
             self._holding = False
         elif action.do == "fault" and action.fault is not None:
             self._inject(action.fault, attempt)
@@ -423,9 +435,10 @@ class Execution:
         """The step again, from where the arm is, once the condition is seen and the objects are found."""
         self._cell.release()
         self._holding = False
+        if self._twin.fingers is not None:
+            self._playback.place(self._twin.fingers.open)
         expectation = Expectation(step, self._program.joints, self._twin)
         attempt = _Attempt(step, expectation, Judge(expectation, 1.0), PredictionCheck(0, expectation, ()))
-        attempt.undisturbed = False
         self._found_at, self._findings = self._now, {}
         self._places.clear()
         until = self._now + LOOK_AGAIN

@@ -21,26 +21,37 @@ class Situation:
     """Where everything is at one moment.
 
     X_WL: pose of each link, X_WO: of each object, starts: of each object when the step began, (4, 4) each.
-    held: the object in the tool.
+    held: the object in the tool. open: whether the fingers of a gripper are open.
     """
 
     X_WL: Mapping[str, Array]
     X_WO: Mapping[str, Array]
     starts: Mapping[str, Array]
     held: str | None
+    open: bool
 
 
-def holds(atom: str, target: ProgramTarget, situation: Situation) -> bool:
-    """Whether an atom is true: its thing is in each of its boxes.
+def holds(atom: str, target: ProgramTarget, situation: Situation, *, when_open: bool) -> bool:
+    """Whether an atom is true: its object is in each box that is for one.
 
-    In a box that moves with the robot it is if the tool holds it, in any other if its centre is inside.
+    In a box that moves with the robot it is if the tool holds it, in any other if its centre is inside. An atom that is
+    about no object is about the gripper's fingers. when_open: the value of such an atom while they are open.
     """
-    return all(_is_in(_object_of(atom, box, situation.X_WO), box, situation) for box in target.boxes)
+    things = [(_object_of(atom, box, situation.X_WO), box) for box in target.boxes]
+    if all(name is None for name, _ in things):
+        return when_open == situation.open
+    return all(_is_in(name, box, situation) for name, box in things if name is not None)
+
+
+def values_when_open(step: Step) -> dict[str, bool]:
+    """The value of each atom at the start of a step if the fingers are open then, else the opposite."""
+    return {atom: (atom in step.before.facts) == (step.before.held is None) for atom in step.targets}
 
 
 def _object_of(atom: str, box: ProgramBox, objects: Mapping[str, Array]) -> str | None:
+    """The object that a box is for: what it encloses, else, if that is nothing at all, what the atom is about."""
     inside = atom.partition("(")[2].rstrip(")").split(", ")
-    names = (*box.encloses, box.frame.removesuffix(START), *inside)
+    names = (*box.encloses, box.frame.removesuffix(START), *(() if box.encloses else inside))
     return next((name for name in names if name in objects), None)
 
 
@@ -111,6 +122,7 @@ class Expectation:
         for name in {primitive.held for primitive in step.primitives if primitive.held is not None}:
             X_WO[name] = _carried(name, step, primitive_of, X_WT, starts[name])
         held = [step.primitives[index].held for index in primitive_of.tolist()]
+        when_open = values_when_open(step)
         values = {atom: np.zeros(len(self._t), dtype=bool) for atom in step.targets}
         for i in range(len(self._t)):
             now = Situation(
@@ -118,9 +130,10 @@ class Expectation:
                 {name: X[i if len(X) > 1 else 0] for name, X in X_WO.items()},
                 starts,
                 held[i],
+                held[i] is None,
             )
             for atom, target in step.targets.items():
-                values[atom][i] = holds(atom, target, now)
+                values[atom][i] = holds(atom, target, now, when_open=when_open[atom])
         return X_WO, values
 
 

@@ -14,7 +14,7 @@ from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Sighting
 
-OVERDUE_PERIODS = 2.5
+OVERDUE_PERIODS = 1.5
 """A stream has failed if its newest image is older than its latency and this many frame periods."""
 
 Expose = Callable[[Sequence[str]], Mapping[str, Frame]]

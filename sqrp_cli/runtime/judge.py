@@ -49,6 +49,7 @@ class _Watch:
         self.operators = ground_operators(self.formula, {}, total)
         self.monitor = Monitor(self.formula, total)
         self.over = False
+        self.violated: Alarm | None = None
 
     def applies(self, t: float) -> bool:
         """Whether any operator asks about a time; what is seen at other times says nothing about those."""
@@ -82,7 +83,8 @@ class Judge:
     def observe(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         """Judge new evidence: what is known of each atom from time t on. Returns what calls for a response, if any.
 
-        A fault goes before the violation of a plain requirement, that before missing evidence.
+        A fault goes before the violation of a plain requirement, that before missing evidence. A violation waits while
+        a fault may explain it: as long as what of the fault is not seen yet is predicted to be out of sight.
         """
         alarms = [self._judge(watch, t, values) for watch in self._watches]
         found = [alarm for alarm in alarms if alarm is not None]
@@ -99,9 +101,7 @@ class Judge:
         for watch in self._watches:
             if watch.entry.fault is not None and not watch.over and self._seen_late(watch, t, values):
                 watch.over = True
-                return Alarm(
-                    "fault", watch.entry.fault, f"{watch.entry.fault}: {watch.entry.formula}", watch.entry.response
-                )
+                return _fault_alarm(watch.entry)
         for atom in self.monitored(t):
             value, expected = values.get(atom, Truth.UNKNOWN), self._expectation.holds(atom, t)
             if value == (Truth.FALSE if expected else Truth.TRUE):
@@ -134,21 +134,39 @@ class Judge:
             if not seen:
                 return None
             watch.over = True
-            return Alarm("fault", entry.fault, f"{entry.fault}: {entry.formula}", entry.response)
+            return _fault_alarm(entry)
         settled = self._settled(watch, t, values)
-        if watch.monitor.observe(t, settled).truth != Truth.FALSE:
+        if watch.violated is None and watch.monitor.observe(t, settled).truth == Truth.FALSE:
+            wrong = self._contradicted(watch, t, values)
+            what = " and ".join(f"`{literal.negated()}`" for literal in wrong) or "something else"
+            text = f"the cameras see {what} against `{entry.formula}`"
+            watch.violated = Alarm("violation", entry.formula, text, entry.response)
+        if watch.violated is None or self._may_be_fault(t, values):
             return None
         watch.over = True
-        wrong = self._contradicted(watch, t, values)
-        what = " and ".join(str(literal.negated()) for literal in wrong) or "not so"
-        return Alarm("violation", entry.formula, f"{what}, against {entry.formula}", entry.response)
+        return watch.violated
+
+    def _may_be_fault(self, t: float, values: Mapping[str, Truth]) -> bool:
+        """Whether a part of a fault is seen, and the rest is neither refuted nor predicted to be in sight."""
+        for watch in self._watches:
+            for operator in watch.operators if watch.entry.fault is not None and not watch.over else ():
+                unseen = [literal for literal in operator.literals if _value(literal, values) == Truth.UNKNOWN]
+                refuted = any(_value(literal, values) == Truth.FALSE for literal in operator.literals)
+                begun = t >= operator.start and len(unseen) < len(operator.literals)
+                if begun and not refuted and not any(self._is_predicted(literal, t) for literal in unseen):
+                    return True
+        return False
+
+    def _is_predicted(self, literal: Literal, t: float) -> bool:
+        return self._expectation.is_covered(str(literal.atom), t, self._margin)
 
     def _seen_late(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> bool:
         """Whether what a fault leaves behind is seen after its interval, and would not be if all had gone well."""
         for operator in watch.operators:
             if operator.operator == "eventually" and t >= operator.end and operator.literals:
                 seen = all(_value(literal, values) == Truth.TRUE for literal in operator.literals)
-                if seen and not all(self._nominal(literal, t, t) for literal in operator.literals):
+                around = (t - watch.entry.settle, t + watch.entry.settle)
+                if seen and any(self._nominal(literal.negated(), *around) for literal in operator.literals):
                     return True
         return False
 
@@ -190,6 +208,10 @@ class Judge:
                 text = f"{atom} should be seen by {cameras}, but has not been for {self._patience:.2g} s"
                 return Alarm("blindness", atom, text, STOP)
         return None
+
+
+def _fault_alarm(entry: ProgramFormula) -> Alarm:
+    return Alarm("fault", entry.fault or "", f"the fault `{entry.fault}` was seen: {entry.formula}", entry.response)
 
 
 def read_formula(text: str) -> Formula:

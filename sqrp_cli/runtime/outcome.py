@@ -51,10 +51,11 @@ class FaultRecord:
 
 @dataclass
 class StepRecord:
-    """A step as it was run; start and end on the run's clock [s]."""
+    """A step as it was run; start and end on the run's clock [s]. label: the skill with its objects."""
 
     skill: str
     parameters: Mapping[str, float | str]
+    label: str
     start: float
     end: float | None = None
     attempts: int = 1

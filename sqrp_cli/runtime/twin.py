@@ -13,12 +13,15 @@ from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array, box_corners, transform
 from sqrp_cli.knowledge.joint_tree import JointTree
 from sqrp_cli.knowledge.packages import resolve
-from sqrp_cli.knowledge.robot import Robot
+from sqrp_cli.knowledge.robot import Fingers, Robot
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from sqrp_cli.knowledge.urdf import UrdfModel, link_parts, read_urdf
 
 START = "@start"
 """Suffix of a frame that stays where an object was when a step began."""
+
+OPEN_SHARE = 0.25
+"""Fingers count as open while they are closed by no more than this share of their way."""
 
 _SIDES = 24
 """Corners of the polygons that stand for circles in outlines."""
@@ -41,13 +44,14 @@ class Surface:
 class Twin:
     """A robot with its tool, placed in the world.
 
-    tool_frame: the link that grasps. home: position of each joint at rest [rad or m].
+    tool_frame: the link that grasps. home: position of each joint at rest [rad or m]. fingers: of its gripper.
     """
 
     tree: JointTree
     surfaces: tuple[Surface, ...]
     tool_frame: str
     home: Mapping[str, float]
+    fingers: Fingers | None
 
     @classmethod
     def load(cls, robot: Robot) -> Twin:
@@ -58,11 +62,25 @@ class Twin:
         tree = JointTree.of(urdf, robot.X_WB, tool, *mount)
         surfaces = tuple(surface for model in (urdf, tool) if model for surface in _surfaces(model, robot))
         home = {joint.name: float(np.clip(0.0, joint.lower, joint.upper)) for joint in tree.joints}
-        return cls(tree, surfaces, robot.tool_frame, {**home, **robot.home})
+        fingers = robot.fingers.open if robot.fingers else {}
+        return cls(tree, surfaces, robot.tool_frame, {**home, **robot.home, **fingers}, robot.fingers)
 
     def link_poses(self, joints: Mapping[str, float]) -> dict[str, Array]:
         """World pose X_WL of every link, shape (4, 4), at joint positions [rad or m]; others are at rest."""
         return {link: X[0] for link, X in self.poses_over({name: np.array([q]) for name, q in joints.items()}).items()}
+
+    def with_fingers(self, joints: Mapping[str, float], fingers: Mapping[str, float]) -> dict[str, float]:
+        """Positions of the joints with others for the fingers, and for what mimics them."""
+        leading = {joint.name for joint in self.tree.joints if joint.mimic is None}
+        return {**{name: q for name, q in joints.items() if name in leading}, **fingers}
+
+    def closure(self, joints: Mapping[str, float]) -> float:
+        """How far the fingers are closed: 0 open, 1 closed; 0 without fingers."""
+        if self.fingers is None:
+            return 0.0
+        opened, closed = self.fingers.open, self.fingers.closed
+        shares = [(joints[name] - opened[name]) / (closed[name] - opened[name]) for name in opened if name in joints]
+        return float(np.mean(shares)) if shares else 0.0
 
     def poses_over(self, joints: Mapping[str, Array]) -> dict[str, Array]:
         """World poses X_WL of every link, shape (m, 4, 4), for m positions of each joint, shape (m,)."""

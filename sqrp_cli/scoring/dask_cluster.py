@@ -11,7 +11,7 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.relocation import files_to_load
 from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job
-from sqrp_cli.scoring.shipping import run_shipped
+from sqrp_cli.scoring.shipping import prepare, run_shipped
 
 CONNECT_TIMEOUT = 10.0
 """How long to wait for the scheduler [s]."""
@@ -50,6 +50,7 @@ class DaskWorkers:
             self._client.close()
             message = f"the cluster at `{cluster}` has no workers"
             raise InputError(Problem("no-cluster", message, mend=f"dask worker {cluster}"))
+        self._client.run(prepare, wait=False, on_error="ignore")  # while we read workspaces
         self.capacity = JOBS_PER_THREAD * threads
         self.portion = CANDIDATES_PER_JOB
         self._executor = self._client.get_executor(pure=False)

@@ -28,7 +28,7 @@ def run_shipped(job: Job, program: str, contents: Mapping[str, bytes]) -> tuple[
     if program != program_digest():
         message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
         raise InputError(Problem("version-mismatch", message, mend="install the same versions on every worker"))
-    _keep_memory()
+    prepare()
     files = files_to_load(job.workspace)
     places = {path: _materialized(path, digest, contents[digest]) for path, digest in files.items()}
     try:
@@ -38,8 +38,8 @@ def run_shipped(job: Job, program: str, contents: Mapping[str, bytes]) -> tuple[
 
 
 @cache
-def _keep_memory() -> None:
-    """Let this process keep the memory that arrays use, for the next ones.
+def prepare() -> None:
+    """Load the program, and let this process keep the memory that arrays use for the next ones.
 
     Dask tells its workers to return it at once (MALLOC_TRIM_THRESHOLD_), which makes a system call of every array:
     assessing a candidate then takes twice as long. Where the C library has no such setting, nothing is done.
@@ -48,6 +48,7 @@ def _keep_memory() -> None:
         library = ctypes.CDLL(None)
         library.mallopt(_M_MMAP_THRESHOLD, 64 * 1024 * 1024)
         library.mallopt(_M_TRIM_THRESHOLD, 256 * 1024 * 1024)
+    program_digest()
 
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3

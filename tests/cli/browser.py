@@ -33,8 +33,8 @@ def chromium() -> Iterator[Any]:
 class Opened:
     """A page in the browser, with everything that it complained about or asked for."""
 
-    def __init__(self, browser: Any, path: Path, **options: Any) -> None:
-        self.context = browser.new_context(viewport={"width": 1280, "height": 900}, offline=True, **options)
+    def __init__(self, browser: Any, path: Path) -> None:
+        self.context = browser.new_context(viewport={"width": 1000, "height": 700}, offline=True)
         self.page = self.context.new_page()
         self.complaints: list[str] = []
         self.requests: list[str] = []

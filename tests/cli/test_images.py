@@ -33,18 +33,18 @@ def turned(sqrp, watch, tmp_path_factory):
 
 def test_there_is_a_picture_per_blind_interval_and_camera_and_a_sheet(turned):
     folder, outcome = turned
-    assert sorted(path.name for path in folder.iterdir()) == ["000.5s-001.5s_eye.png", "contact-sheet.png"]
+    assert sorted(path.name for path in folder.iterdir()) == ["01_0.5s-1.5s_eye.png", "contact-sheet.png"]
     assert f"1 blind interval, see {folder / 'contact-sheet.png'}" in outcome.err
 
 
 def test_the_picture_has_the_cameras_size_and_lines_under_it(turned):
-    image = read(turned[0] / "000.5s-001.5s_eye.png")
+    image = read(turned[0] / "01_0.5s-1.5s_eye.png")
     assert image.shape[1] == 641
     assert 481 + 40 < image.shape[0] < 481 + 120
 
 
 def test_things_are_where_the_intrinsics_put_them(turned):
-    image = read(turned[0] / "000.5s-001.5s_eye.png").astype(int)
+    image = read(turned[0] / "01_0.5s-1.5s_eye.png").astype(int)
     # `seen` is green, at y = 0.3 m; its face is 1.95 m away: u = 320 - 400 * 0.3 / 1.95.
     red, green, blue = image[240, round(320 - 400 * 0.3 / 1.95)]
     assert green > red + 20
@@ -55,7 +55,7 @@ def test_things_are_where_the_intrinsics_put_them(turned):
 
 
 def test_the_target_that_is_not_covered_is_outlined_in_red_where_it_is(turned):
-    image = read(turned[0] / "000.5s-001.5s_eye.png")[:481]
+    image = read(turned[0] / "01_0.5s-1.5s_eye.png")[:481]
     cosine, sine = np.cos(np.radians(80)), np.sin(np.radians(80))
     corners = np.array([[x, y, z] for x in (-0.0505, -0.0515) for y in (-0.04, 0.04) for z in (-0.04, 0.04)])
     x, y = 2 + cosine * corners[:, 0] - sine * corners[:, 1], -0.3 + sine * corners[:, 0] + cosine * corners[:, 1]
@@ -64,7 +64,7 @@ def test_the_target_that_is_not_covered_is_outlined_in_red_where_it_is(turned):
 
 
 def test_the_target_that_is_covered_is_outlined_in_green(turned):
-    image = read(turned[0] / "000.5s-001.5s_eye.png")[:481]
+    image = read(turned[0] / "01_0.5s-1.5s_eye.png")[:481]
     left, right, top, bottom = outline(image, GREEN)
     reach = 0.05 * (np.cos(np.radians(80)) + np.sin(np.radians(80)))
     assert (top + bottom) / 2 == pytest.approx(240, abs=2)
@@ -77,7 +77,7 @@ def test_a_lens_bends_the_picture_as_it_bends_the_verdicts(sqrp, own_watch, tmp_
     lens = "fx: 400, distortion: {model: plumb_bob, coefficients: [-0.3, 0.1, 0, 0, 0]}}"
     (own_watch / "workspace.yaml").write_text(text.replace("fx: 400}", lens))
     assert sqrp("explain", own_watch, "watch turned", "--images", tmp_path / "bent").code == 0
-    face = read(tmp_path / "bent" / "000.5s-001.5s_eye.png").astype(int)[240, :320]
+    face = read(tmp_path / "bent" / "01_0.5s-1.5s_eye.png").astype(int)[240, :320]
     x = 0.35 / 1.95
     edge = 320 - 400 * x * (1 - 0.3 * x**2 + 0.1 * x**4)
     assert np.flatnonzero(face[:, 1] - face[:, 0] > 20).min() == pytest.approx(edge, abs=1)

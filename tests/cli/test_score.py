@@ -212,7 +212,7 @@ def test_results_on_a_dask_cluster_are_the_same_without_the_files(sqrp, own_watc
     edit(own_watch, "watch green", "watch cube")
     here = sqrp("score", own_watch, "--out", tmp_path / "here", "--json")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    options = {"dashboard_address": None, "protocol": "tcp", "local_directory": str(tmp_path)}
+    options = {"dashboard_address": ":0", "protocol": "tcp", "local_directory": str(tmp_path)}
     with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, **options) as cluster:
         there = sqrp("score", own_watch, "--cluster", cluster.scheduler_address, "--out", tmp_path / "there", "--json")
     assert (there.code, there.out, computed(there)) == (here.code, here.out, computed(here))

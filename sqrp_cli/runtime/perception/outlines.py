@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,11 +42,24 @@ class Silhouette:
 
     parts: tuple[_Pieces, ...]
 
-    def mask(self, shape: tuple[int, int], origin: tuple[int, int], nearer: float, *, behind: bool = False) -> Mask:
-        """The pixels of a crop that pieces nearer than a depth [m] cover; behind: those that are not nearer."""
+    def mask(
+        self,
+        shape: tuple[int, int],
+        origin: tuple[int, int],
+        nearer: float,
+        *,
+        behind: bool = False,
+        links: Collection[str] | None = None,
+    ) -> Mask:
+        """The pixels of a crop that pieces nearer than a depth [m] cover; behind: those that are not nearer.
+
+        links: of these only.
+        """
         last = np.array([origin[0] + shape[1], origin[1] + shape[0]])
         chosen: list[Corners] = []
         for part in self.parts:
+            if links is not None and part.link not in links:
+                continue
             if (part.low.min(axis=0) > last).any() or (part.high.max(axis=0) < origin).any():
                 continue
             near = (part.depths < nearer) != behind
@@ -61,11 +74,13 @@ class Silhouette:
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """A part: corners of its p convex pieces, (p, n, 2), the depth of each one's middle [m], and the rectangles around.
+    """A part of a link as p convex pieces.
 
-    hull: around all of them.
+    corners: of the pieces, (p, n, 2). depths: of their middles [m]. low, high: of the rectangles around them [pixels],
+    (p, 2). hull: around all of them.
     """
 
+    link: str
     corners: Corners
     depths: Array
     low: Array
@@ -73,9 +88,9 @@ class _Pieces:
     hull: Corners
 
     @classmethod
-    def of(cls, polygons: Array, depths: Array) -> _Pieces:
+    def of(cls, link: str, polygons: Array, depths: Array) -> _Pieces:
         hull = corners_of(convex_outline(polygons.reshape(-1, 2)))
-        return cls(corners_of(polygons), depths, polygons.min(axis=1), polygons.max(axis=1), hull)
+        return cls(link, corners_of(polygons), depths, polygons.min(axis=1), polygons.max(axis=1), hull)
 
 
 class View:
@@ -115,7 +130,7 @@ class View:
                 whole = surface.triangles[visible[surface.triangles].all(axis=1)]
                 polygons, depths = pixels[whole], points[whole, 2].mean(axis=1)
             if len(polygons):
-                parts.append(_Pieces.of(polygons, depths))
+                parts.append(_Pieces.of(surface.link, polygons, depths))
         return Silhouette(tuple(parts))
 
     def hides(self, thing: SceneObject, X_WO: Array, points_W: Array) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -14,6 +13,7 @@ from types import TracebackType
 from sqrp_cli.errors import SqrpError
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.sighting import CellKnowledge, Posture, Sighting, Watchlist
+from sqrp_cli.runtime.processes import without_interrupts
 
 ANSWER_WITHIN = 20.0
 """A process that takes longer than this for an image [s] counts as crashed."""
@@ -83,14 +83,17 @@ class _Worker:
         self.cameras = cameras
         self._connection, theirs = context.Pipe()
         self._process: BaseProcess = context.Process(target=_serve, args=(theirs, cell, cameras), daemon=True)
-        self._process.start()
+        with without_interrupts():
+            self._process.start()
         theirs.close()
         self._ready: dict[str, list[Sighting]] = {name: [] for name in cameras}
 
     def send(self, message: Watchlist | _Look) -> None:
         try:
+            while self._connection.poll():  # else both ends could wait for the other to read
+                self._take()
             self._connection.send(message)
-        except OSError as error:
+        except (EOFError, OSError) as error:
             raise PerceptionError(self.cameras, "has ended") from error
 
     def receive(self, camera: str) -> Sighting:
@@ -99,11 +102,14 @@ class _Worker:
             try:
                 if not self._connection.poll(ANSWER_WITHIN):
                     raise PerceptionError(self.cameras, "does not answer")
-                sighting: Sighting = self._connection.recv()
+                self._take()
             except (EOFError, OSError) as error:
                 raise PerceptionError(self.cameras, "has ended") from error
-            self._ready[sighting.camera].append(sighting)
         return waiting.pop(0)
+
+    def _take(self) -> None:
+        sighting: Sighting = self._connection.recv()
+        self._ready[sighting.camera].append(sighting)
 
     def kill(self) -> None:
         self._process.kill()
@@ -120,7 +126,6 @@ def _serve(connection: Connection, cell: CellKnowledge, cameras: Sequence[str]) 
     """Look at what comes, until the connection closes."""
     from sqrp_cli.runtime.perception.watcher import Watcher
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which ends its workers
     watchers: Mapping[str, Watcher] = {name: Watcher(cell.cameras[name], cell) for name in cameras}
     try:
         while True:

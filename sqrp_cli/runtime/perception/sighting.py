@@ -39,11 +39,13 @@ class CellKnowledge:
 class Watchlist:
     """What to look for during a step.
 
-    targets: by atom. starts: pose of each object when the step began, (4, 4).
+    targets: by atom. starts: pose of each object when the step began, (4, 4). when_open: the value of each atom while
+    the fingers of a gripper are open, for atoms that are about them.
     """
 
     targets: Mapping[str, ProgramTarget]
     starts: Mapping[str, Array]
+    when_open: Mapping[str, bool]
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,6 +25,7 @@ from sqrp_cli.runtime.perception.outlines import Outline, Silhouette, View
 from sqrp_cli.runtime.perception.sighting import BoxSight, CellKnowledge, Evidence, Posture, Sighting, Watchlist
 from sqrp_cli.runtime.perception.vision import (
     Corners,
+    FoundMarker,
     Image,
     Mask,
     blobs,
@@ -34,7 +35,7 @@ from sqrp_cli.runtime.perception.vision import (
     filled,
     find_markers,
 )
-from sqrp_cli.runtime.twin import START
+from sqrp_cli.runtime.twin import OPEN_SHARE, START
 
 NEEDED_SHARE = 0.35
 """Share of a box's outline that must be judged, of a coloured thing."""
@@ -53,8 +54,9 @@ LEAST_PIXELS = 4.0
 class _Place:
     """A box in which an object may be, with what the image shows there.
 
-    share: of the outline that was judged. filled: share of its visible part that has the object's colour. shift: of
-    the patch of colour from where it would be if the object were there [pixels]; None without a patch.
+    share: of the outline that was judged, without what parts that the box encloses hide of it. filled: share of its
+    visible part that has the object's colour. shift: of the patch of colour from where it would be if the object were
+    there [pixels]; None without a patch.
     """
 
     outline: Outline | None
@@ -80,7 +82,7 @@ class Watcher:
         """cell: what is known of it beforehand."""
         self._camera, self._cell = camera, cell
         self._projection = Projection.of(camera)
-        self._watchlist = Watchlist({}, {})
+        self._watchlist = Watchlist({}, {}, {})
         self._backdrop: Backdrop | None = None
         self._last: Image | None = None
 
@@ -141,7 +143,7 @@ class _Glance:
         for atom, box in self._boxes():
             thing = self._thing_of(atom, box)
             if self._cell.detectors[box.detector].kind == "aruco":
-                boxes[atom].append(self._marker_sight(box, thing, backdrop))
+                boxes[atom].append(self._marker_sight(atom, box, backdrop))
             elif thing is None or thing.color is None:
                 boxes[atom].append(_sight(box, _NOWHERE, Evidence.BLIND))
             else:
@@ -205,7 +207,9 @@ class _Glance:
         background |= behind & backdrop.robot_colored(self._image, crop)
         visible = silhouette & ~front
         judged = visible & (own | (background & ~colored[crop]))
-        share = float(judged.sum()) / outline.area
+        enclosed = silhouette & dilated(self._robot.mask(shape, origin, outline.depth, links=box.encloses), 1)
+        askable = max(outline.area - float(enclosed.sum()), LEAST_PIXELS**2)
+        share = float(judged.sum()) / askable
         if not visible.any():
             return _Place(outline, 0.0, 0.0, None)
         patch = dilated(silhouette, margin // 2) & ~front & own
@@ -261,33 +265,57 @@ class _Glance:
         expected = self._view.outline(X_WO, thing.size)
         return position if expected is not None and found[0].area >= NEEDED_SHARE * expected.area else None
 
-    def _marker_sight(self, box: ProgramBox, thing: SceneObject | None, backdrop: Backdrop) -> BoxSight:
+    def _marker_sight(self, atom: str, box: ProgramBox, backdrop: Backdrop) -> BoxSight:
         """What is seen of a box with a marker."""
-        X_WB = self._pose(box)
-        outline = self._view.outline(X_WB, box.size)
-        crop = None if outline is None else self._crop(outline.polygon, 2)
-        if outline is None or crop is None:
+        outline = self._view.outline(self._pose(box), box.size)
+        if outline is None:
             return _sight(box, _NOWHERE, Evidence.BLIND)
-        wanted = self._marker_of(box, thing)
-        for marker in find_markers(self._image):
-            middle = marker.corners.mean(axis=0)
-            if marker.id == wanted or wanted is None:
-                reach = 0.5 * outline.area**0.5
-                inside = float(np.hypot(*(middle - outline.center))) <= max(reach, 2.0)
-                evidence = Evidence.SEEN if inside else Evidence.ABSENT
-                if inside or wanted is not None:
-                    return BoxSight(box.name, evidence, 1.0, outline.polygon)
-        rows, columns = crop
-        shape, origin = (rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start)
-        silhouette = filled(shape, origin, [outline.corners])
-        background = silhouette & backdrop.matches(self._image, crop)
-        background &= ~dilated(self._robot.mask(shape, origin, outline.depth - 1e-3), 1)
-        share = min(1.0, float(background.sum()) / max(outline.area, 1.0))
-        evidence = Evidence.ABSENT if share >= 1.0 - EMPTY else Evidence.BLIND
+        wanted = self._marker_of(atom, box)
+        found = next((marker for marker in find_markers(self._image) if marker.id == wanted), None)
+        share = 0.0 if found is None else 1.0
+        if box.frame in self._cell.markers:
+            evidence = Evidence.BLIND if found is None else self._finger_evidence(atom, box, found)
+        elif found is not None:
+            near = np.hypot(*(found.corners.mean(axis=0) - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
+            evidence = Evidence.SEEN if near else Evidence.ABSENT
+        else:
+            share = self._background_share(outline, backdrop)
+            evidence = Evidence.ABSENT if share >= 1.0 - EMPTY else Evidence.BLIND
         return BoxSight(box.name, evidence, share, outline.polygon)
 
-    def _marker_of(self, box: ProgramBox, thing: SceneObject | None) -> int | None:
-        """The id of the marker that a box is for; None if any will do."""
+    def _finger_evidence(self, atom: str, box: ProgramBox, marker: FoundMarker) -> Evidence:
+        """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""
+        fingers = self._cell.twin.fingers
+        about_object = any(self._thing_of(atom, other) is not None for other in self._watchlist.targets[atom].boxes)
+        if about_object or fingers is None:
+            return Evidence.SEEN
+        ends = []
+        for posture in (fingers.open, fingers.closed):
+            X_WL = self._cell.twin.link_poses(self._cell.twin.with_fingers(self._posture.joints, posture))
+            outline = self._view.outline(X_WL[box.frame] @ np.array(box.pose), box.size)
+            if outline is None:
+                return Evidence.BLIND
+            ends.append(outline.center)
+        way = ends[1] - ends[0]
+        if np.hypot(*way) * OPEN_SHARE < 1.0:
+            return Evidence.BLIND  # too small in the image to tell open from closed
+        closure = float((marker.corners.mean(axis=0) - ends[0]) @ way / (way @ way))
+        return Evidence.SEEN if (closure <= OPEN_SHARE) == self._watchlist.when_open[atom] else Evidence.ABSENT
+
+    def _background_share(self, outline: Outline, backdrop: Backdrop) -> float:
+        """The share of an outline in which the background is seen and the robot is not."""
+        crop = self._crop(outline.polygon, 2)
+        if crop is None:
+            return 0.0
+        rows, columns = crop
+        shape, origin = (rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start)
+        background = filled(shape, origin, [outline.corners]) & backdrop.matches(self._image, crop)
+        background &= ~dilated(self._robot.mask(shape, origin, outline.depth), 1)
+        return min(1.0, float(background.sum()) / max(outline.area, 1.0))
+
+    def _marker_of(self, atom: str, box: ProgramBox) -> int | None:
+        """The id of the marker that a box is for."""
+        thing = self._thing_of(atom, box)
         on_links = [self._cell.markers[name].id for name in (*box.encloses, box.frame) if name in self._cell.markers]
         return next(iter(on_links), thing.marker if thing else None)
 
@@ -297,9 +325,9 @@ class _Glance:
                 yield atom, box
 
     def _thing_of(self, atom: str, box: ProgramBox) -> SceneObject | None:
-        """The object that a box is for: what it encloses, else what the atom is about."""
+        """The object that a box is for: what it encloses, else, if that is nothing at all, what the atom is about."""
         inside = atom.partition("(")[2].rstrip(")").split(", ")
-        names = (*box.encloses, box.frame.removesuffix(START), *inside)
+        names = (*box.encloses, box.frame.removesuffix(START), *(() if box.encloses else inside))
         return next((self._cell.objects[name] for name in names if name in self._cell.objects), None)
 
     def _is_at_tool(self, box: ProgramBox) -> bool:

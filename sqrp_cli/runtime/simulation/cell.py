@@ -5,16 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.runtime.frame import Frame
-from sqrp_cli.runtime.simulation.requirements import check_simulator
-
-if TYPE_CHECKING:
-    from sqrp_cli.runtime.simulation.physics import Physics
-    from sqrp_cli.runtime.simulation.render_pool import RenderPool
 
 
 class Reference(Protocol):
@@ -28,8 +23,11 @@ class Reference(Protocol):
     def joints(self) -> Sequence[str]:
         """Names of the joints, n of them."""
 
-    def state(self, t: float) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at time t [s] of the cell's clock, shape (n,) each [rad or m, s]."""
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at times t [s] of the cell's clock, (m,); shape (m, n) each.
+
+        Units: rad or m, and s.
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,22 +50,26 @@ class SimulatedCell:
     The same workspace, world, seed and calls give the same bytes again.
     """
 
-    def __init__(self, physics: Physics, draughtsmen: RenderPool) -> None:
-        self._physics, self._draughtsmen = physics, draughtsmen
-
-    @classmethod
-    def build(cls, workspace: Workspace, world: World, seed: int) -> SimulatedCell:
+    def __init__(self, workspace: Workspace, world: World, seed: int) -> None:
         """The cell at rest in a world, at t = 0; an object of unknown pose is not in it. seed: of the image noise.
 
         Raises InputError without the extra `sim` or without OpenGL (with the command that installs it), and for a mesh
         that cannot be used.
         """
-        check_simulator()
-        from sqrp_cli.runtime.simulation.physics import Physics
+        from sqrp_cli.runtime.simulation.model import build_model
+        from sqrp_cli.runtime.simulation.physics import Physics, things_of
         from sqrp_cli.runtime.simulation.render_pool import RenderPool
 
-        physics = Physics(workspace, world)
-        return cls(physics, RenderPool(physics.model, tuple(workspace.cameras.values()), seed))
+        self._workspace = workspace
+        self._model = build_model(workspace, things_of(world))
+        self._physics = Physics(workspace, world, self._model)
+        self._draughtsmen = RenderPool(self._model, tuple(workspace.cameras.values()), seed)
+
+    def reset(self, world: World) -> None:
+        """Start again at t = 0, at rest in a world with the same objects; as a new cell would, but at once."""
+        from sqrp_cli.runtime.simulation.physics import Physics
+
+        self._physics = Physics(self._workspace, world, self._model)
 
     @property
     def t(self) -> float:

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.runtime.simulation.engine import mujoco
 
 BANDWIDTH = 60.0
 """Of each joint's position loop, critically damped [rad/s]."""

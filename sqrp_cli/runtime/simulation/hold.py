@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse, pose
 from sqrp_cli.runtime.simulation.controller import Controller
+from sqrp_cli.runtime.simulation.engine import mujoco
 from sqrp_cli.runtime.simulation.model import FRICTION, TIP, TIP_RADIUS, quaternion
 
 SUCTION_REACH = 3e-3
@@ -116,6 +116,7 @@ class Fingers:
 
     def grasp(self) -> None:
         """Close with a force."""
+        self._model.geom_friction[self._pads] = FRICTION
         for push in self._pushes:
             self._controller.push(push.motor, push.force, push.speed)
 

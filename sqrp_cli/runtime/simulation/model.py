@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from functools import partial
 
-import mujoco
 import numpy as np
 
 from sqrp_cli.geometry import Array, pose
@@ -18,6 +17,7 @@ from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.runtime.colors import COLORS, Rgb
 from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation import markers
+from sqrp_cli.runtime.simulation.engine import mujoco
 
 TIME_STEP = 0.002
 """Of the physics [s]."""
@@ -83,10 +83,13 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     builder = _Builder(spec)
     robot = workspace.robot
     builder.add_robot(robot)
-    fixed = [workspace.objects[name] for name in objects if workspace.objects[name].fixed]
+    lowest = float(robot.X_WB[2, 3])
     for name, X_WO in objects.items():
-        builder.add_object(workspace.objects[name], X_WO, robot.tool_frame)
-    builder.add_floor(fixed, robot)
+        thing = workspace.objects[name]
+        builder.add_object(thing, X_WO, robot.tool_frame)
+        if thing.fixed:
+            lowest = min(lowest, X_WO[2, 3] - thing.size[2] / 2)
+    builder.add_floor(lowest - FLOOR_DEPTH)
     return spec.compile()
 
 
@@ -127,12 +130,10 @@ class _Builder:
         weld.solref[:] = _STIFF
         weld.solimp[:3] = _HARD
 
-    def add_floor(self, fixed: Iterable[SceneObject], robot: Robot) -> None:
-        """The floor, a table's height below what stands fixed."""
-        lowest = [robot.X_WB[2, 3]]
-        lowest += [thing.X_WO[2, 3] - thing.size[2] / 2 for thing in fixed if thing.X_WO is not None]
+    def add_floor(self, height: float) -> None:
+        """A floor at a height [m]."""
         floor = self._spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=(20.0, 20.0, 1.0))
-        floor.pos[2] = min(lowest) - FLOOR_DEPTH
+        floor.pos[2] = height
         floor.rgba = (*_FLOOR_COLOR, 1.0)
         floor.contype, floor.conaffinity = _FIXED, _TOUCHES[_FIXED]
 

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.runtime.simulation.controller import Controller, Payload
+from sqrp_cli.runtime.simulation.engine import mujoco
 from sqrp_cli.runtime.simulation.hold import Fingers, Hold, Suction, body_pose
 from sqrp_cli.runtime.simulation.model import TIME_STEP, build_model, quaternion
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.simulation.cell import Reference
+
+
+def things_of(world: World) -> dict[str, Array]:
+    """X_WO of every object of a world, shape (4, 4) each; what is held has a place only once the arm has."""
+    return {**({} if world.held is None else {world.held: pose()}), **world.X_WO}
 
 
 class Physics:
@@ -25,14 +31,20 @@ class Physics:
     origin from where the reference wanted it [m^2].
     """
 
-    def __init__(self, workspace: Workspace, world: World) -> None:
-        """At rest in a world. Raises InputError as `build_model`."""
+    def __init__(self, workspace: Workspace, world: World, model: mujoco.MjModel | None = None) -> None:
+        """At rest in a world. model: as `build_model` makes it, for a world with the same objects; it is not changed.
+
+        Raises InputError as `build_model`.
+        """
         robot = workspace.robot
-        self.model = build_model(workspace, world.X_WO)
+        X_WO = things_of(world)
+        self.model = build_model(workspace, X_WO) if model is None else copy(model)
         self._data = mujoco.MjData(self.model)
         self._carrier = self.model.body(robot.tool_frame).id
-        self._things = [name for name in world.X_WO if not workspace.objects[name].fixed]
-        self._objects = tuple(world.X_WO)
+        self._things = [name for name in X_WO if not workspace.objects[name].fixed]
+        self._objects = tuple(X_WO)
+        for name in self._things:
+            self._place(name, X_WO[name])
         self._rest(robot, world)
         self._controller = Controller(self.model, self._data)
         self._hold = self._tool(robot)
@@ -40,6 +52,7 @@ class Physics:
         self.steps, self.squared_error = 0, 0.0
         if world.held is not None and world.X_TO is not None:
             self._place(world.held, self.tool_pose() @ world.X_TO)
+            mujoco.mj_forward(self.model, self._data)
             if isinstance(self._hold, Suction):
                 self._hold.weld(world.held)
             else:
@@ -59,9 +72,9 @@ class Physics:
         """Step until t [s], to half a time step."""
         moved = self._controller.indices(reference.joints)
         velocity, acceleration = np.zeros(self.model.nu), np.zeros(self.model.nu)
-        for _ in range(round(t / TIME_STEP) - self.steps):
-            q, velocity[moved], acceleration[moved] = reference.state(self.t)
-            self._controller.wanted[moved] = q
+        times: Array = np.arange(self.steps, round(t / TIME_STEP), dtype=np.float64) * TIME_STEP
+        for q, qd, qdd in zip(*reference.states(times), strict=True):
+            self._controller.wanted[moved], velocity[moved], acceleration[moved] = q, qd, qdd
             mujoco.mj_step1(self.model, self._data)
             held = self._hold.held() if isinstance(self._hold, Suction) else None
             payload = None if held is None else Payload(self.model.body(held).id, self._carrier)
@@ -138,4 +151,3 @@ class Physics:
 
     def _place(self, thing: str, X_WO: Array) -> None:
         self._data.joint(thing).qpos[:] = *X_WO[:3, 3], *quaternion(X_WO)
-        mujoco.mj_forward(self.model, self._data)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from multiprocessing.shared_memory import SharedMemory
 from typing import TYPE_CHECKING
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.runtime.processes import without_interrupts
 
 if TYPE_CHECKING:
-    import mujoco
+    from sqrp_cli.runtime.simulation.engine import mujoco
 
 MOST_WORKERS = 8
 """More would cost more memory than they save time."""
@@ -48,19 +49,18 @@ class RenderPool:
         self._memory = SharedMemory(create=True, size=max(1, self._offsets[-1]))
         self._workers: list[BaseProcess] = []
         self._pipes: list[Connection] = []
+        self._end = finalize(self, _end, self._pipes, self._workers, self._memory)
         self._ready = False
         context = get_context("spawn")
-        # Ctrl-C is for the caller alone: the processes inherit that it is blocked, and end when their pipes do.
-        unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        for _ in range(min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)):
-            ours, theirs = context.Pipe()
-            arguments = (theirs, model, self._cameras, seed, self._memory.name, self._offsets)
-            worker = context.Process(target=_draw, args=arguments, daemon=True)
-            worker.start()
-            theirs.close()
-            self._workers.append(worker)
-            self._pipes.append(ours)
-        signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+        with without_interrupts():
+            for _ in range(min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)):
+                ours, theirs = context.Pipe()
+                self._pipes.append(ours)
+                arguments = (theirs, model, self._cameras, seed, self._memory.name, self._offsets)
+                worker = context.Process(target=_draw, args=arguments, daemon=True)
+                worker.start()
+                theirs.close()
+                self._workers.append(worker)
 
     def images(self, cameras: Sequence[str], positions: Array, t: float) -> list[NDArray[np.uint8]]:
         """The images of some cameras at joint positions (MuJoCo's qpos) and time t [s], in the order of their names.
@@ -89,14 +89,8 @@ class RenderPool:
         return [self._slot(self._index[name]).copy() for name in cameras]
 
     def close(self) -> None:
-        """End the processes."""
-        for pipe in self._pipes:
-            pipe.close()
-        for worker in self._workers:
-            worker.join()
-        self._pipes, self._workers = [], []
-        self._memory.close()
-        self._memory.unlink()
+        """End the processes; happens by itself at the latest when the interpreter ends."""
+        self._end()
 
     def _await_ready(self) -> None:
         if self._ready:
@@ -109,6 +103,15 @@ class RenderPool:
 
     def _slot(self, camera: int) -> NDArray[np.uint8]:
         return _slot(self._memory, self._offsets[camera], self._cameras[camera])
+
+
+def _end(pipes: list[Connection], workers: list[BaseProcess], memory: SharedMemory) -> None:
+    for pipe in pipes:
+        pipe.close()
+    for worker in workers:
+        worker.join()
+    memory.close()
+    memory.unlink()
 
 
 def _slot(memory: SharedMemory, offset: int, camera: Camera) -> NDArray[np.uint8]:

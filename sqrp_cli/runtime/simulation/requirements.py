@@ -41,7 +41,7 @@ def check_simulator() -> None:
     elif chosen in ("off", "0", "no", "false", "disable", "disabled"):
         raise no_opengl(f"MUJOCO_GL is `{chosen}`, so MuJoCo may not draw")
     elif chosen in _LIBRARIES and (absent := _missing_libraries(chosen)):
-        raise no_opengl(f"MUJOCO_GL is `{chosen}`, but {' and '.join(absent)} is not installed")
+        raise no_opengl(f"MUJOCO_GL is `{chosen}`, but {' and '.join(absent)} is not installed", chosen)
 
 
 def check_packages() -> None:
@@ -52,13 +52,14 @@ def check_packages() -> None:
         raise InputError(Problem("missing-extra", message, mend=f"pip install {' '.join(missing)}"))
 
 
-def no_opengl(reason: str) -> InputError:
-    """The error that says how to get an OpenGL that can draw."""
+def no_opengl(reason: str, backend: str = "egl") -> InputError:
+    """The error that says how to get an OpenGL that can draw; backend: the value of MUJOCO_GL to get it for."""
     message = (
         f"the simulated cameras need an OpenGL that draws without a screen: {reason} "
         f"(on Debian: {_DEBIAN['egl']} with MUJOCO_GL=egl, or {_DEBIAN['osmesa']} with MUJOCO_GL=osmesa)"
     )
-    return InputError(Problem("no-opengl", message, mend=f"apt install {_DEBIAN['egl']} && export MUJOCO_GL=egl"))
+    mend = f"apt install {_DEBIAN[backend]} && export MUJOCO_GL={backend}"
+    return InputError(Problem("no-opengl", message, mend=mend))
 
 
 def _missing_libraries(backend: str) -> list[str]:

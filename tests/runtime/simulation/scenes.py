@@ -14,6 +14,7 @@ from sqrp_cli.knowledge.camera import Camera, DistortionModel
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.scene import Box, Part, SceneObject, Shape
 from sqrp_cli.knowledge.workspace import Workspace, World
+from tests.programming.robots import robot
 
 ROOT = Path(__file__).parents[3]
 
@@ -22,6 +23,13 @@ ROOT = Path(__file__).parents[3]
 def workspace(folder: str) -> Workspace:
     """A workspace of the repository."""
     return load_workspace(ROOT / folder)
+
+
+@cache
+def empty() -> Workspace:
+    """A workspace with next to no robot, which is quickly made ready."""
+    tabletop = workspace("workspaces/tabletop")
+    return replace(tabletop, robot=robot(Path(__file__).parent / "post.urdf", "tip"), objects={}, cameras={})
 
 
 def camera(
@@ -85,8 +93,9 @@ class Rest:
         self.joints = tuple(joints)
         self._q = np.array(list(joints.values()))
 
-    def state(self, t: float) -> tuple[Array, Array, Array]:  # noqa: ARG002
-        return self._q, np.zeros_like(self._q), np.zeros_like(self._q)
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        q = np.tile(self._q, (len(t), 1))
+        return q, np.zeros_like(q), np.zeros_like(q)
 
 
 class Quintic:
@@ -98,8 +107,8 @@ class Quintic:
         self._change = np.array([end.get(name, start[name]) for name in start]) - self._start
         self._begin, self._duration = begin, duration
 
-    def state(self, t: float) -> tuple[Array, Array, Array]:
-        x = min(max((t - self._begin) / self._duration, 0.0), 1.0)
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        x = np.clip((t[:, None] - self._begin) / self._duration, 0.0, 1.0)
         s = x**3 * (10 - 15 * x + 6 * x**2)
         ds = 30 * x**2 * (1 - x) ** 2 / self._duration
         dds = 60 * x * (1 - x) * (1 - 2 * x) / self._duration**2

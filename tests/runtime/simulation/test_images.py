@@ -15,12 +15,13 @@ from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.marker import printed_side
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import SceneObject, Sphere
+from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.runtime.simulation.model import build_model
 from sqrp_cli.runtime.simulation.physics import Physics
 from sqrp_cli.runtime.simulation.render_pool import RenderPool
 from sqrp_cli.runtime.simulation.renderer import Renderer
-from tests.runtime.simulation.scenes import TABLE, camera, cell, thing, workspace, world
+from tests.runtime.simulation.scenes import TABLE, camera, cell, empty, thing, workspace, world
 
 AWAY = (2.0, 0.6, 0.5)
 """Seen from where cameras stand, there is no robot in this direction."""
@@ -36,9 +37,11 @@ LENSES = {
 
 
 @contextmanager
-def drawing(things: Sequence[SceneObject], cameras: Sequence[Camera], seed: int = 0) -> Iterator[Renderer]:
-    """A renderer of the tabletop's robot, at home, among other things."""
-    base = cell(workspace("workspaces/tabletop"), things, cameras)
+def drawing(
+    things: Sequence[SceneObject], cameras: Sequence[Camera], seed: int = 0, *, base: Workspace | None = None
+) -> Iterator[Renderer]:
+    """A renderer of some things, with the robot of a workspace at home."""
+    base = cell(base or empty(), things, cameras)
     physics = Physics(base, world(base))
     renderer = Renderer(physics.model, cameras, seed)
     renderer.move(physics.positions)
@@ -108,7 +111,7 @@ def test_a_camera_on_a_link_moves_with_it() -> None:
 def test_leaving_out_what_is_out_of_view_changes_no_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
     base = workspace("workspaces/tabletop")
     cameras = tuple(base.cameras.values())
-    with drawing(tuple(base.objects.values()), cameras) as renderer:
+    with drawing(tuple(base.objects.values()), cameras, base=base) as renderer:
         culled = [renderer.image(eye.name, 0.0) for eye in cameras]
         monkeypatch.setattr(Renderer, "_leave_out_unseen", lambda *_: None)
         renderer._model.geom_group[renderer._drawn] = 0
@@ -175,7 +178,7 @@ def test_only_things_with_a_colour_are_colourful() -> None:
     base = workspace("workspaces/tabletop")
     plain = [item for item in base.objects.values() if item.color == "grey"]
     eyes = tuple(base.cameras.values())
-    with drawing(plain, eyes) as renderer:
+    with drawing(plain, eyes, base=base) as renderer:
         for eye in eyes:
             hue_free = cv2.cvtColor(cv2.GaussianBlur(renderer.image(eye.name, 0.0), (5, 5), 0), cv2.COLOR_RGB2HSV)
             assert hue_free[..., 1].max() < 60

@@ -16,9 +16,10 @@ from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.runtime.meshes import load_triangles
+from sqrp_cli.runtime.simulation.cell import SimulatedCell
 from sqrp_cli.runtime.simulation.physics import Physics
 from tests.programming.robots import REAL_ARMS, ROBOTS, robot
-from tests.runtime.simulation.scenes import TABLE, Quintic, Rest, cell, thing, workspace, world
+from tests.runtime.simulation.scenes import TABLE, Quintic, Rest, camera, cell, thing, workspace, world
 
 
 def at_pose(base: Workspace, X_WT: Array) -> dict[str, float]:
@@ -129,7 +130,8 @@ def test_a_cell_may_begin_with_something_in_the_tool() -> None:
     q = at_pose(base, X_WT)
     X_TO = pose(np.diag([1.0, -1.0, -1.0]), (0.0, 0.0, 0.02))
     start = world(base, q)
-    physics = Physics(base, replace(start, held="cube", X_TO=X_TO))
+    elsewhere = {name: X for name, X in start.X_WO.items() if name != "cube"}
+    physics = Physics(base, replace(start, X_WO=elsewhere, held="cube", X_TO=X_TO))
     physics.advance(1.0, Rest(q))
     assert physics.held() == "cube"
     assert physics.object_poses()["cube"] == pytest.approx(X_WT @ X_TO, abs=5e-4)
@@ -145,6 +147,28 @@ def test_the_same_calls_give_the_same_bytes() -> None:
         physics.advance(0.8, Rest(q))
         ends.append(physics.positions.tobytes())
     assert ends[0] == ends[1]
+
+
+def test_a_cell_that_is_reset_is_as_new() -> None:
+    base = suction_cell()
+    q = at_pose(base, above(CUBE_TOP))
+    start = world(base, q)
+    frames, positions = [], []
+    with SimulatedCell(cell(base, list(base.objects.values()), [camera()]), start, 3) as simulated:
+        for _ in range(2):
+            simulated.grasp()
+            simulated.advance(0.3, Rest(q))
+            simulated.slip()
+            simulated.advance(0.4, Rest(q))
+            frames.append(simulated.frames(["cam"])["cam"])
+            positions.append(simulated.truth().X_WO["cube"])
+            assert simulated.tracking_error() < 1e-3
+            simulated.reset(start)
+            assert simulated.t == 0.0
+            assert simulated.truth().held is None
+    assert np.array_equal(frames[0].image, frames[1].image)
+    assert frames[0].t == frames[1].t == pytest.approx(0.4)
+    assert np.array_equal(*positions)
 
 
 def gripper_cell(*things: SceneObject) -> Workspace:

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError
+from sqrp_cli.runtime.log import LogWriter
+from sqrp_cli.runtime.outcome import Event, RunReport
 from sqrp_cli.runtime.simulation import requirements
 from sqrp_cli.runtime.simulation.requirements import check_simulator
 
@@ -76,7 +78,7 @@ def test_an_opengl_that_does_not_start_is_reported_by_the_cell() -> None:
         "from sqrp_cli.errors import InputError\n"
         "if __name__ == '__main__':\n"
         "    workspace = load_workspace(Path('workspaces/tabletop'))\n"
-        "    with SimulatedCell.build(workspace, workspace.initial_world, 0) as cell:\n"
+        "    with SimulatedCell(workspace, workspace.initial_world, 0) as cell:\n"
         "        try:\n"
         "            cell.frames(['cam1'])\n"
         "        except InputError as error:\n"
@@ -91,6 +93,47 @@ def test_an_opengl_that_does_not_start_is_reported_by_the_cell() -> None:
         path.unlink()
     assert done.stderr == ""
     assert "need an OpenGL that draws without a screen: it does not start" in done.stdout
+
+
+WITHOUT_EXTRA = """
+import importlib.util
+MISSING, found = ("mujoco", "cv2", "trimesh", "collada"), importlib.util.find_spec
+importlib.util.find_spec = lambda name, package=None: None if name in MISSING else found(name, package)
+import sys
+class Missing:
+    def find_spec(name, path=None, target=None):
+        if name.partition(".")[0] in MISSING:
+            raise ModuleNotFoundError(name)
+sys.meta_path.insert(0, Missing)
+"""
+
+
+INSTALL = "pip install mujoco opencv-contrib-python-headless trimesh pycollada"
+
+
+@pytest.mark.parametrize(
+    ("words", "exit_code", "said"),
+    [
+        (("check", "workspaces/tabletop"), 0, ""),
+        (("run", "program.yaml", "--sim"), 2, INSTALL),
+        (("audit", "program.yaml", "frames"), 2, INSTALL),
+        (("run", "--replay", "{log}"), 0, ""),
+    ],
+)
+def test_without_the_extra_only_what_needs_it_says_so(
+    tmp_path: Path, words: tuple[str, ...], exit_code: int, said: str
+) -> None:
+    log = tmp_path / "log"
+    LogWriter(log, Event(0.0, "run", {"workspace": "cell", "cameras": []})).close(RunReport())
+    # The program itself is not what this is about.
+    script = (
+        f"{WITHOUT_EXTRA}\nfrom sqrp_cli.cli import run\nrun.open_program = lambda path: (None, None)\n"
+        "from sqrp_cli.cli.main import main\nmain()"
+    )
+    command = [sys.executable, "-c", script, *(word.format(log=log) for word in words)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == exit_code, done.stderr
+    assert said in done.stderr
 
 
 def test_the_cell_can_be_named_without_loading_a_simulator() -> None:

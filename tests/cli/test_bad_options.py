@@ -1,0 +1,54 @@
+"""Options that make no sense: exit 2, a message that names the option and what is expected, nothing on stdout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+BAD = [
+    (["rank", "CELL", "watch seen", "--dt", "1e-9"], ["--dt", "1e-09", "at least"]),
+    (["rank", "CELL", "watch seen", "--dt", "1 deg"], ["--dt", "`1 deg`", "a time such as"]),
+    (["rank", "CELL", "watch seen", "--dt", "nan"], ["--dt", "`nan`"]),
+    (["rank", "CELL", "watch seen", "--samples", "1"], ["--samples is 1", "2 to 20,000"]),
+    (["rank", "CELL", "watch seen", "--samples", "1000000"], ["--samples is 1000000", "2 to 20,000"]),
+    (["rank", "CELL", "watch seen", "--samples", "many"], ["--samples", "integer", "rank --help"]),
+    (["rank", "CELL", "watch seen", "--tolerance", "1e-12"], ["--tolerance", "0.001 to 100"]),
+    (["rank", "CELL", "watch seen", "--tolerance", "inf"], ["--tolerance", "0.001 to 100"]),
+    (["rank", "CELL", "watch seen", "--samples", "5", "--dt", "1"], ["--samples and --dt exclude each other"]),
+    (["rank", "CELL", "watch seen", "--seed", "-1"], ["--seed", "greater than or equal to 0"]),
+    (["rank", "CELL", "watch seen", "--jobs", "0"], ["--jobs", "greater than or equal to 1"]),
+    (["rank", "CELL", "watch seen", "--by", "qeoi"], ["--by", "did you mean `q_eoi`?"]),
+    (["rank", "CELL", "watch seen", "--choose", "sen"], ["`sen`", "did you mean `seen`?"]),
+    (["rank", "CELL", "watch seen", "--calibration", "5 kg"], ["--calibration", "`5 kg`", "5 mm, 0.5 deg"]),
+    (["rank", "CELL", "watch seen", "--calibration", "1e308 m"], ["--calibration", "up to 1 m"]),
+    (["rank", "CELL", "watch seen", "--after", "TMP/none.yaml"], ["none.yaml", "file not found"]),
+    (["rank", "CELL", "watch seen", "--program", "TMP/no/such.yaml"], ["there is no folder", "mkdir -p"]),
+    (["rank", "CELL", "watch seen", "--program", "TMP"], ["this is a folder"]),
+    (["rank", "CELL", "watch seen", "--smples", "5"], ["--smples", "--samples"]),
+    (["rank", "CELL"], ["TASK", "rank --help"]),
+    (["rank", "TMP/none", "watch seen"], ["no such file or folder"]),
+    (["rank", "CELL", ""], ["skill"]),
+    (["rank", "CELL", "wacth seen"], ["`wacth`", "did you mean `watch`?"]),
+    (["rank", "CELL", "watch sen"], ["`sen`", "did you mean `seen`?"]),
+    (["explain", "CELL", "watch seen", "--choose", "sen"], ["`sen`", "did you mean `seen`?"]),
+    (["check", "CELL", "watch seen", "--after", "TMP"], ["found a folder, expected a file"]),
+    (["show", "TMP"], ["no workspace.yaml", "empty"]),
+    (["init", "CELL"], ["not empty", "nothing is ever overwritten"]),
+    (["init", "TMP/no/such"], ["there is no folder", "mkdir -p"]),
+    (["init", "TMP/new", "--urdf", "TMP/none.urdf"], ["none.urdf", "file not found"]),
+    (["init", "TMP/new", "--urdf", "package://none/arm.urdf"], ["package `none` not found", "roots tried"]),
+    (["rnak", "CELL", "watch seen"], ["rnak"]),
+]
+
+
+@pytest.mark.parametrize(("words", "says"), BAD, ids=[" ".join(words) for words, _ in BAD])
+def test_it_is_refused_and_named(words: list[str], says: list[str], sqrp: Any, watch: Path, tmp_path: Path) -> None:
+    outcome = sqrp(*(word.replace("CELL", str(watch)).replace("TMP", str(tmp_path)) for word in words))
+    assert outcome.code == 2
+    assert outcome.out == ""
+    for piece in says:
+        assert piece in outcome.err
+    assert "Traceback" not in outcome.err
+    assert list(tmp_path.iterdir()) == []

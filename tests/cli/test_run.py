@@ -1,0 +1,140 @@
+"""Whole runs in a small, fast cell: two cameras, few frames, a quick arm; `make trials` has the long ones."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+RATE = 8.0
+
+
+@dataclass(frozen=True)
+class Cell:
+    program: Path
+    folder: Path
+
+
+@pytest.fixture(scope="module")
+def cell(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    """A program for the tabletop with two of its cameras and a faster arm."""
+    folder = tmp_path_factory.mktemp("quick")
+    text = (ROOT / "workspaces" / "tabletop" / "workspace.yaml").read_text(encoding="utf-8")
+    workspace = yaml.safe_load(text.replace(" on: ", " 'on': "))  # YAML 1.1 takes a bare `on` for a truth value
+    workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": f"{RATE} Hz"} for name in ("cam3", "cam5")}
+    workspace["robot"]["limits"] = {"velocity": "120 deg/s", "acceleration": "400 deg/s^2", "jerk": "3000 deg/s^3"}
+    workspace["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
+    workspace["skills"] = [str(ROOT / "skills" / "pickup")]
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
+    program = folder / "pick.yaml"
+    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
+    return Cell(program, folder)
+
+
+@pytest.fixture(scope="module")
+def slip(sqrp: Callable[..., Any], cell: Cell) -> Any:
+    """A run with a slip in the lift, whose log and frames are kept."""
+    outputs = ("--log", cell.folder / "run.jsonl", "--frames", cell.folder / "frames")
+    return sqrp("run", cell.program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
+
+
+def test_a_slip_is_seen_retried_and_the_task_done(slip: Any) -> None:
+    assert slip.code == 0, slip.err
+    (fault,) = slip.document["faults"]
+    (step,) = slip.document["steps"]
+    assert slip.document["outcome"] == "done"
+    assert (fault["name"], step["attempts"]) == ("slip", 2)
+    assert fault["injected"] <= fault["happened"] <= fault["detected"] < fault["acted"] < fault["recovered"]
+    assert fault["recovered"] <= step["end"] + 1e-6
+
+
+def test_the_slip_is_seen_as_soon_as_predicted(slip: Any) -> None:
+    (fault,) = slip.document["faults"]
+    assert 0 < fault["delay"] <= fault["predicted_delay"] + 1 / RATE
+
+
+def test_what_was_predicted_to_be_seen_is_seen(slip: Any) -> None:
+    (step,) = slip.document["prediction"]
+    counts = [found for cameras in step.values() for found in cameras.values()]
+    right, wrong = sum(found["tp"] for found in counts), sum(found["fp"] for found in counts)
+    assert right > 40
+    assert right >= 0.97 * (right + wrong)
+    assert all(found.keys() == {"tp", "tn", "fp", "fn"} for found in counts)
+
+
+def test_a_log_shows_the_run_again_without_the_simulator(sqrp: Callable[..., Any], slip: Any, cell: Cell) -> None:
+    again = sqrp("run", "--replay", cell.folder / "run.jsonl", "--json")
+    assert again.code == 0
+    assert {**again.document, "wall": 0} == {**slip.document, "wall": 0}
+    shown = sqrp("run", "--replay", cell.folder / "run.jsonl")
+    assert "done after 1 retry" in shown.out
+    assert all(len(line) <= 80 for line in shown.out.splitlines())
+
+
+def test_recorded_frames_confirm_the_predictions(sqrp: Callable[..., Any], slip: Any, cell: Cell) -> None:
+    assert slip.code == 0
+    found = sqrp("audit", cell.program, cell.folder / "frames", "--json")
+    assert found.code == 0, found.err
+    assert found.document["precision"] >= 0.97
+    assert found.document["images"] > 40
+    assert found.document["skipped"] > 0  # those after the slip
+    assert sqrp("audit", cell.program, cell.folder / "frames", "--threshold", "1.5").code == 2
+
+
+@pytest.fixture(scope="module")
+def lost(sqrp: Callable[..., Any], cell: Cell) -> list[Any]:
+    """The same run twice in which a camera fails soon."""
+    return [
+        sqrp("run", cell.program, "--sim", "--fault", "camera-loss:cam3@0.3", "--json", "--log", cell.folder / name)
+        for name in ("first.jsonl", "second.jsonl")
+    ]
+
+
+def test_a_lost_camera_stops_the_robot_in_time(lost: list[Any]) -> None:
+    document = lost[0].document
+    assert lost[0].code == 3
+    assert document["outcome"] == "stopped"
+    assert "cam3 is lost" in document["reason"]
+    assert document["stop"]["told"] - document["faults"][0]["injected"] <= 0.5
+
+
+def test_the_same_seed_gives_the_same_log(lost: list[Any], cell: Cell) -> None:
+    assert all(run.code == 3 for run in lost)
+    first, second = ((cell.folder / name).read_bytes() for name in ("first.jsonl", "second.jsonl"))
+    assert first == second
+    lines = [json.loads(line) for line in first.splitlines()]
+    assert lines[0]["event"] == "run"
+    assert lines[-1]["event"] == "report"
+
+
+def test_there_is_no_driver_for_a_real_robot(sqrp: Callable[..., Any], cell: Cell) -> None:
+    found = sqrp("run", cell.program)
+    assert (found.code, found.out) == (2, "")
+    assert "no driver" in found.err
+    assert "--sim" in found.err
+
+
+@pytest.mark.parametrize("fault", ["slpi@a4", "slip@a9", "camera-loss:cam9@1", "latency:cam3", ""])
+def test_a_bad_fault_is_bad_input(sqrp: Callable[..., Any], cell: Cell, fault: str) -> None:
+    found = sqrp("run", cell.program, "--sim", "--fault", fault)
+    assert (found.code, found.out) == (2, "")
+    assert "to mend it" in found.err
+
+
+def test_frames_without_an_index_are_bad_input(sqrp: Callable[..., Any], cell: Cell, tmp_path: Path) -> None:
+    assert sqrp("audit", cell.program, tmp_path).code == 2
+    (tmp_path / "frames.csv").write_text("camera,file,step,t\ncam9,a.png,1,0\n", encoding="utf-8")
+    found = sqrp("audit", cell.program, tmp_path)
+    assert found.code == 2
+    assert "frames.csv:2" in found.err
+
+
+def test_what_is_no_log_is_bad_input(sqrp: Callable[..., Any], cell: Cell) -> None:
+    assert sqrp("run", "--replay", cell.program).code == 2
+    assert sqrp("run", "--replay", cell.folder / "none.jsonl").code == 2

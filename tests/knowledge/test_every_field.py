@@ -1,0 +1,172 @@
+"""Every field of the files that users write, damaged in every way: the message names file, line and key."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.knowledge import skill_file, workspace_file
+from sqrp_cli.knowledge.entries import CameraPose, Entry, Pose
+from sqrp_cli.knowledge.skill_file import SkillFile
+from sqrp_cli.knowledge.source import Document, KeyPath, dotted, read_document
+from sqrp_cli.knowledge.validation import validate
+from sqrp_cli.knowledge.workspace_file import WorkspaceFile
+
+CASES = Path(__file__).parents[1] / "cases" / "every_field"
+FILES: dict[str, type[BaseModel]] = {"workspace.yaml": WorkspaceFile, "skill.yaml": SkillFile}
+
+
+@dataclass(frozen=True)
+class FieldUse:
+    """A field of a model where a file uses it: the file, the path of its key, and whether it must be there."""
+
+    file: str
+    path: KeyPath
+    model: str
+    name: str
+    required: bool
+
+    def __str__(self) -> str:
+        return f"{self.file}:{dotted(self.path)}"
+
+
+@cache
+def document(file: str) -> Document:
+    return read_document(CASES / file)
+
+
+def uses(file: str) -> Iterator[FieldUse]:
+    """The fields of a valid file's models that are stated in it."""
+
+    def walk(value: object, data: Any, path: KeyPath) -> Iterator[FieldUse]:
+        if isinstance(value, BaseModel):
+            for name, info in type(value).model_fields.items():
+                key = info.alias or name
+                if key in data:
+                    yield FieldUse(file, (*path, key), type(value).__name__, name, info.is_required())
+                    yield from walk(getattr(value, name), data[key], (*path, key))
+        elif isinstance(value, dict):
+            for key in value:
+                yield from walk(value[key], data[key], (*path, key))
+        elif isinstance(value, list | tuple) and isinstance(data, list):
+            for index, item in enumerate(value):
+                yield from walk(item, data[index], (*path, index))
+
+    return walk(validate(document(file), FILES[file]), document(file).data, ())
+
+
+USES = [use for file in FILES for use in uses(file)]
+
+
+def test_the_files_use_the_fields_of_every_model() -> None:
+    """A new field belongs into tests/cases/every_field; one or two may wait."""
+    modules = (workspace_file, skill_file)
+    models = {thing for module in modules for thing in vars(module).values() if isinstance(thing, type)}
+    entries = {model for model in models if issubclass(model, Entry) and model is not Entry} | {Pose, CameraPose}
+    known = {(model.__name__, name) for model in entries for name in model.model_fields}
+    used = {(use.model, use.name) for use in USES}
+    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxEntry"} <= {model for model, _ in used}
+    # A camera's pose in a quaternion or as rpy is the same field as any other pose's.
+    unused = known - used - {("CameraPose", "quaternion"), ("CameraPose", "rpy")}
+    assert len(unused) <= 0.05 * len(known), unused
+
+
+def damaged(use: FieldUse, change: Callable[[dict[str, Any], str], None]) -> list[Problem]:
+    """What is said of the file after `change` of the mapping that has the field."""
+    original = document(use.file)
+    data = copy.deepcopy(original.data)
+    owner: Any = data
+    for step in use.path[:-1]:
+        owner = owner[step]
+    key = str(use.path[-1])
+    change(owner, key)
+    renamed = {(*use.path[:-1], name): original.keys[use.path] for name in owner if name not in original.keys}
+    with pytest.raises(InputError) as caught:
+        validate(replace(original, data=data, keys={**renamed, **original.keys}), FILES[use.file])
+    return list(caught.value.problems)
+
+
+def assert_named(problems: list[Problem], use: FieldUse, key: str) -> None:
+    """Some problem names the file, a line within the entry that has the field, and the key."""
+    keys = document(use.file).keys
+    owner = keys[use.path[:-1]].line if len(use.path) > 1 else 1
+    lines = [place.line for path, place in keys.items() if path[: len(use.path)] == use.path]
+    within = range(owner or 1, max(line or 1 for line in lines) + 1)
+    said = [(str(problem), problem.place.line if problem.place else None) for problem in problems]
+    assert all(problem.place is not None and problem.place.file.name == use.file for problem in problems), said
+    assert any(f"{key}" in text and (line is None or line in within) for text, line in said), (within, said)
+
+
+@pytest.mark.parametrize("use", USES, ids=str)
+def test_a_misspelt_key_is_named_with_the_right_one(use: FieldUse) -> None:
+    def misspell(owner: dict[str, Any], key: str) -> None:
+        owner[f"{key}_x"] = owner.pop(key)
+
+    problems = damaged(use, misspell)
+    key = str(use.path[-1])
+    assert_named(problems, use, f"{key}_x")
+    unknown = next((problem for problem in problems if problem.code == "unknown-key"), None)
+    if unknown is not None and len(key) > 3:
+        assert f"`{key}`" in unknown.message
+
+
+@pytest.mark.parametrize("use", USES, ids=str)
+def test_a_value_of_the_wrong_kind_is_named(use: FieldUse) -> None:
+    for wrong in ({"zzz": [1]}, [[{}]]):
+
+        def change(owner: dict[str, Any], key: str, wrong: object = wrong) -> None:
+            owner[key] = wrong
+
+        if type(document_value(use)) is not type(wrong):
+            assert_named(damaged(use, change), use, str(use.path[-1]))
+
+
+@pytest.mark.parametrize("use", [use for use in USES if use.required], ids=str)
+def test_a_key_that_is_missing_is_named(use: FieldUse) -> None:
+    def remove(owner: dict[str, Any], key: str) -> None:
+        del owner[key]
+
+    assert_named(damaged(use, remove), use, str(use.path[-1]))
+
+
+def document_value(use: FieldUse) -> object:
+    value: Any = document(use.file).data
+    for step in use.path:
+        value = value[step]
+    return value
+
+
+def is_quantity(value: object) -> bool:
+    return (isinstance(value, int | float) and not isinstance(value, bool)) or (
+        isinstance(value, str) and value[:1].isdigit()
+    )
+
+
+@pytest.mark.parametrize("use", [use for use in USES if is_quantity(document_value(use))], ids=str)
+@pytest.mark.parametrize("huge", [1e300, -1e300, 1e9])
+def test_a_number_out_of_all_bounds_is_named(use: FieldUse, huge: float) -> None:
+    def change(owner: dict[str, Any], key: str) -> None:
+        owner[key] = huge
+
+    assert_named(damaged(use, change), use, str(use.path[-1]))
+
+
+@pytest.mark.parametrize("use", [use for use in USES if isinstance(document_value(use), list)], ids=str)
+def test_a_number_out_of_all_bounds_is_named_in_a_list(use: FieldUse) -> None:
+    items = document_value(use)
+    assert isinstance(items, list)
+    if not items or not is_quantity(items[-1]):
+        return
+
+    def change(owner: dict[str, Any], key: str) -> None:
+        owner[key] = [*owner[key][:-1], 1e300]
+
+    assert_named(damaged(use, change), use, str(use.path[-1]))

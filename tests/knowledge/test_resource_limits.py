@@ -1,0 +1,177 @@
+"""Files that would take for ever or fill the memory are refused at once, and the message says what the limit is."""
+
+from __future__ import annotations
+
+import os
+import struct
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.mesh_file import check_mesh
+
+
+@pytest.fixture(autouse=True)
+def at_once() -> Iterator[None]:
+    """Refusing takes less than 5 s of processor time, and usually far less."""
+    before = time.process_time()
+    yield
+    assert time.process_time() - before < 5.0
+
+
+def refusal(folder: Path) -> Problem:
+    with pytest.raises(InputError) as caught:
+        load_workspace(folder)
+    return caught.value.problems[0]
+
+
+def prepend(path: Path, text: str) -> None:
+    path.write_text(text + path.read_text(encoding="utf-8"), encoding="utf-8")
+
+
+def bombs() -> dict[str, str]:
+    lists = "a0: &a0 [x, x, x, x, x, x, x, x, x, x]\n"
+    lists += "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]\n" for i in range(1, 10))
+    merged = "b0: &b0 {k: 1}\n" + "".join(f"b{i}: &b{i}\n  <<: *b{i - 1}\n  x{i}: *b{i - 1}\n" for i in range(1, 40))
+    return {
+        "aliases": lists,
+        "merges": merged,
+        "itself": "a: &a\n  b: *a\n",
+        "brackets": "x: " + "[" * 100_000 + "\n",
+        "braces": "x: " + "{a: " * 100_000 + "\n",
+        "dashes": "- " * 100_000 + "x\n",
+        "indents": "".join(" " * i + "a:\n" for i in range(1200)),
+        "digits": "x: " + "9" * 500_000 + "\n",
+        "values": "x: [" + "a," * 400_000 + "a]\n",
+        "bytes": "x: '" + "a" * 2_000_000 + "'\n",
+    }
+
+
+@pytest.mark.parametrize("bomb", bombs())
+def test_a_yaml_file_cannot_unfold_without_end(bomb: str, cell: Path) -> None:
+    prepend(cell / "workspace.yaml", bombs()[bomb])
+    problem = refusal(cell)
+    assert problem.code in {"too-many-values", "nesting-too-deep", "not-finite", "file-too-large"}
+    assert problem.place is not None
+    assert problem.place.file == cell / "workspace.yaml"
+    assert len(problem.message) < 300
+
+
+def test_an_xml_file_cannot_unfold_or_open_others(cell: Path) -> None:
+    entities = '<!ENTITY a "aaaaaaaaaa">' + "".join(
+        f'<!ENTITY {chr(98 + i)} "{f"&{chr(97 + i)};" * 10}">' for i in range(10)
+    )
+    text = (cell / "arm.urdf").read_text(encoding="utf-8")
+    for declaration in (entities, '<!ENTITY a SYSTEM "file:///etc/passwd">', '<!ENTITY % a SYSTEM "file:///dev/zero">'):
+        (cell / "arm.urdf").write_text(text.replace("<robot", f"<!DOCTYPE r [{declaration}]><robot", 1))
+        assert refusal(cell).code == "xml-entity"
+    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a>" * 100_000))
+    assert refusal(cell).code == "nesting-too-deep"
+
+
+def test_a_robot_of_thousands_of_joints_is_refused(cell: Path) -> None:
+    chain = "".join(
+        f'<link name="l{i}"/><joint name="k{i}" type="revolute"><limit lower="-1" upper="1"/>'
+        f'<parent link="{f"l{i - 1}" if i else "wrist"}"/><child link="l{i}"/></joint>'
+        for i in range(3000)
+    )
+    path = cell / "arm.urdf"
+    path.write_text(path.read_text(encoding="utf-8").replace("</robot>", chain + "</robot>"), encoding="utf-8")
+    problem = refusal(cell)
+    assert problem.code == "too-many-links"
+    assert "at most 2,000 links and 200 joints" in problem.message
+
+
+def test_joints_that_follow_each_other_in_a_circle_are_refused(cell: Path) -> None:
+    path = cell / "arm.urdf"
+    text = path.read_text(encoding="utf-8")
+    text = text.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 1"/><mimic joint="elbow"/>', 1)
+    path.write_text(text.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 1 0"/><mimic joint="shoulder"/>', 1))
+    assert refusal(cell).code == "wrong-mimic"
+
+
+def test_a_thousand_cameras_are_refused(cell: Path) -> None:
+    path = cell / "workspace.yaml"
+    entry = "{pose: {position: [1, 0, 1], look_at: [0, 0, 0]}, image: {width: 64, height: 48, fx: 50}, rate: 10 Hz}"
+    cameras = "".join(f"  extra{i}: {entry}\n" for i in range(1000))
+    path.write_text(path.read_text(encoding="utf-8").replace("cameras:\n", "cameras:\n" + cameras), encoding="utf-8")
+    assert "found 1,003 entries, expected at most 200" in refusal(cell).message
+
+
+def binary_stl(path: Path, stated: int, present: int) -> Path:
+    with path.open("wb") as file:
+        file.write(bytes(80) + struct.pack("<I", stated))
+        file.truncate(84 + 50 * present)
+    return path
+
+
+def test_a_mesh_of_millions_of_triangles_is_refused_from_its_header(tmp_path: Path) -> None:
+    for count, code in ((10_000_000, "file-too-large"), (3_900_000, "mesh-too-large")):
+        with pytest.raises(InputError) as caught:
+            check_mesh(binary_stl(tmp_path / "big.stl", count, count))
+        assert caught.value.problems[0].code == code
+        assert caught.value.problems[0].mend == "simplify the mesh"
+
+
+def test_meshes_as_text_are_counted_without_loading_them(tmp_path: Path) -> None:
+    (tmp_path / "big.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 2_100_000, encoding="ascii")
+    (tmp_path / "big.dae").write_text('<COLLADA><triangles material="m" count="10000000"></triangles></COLLADA>')
+    for name, count in (("big.obj", "2,100,000"), ("big.dae", "10,000,000")):
+        with pytest.raises(InputError, match=f"{count} triangles, the limit is 2,000,000"):
+            check_mesh(tmp_path / name)
+
+
+def test_a_mesh_that_is_cut_off_is_refused_and_not_taken_for_a_smaller_one(tmp_path: Path, cell: Path) -> None:
+    with pytest.raises(InputError, match="its header promises 1,000 triangles"):
+        check_mesh(binary_stl(tmp_path / "cut.stl", 1000, 700))
+    text = (cell / "cube.stl").read_text(encoding="utf-8")
+    for old, new in (("vertex", "vertx"), ("endfacet", "endfact"), ("0.5", "O.5"), ("0.5", "nan"), ("0.5", "")):
+        (tmp_path / "text.stl").write_text(text.replace(old, new, 1), encoding="utf-8")
+        with pytest.raises(InputError) as caught:
+            check_mesh(tmp_path / "text.stl")
+        assert caught.value.problems[0].code == "mesh-damaged"
+    check_mesh(cell / "cube.stl")
+
+
+@pytest.mark.parametrize("file", ["workspace.yaml", "arm.urdf", "arm.srdf", "side.yaml", "cube.stl"])
+def test_a_pipe_in_place_of_a_file_is_not_waited_for(file: str, cell: Path) -> None:
+    (cell / file).unlink()
+    os.mkfifo(cell / file)
+    assert "expected a file" in refusal(cell).message
+    (cell / file).unlink()
+    (cell / file).symlink_to(file)
+    assert "expected a file" in refusal(cell).message
+
+
+def test_groups_of_groups_without_end_are_refused(cell: Path) -> None:
+    text = (cell / "arm.srdf").read_text(encoding="utf-8")
+    chain = "".join(f'<group name="g{i}"><group name="g{i + 1}"/></group>' for i in range(3000))
+    chain += '<group name="g3000"/>'
+    (cell / "arm.srdf").write_text(text.replace("<group ", chain + "<group ", 1), encoding="utf-8")
+    assert refusal(cell).code == "nesting-too-deep"
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("(and ", "(" * 20_000 + "and "),
+        ("(not (hold ?object))", "(not " * 3000 + "(hold ?object)" + ")" * 3000),
+        ("(hand_empty))", "(hand_empty) " * 20_000 + ")"),
+        ("(:types", "(:types a - b b - a "),
+    ],
+    ids=["brackets", "negations", "declarations", "types"],
+)
+def test_pddl_without_end_is_refused(old: str, new: str, cell: Path) -> None:
+    path = cell / "pickup" / "pickup.pddl"
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    problem = refusal(cell)
+    assert problem.code.startswith("pddl-")
+    assert problem.place is not None
+    assert problem.place.file == path
+    assert problem.excerpt is None or len(problem.excerpt) < 300

@@ -1,0 +1,45 @@
+"""Several cameras on one atom."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program import ProgramTarget
+from sqrp_cli.runtime.evidence import fuse
+from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Sighting
+from tests.runtime.steps import box
+
+
+def sighting(camera: str, *evidence: Evidence, frozen: bool = False) -> Sighting:
+    boxes = tuple(BoxSight("box", found, 1.0, np.zeros((0, 2))) for found in evidence)
+    return Sighting(camera, 0.0, frozen, {"held": boxes})
+
+
+def fused(cameras: int, *sightings: Sighting) -> Truth:
+    return fuse("held", ProgramTarget(cameras=cameras, boxes=(box(),), seen={}), sightings).truth
+
+
+def test_one_camera_needs_all_boxes_to_confirm_and_one_to_refute() -> None:
+    seen, absent, blind = Evidence.SEEN, Evidence.ABSENT, Evidence.BLIND
+    assert sighting("a", seen, seen).truth("held") == Truth.TRUE
+    assert sighting("a", seen, blind).truth("held") == Truth.UNKNOWN
+    assert sighting("a", blind, absent).truth("held") == Truth.FALSE
+    assert sighting("a").truth("held") == Truth.UNKNOWN
+    assert sighting("a", seen, frozen=True).truth("held") == Truth.UNKNOWN
+
+
+@given(st.lists(st.sampled_from(list(Evidence)), max_size=6), st.integers(1, 3))
+def test_most_cameras_decide_if_they_are_as_many_as_needed(votes: list[Evidence], needed: int) -> None:
+    yes, no = votes.count(Evidence.SEEN), votes.count(Evidence.ABSENT)
+    found = fused(needed, *(sighting(str(i), vote) for i, vote in enumerate(votes)))
+    assert (found == Truth.TRUE) == (yes >= needed and yes > no)
+    assert (found == Truth.FALSE) == (no >= needed and no > yes)
+
+
+def test_cameras_that_contradict_each_other_are_a_conflict() -> None:
+    target = ProgramTarget(cameras=1, boxes=(box(),), seen={})
+    assert fuse("held", target, [sighting("a", Evidence.SEEN), sighting("b", Evidence.ABSENT)]).conflict
+    assert not fuse("held", target, [sighting("a", Evidence.SEEN), sighting("b", Evidence.BLIND)]).conflict

@@ -1,0 +1,70 @@
+"""Fault texts of the command line."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.runtime.faults import parse_fault
+
+STEP = SimpleNamespace(
+    primitives=[
+        SimpleNamespace(name="a3", action="Grasp", start=1.0, end=2.0),
+        SimpleNamespace(name="a4", action="StraightMove", start=2.0, end=5.0),
+    ]
+)
+CAMERAS = ("cam1", "cam2")
+
+
+def parse(text: str, seed: int = 0):
+    return parse_fault(text, STEP, CAMERAS, np.random.default_rng(seed))
+
+
+def test_a_slip_happens_at_an_offset_from_the_start_of_a_primitive() -> None:
+    assert parse("slip@a4+0.4").t == 2.4
+    assert parse("slip@a4").t == 2.0
+    assert parse("slip@3.5").t == 3.5
+
+
+def test_a_random_slip_lies_within_its_primitive_and_repeats_with_its_seed() -> None:
+    times = [parse("slip@a4:random", seed).t for seed in range(20)]
+    assert all(2.0 <= t <= 5.0 for t in times)
+    assert times == [parse("slip@a4:random", seed).t for seed in range(20)]
+    assert len(set(times)) == 20
+
+
+def test_faults_of_cameras_name_a_camera() -> None:
+    loss, frozen, late = parse("camera-loss:cam2@5.0"), parse("frozen:cam1@3"), parse("latency:cam1=0.5")
+    assert (loss.kind, loss.camera, loss.t) == ("camera-loss", "cam2", 5.0)
+    assert (frozen.kind, frozen.camera, frozen.t) == ("frozen", "cam1", 3.0)
+    assert (late.kind, late.camera, late.delay) == ("latency", "cam1", 0.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("slpi@a4", "did you mean `slip`"),
+        ("slip", "slip@a4+0.4"),
+        ("slip@a9", "no primitive `a9`"),
+        ("slip@a4+9", "lasts only 3.00 s"),
+        ("slip@a4-1", "slip@a4+0.4"),
+        ("slip@a4:often", "slip@a4+0.4"),
+        ("camera-loss:cam7@1", "no camera `cam7`"),
+        ("camera-loss:cam1", "camera-loss:cam2@5.0"),
+        ("camera-loss@cam1", "camera-loss:cam2@5.0"),
+        ("frozen:cam1@soon", "frozen:cam1@3"),
+        ("latency:cam1", "latency:cam3=0.5"),
+        ("latency:cam1=-1", "latency:cam3=0.5"),
+        ("miss-pick@2", "just `miss-pick`"),
+        ("", "there is no fault"),
+        ("nan", "there is no fault"),
+    ],
+)
+def test_a_bad_fault_is_refused_with_what_was_expected(text: str, said: str) -> None:
+    with pytest.raises(InputError, match="--fault") as caught:
+        parse(text)
+    assert said in caught.value.problems[0].message
+    assert "slip@a4+0.4" in (caught.value.problems[0].mend or "")

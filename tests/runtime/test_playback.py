@@ -1,0 +1,62 @@
+"""Stops along the path."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sqrp_cli.knowledge.robot import JointLimits
+from sqrp_cli.program import ProgramPrimitive, TrajectoryNumbers
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
+from sqrp_cli.runtime.playback import Playback
+
+VELOCITY, ACCELERATION, JERK = 0.6, 1.5, 8.0
+LIMITS = JointLimits(-7, 7, VELOCITY, ACCELERATION, JERK)
+Q0, Q1 = np.array([0.0, 0.5]), np.array([1.2, -0.4])
+
+
+def playback() -> Playback:
+    limits = MotionLimits(*(np.full(2, value) for value in (VELOCITY, ACCELERATION, JERK)))
+    move = joint_move(Q0, Q1, limits)
+    numbers = TrajectoryNumbers.model_validate(move.to_numbers())
+    primitive = ProgramPrimitive(
+        name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=numbers
+    )
+    found = Playback(("a", "b"), (LIMITS, LIMITS), Q0)
+    found.play([primitive], 1.0)
+    return found
+
+
+def test_it_stands_before_and_after_the_motion_and_moves_between() -> None:
+    reference = playback()
+    assert np.allclose(reference.state(0.5)[0], Q0)
+    assert np.allclose(reference.state(99.0)[0], Q1)
+    assert not np.allclose(reference.state(2.0)[1], 0.0)
+
+
+@pytest.mark.parametrize("at", np.linspace(1.05, 3.3, 10))
+def test_a_stop_stays_on_the_path_and_keeps_the_limits(at: float) -> None:
+    reference = playback()
+    stands = reference.stop(at)
+    t = np.arange(1.0, stands + 0.2, 0.001)
+    q, velocity, acceleration = (np.array(values) for values in zip(*map(reference.state, t), strict=True))
+    along = (q - Q0) / (Q1 - Q0)
+    assert np.allclose(along[:, 0], along[:, 1])
+    assert np.all(np.diff(along[:, 0]) >= -1e-12)
+    assert np.allclose(reference.state(stands)[1], 0.0, atol=1e-9)
+    assert np.abs(acceleration).max() <= 1.02 * ACCELERATION
+    assert np.allclose(np.gradient(q, t, axis=0)[2:-2], velocity[2:-2], atol=2e-3)
+    assert np.abs(np.diff(acceleration, axis=0)).max() / 0.001 <= 2.2 * JERK
+
+
+def test_after_a_stop_it_stands_where_the_stop_ended() -> None:
+    reference = playback()
+    stands = reference.stop(2.0)
+    q = reference.state(stands)[0]
+    reference.stand()
+    assert np.allclose(reference.state(stands + 5)[0], q)
+
+
+def test_a_stop_while_standing_takes_no_time() -> None:
+    reference = Playback(("a", "b"), (LIMITS, LIMITS), Q0)
+    assert reference.stop(3.0) == 3.0
