@@ -219,7 +219,8 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
     )
     if later:
         say(
-            f"The prediction is an upper bound: {-min(later):.2f} s too late at most, {max(0.0, max(later)):.2f} s too soon."
+            f"The prediction is an upper bound: {-min(later):.2f} s too late at most, "
+            f"{max(0.0, max(later)):.2f} s too soon."
         )
     delays = [fault.delay for fault in seen if fault.delay is not None]
     ends = [run.fault.recovered for run in runs if run.fault.recovered is not None]

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.geometry import look_at, displacement
+from sqrp_cli.geometry import displacement, look_at
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.programming.assessment import Study
 from sqrp_cli.programming.sensing.cause import Cause

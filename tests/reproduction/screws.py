@@ -21,7 +21,7 @@ EVERY_SECOND = FixedStep(1.0)
 class Screws:
     """What came out, with a sample every second.
 
-    of: the candidates, by their object. hide_red2: cameras from which the robot hides where red2 stands during the lift.
+    of: the candidates, by their object. hide_red2: cameras from which the robot hides red2 during all of the lift.
     """
 
     of: Mapping[str, Summary]
