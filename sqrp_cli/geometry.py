@@ -97,6 +97,16 @@ def matrix_to_rpy(rotation: Array) -> tuple[float, float, float]:
     return float(roll), float(pitch), float(np.arctan2(rotation[1, 0], rotation[0, 0]))
 
 
+def displacement(position: Array, rotation: Array) -> Array:
+    """The pose at a position [m] turned by a rotation vector [rad], shape (3,) each (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(rotation))
+    if angle == 0.0:
+        return pose(position=position)
+    x, y, z = rotation / angle
+    turn = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return pose(np.eye(3) + np.sin(angle) * turn + (1.0 - np.cos(angle)) * (turn @ turn), position)
+
+
 def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
     """Pose of an optical frame (x right, y down, z forward) at `eye` [m] that looks at `target` [m].
 

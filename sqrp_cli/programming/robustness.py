@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, pose
+from sqrp_cli.geometry import displacement
 from sqrp_cli.programming.assessment import Study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.quality import Qualities
@@ -66,17 +66,9 @@ def perturbed(observer: Observer, calibration: Calibration, draw: int) -> Observ
     random = np.random.default_rng([calibration.seed, draw])
     errors = random.normal(size=(len(observer.cameras), 6))
     cameras = (
-        replace(camera, X_FC=camera.X_FC @ _error(calibration.position * error[:3], calibration.rotation * error[3:]))
+        replace(
+            camera, X_FC=camera.X_FC @ displacement(calibration.position * error[:3], calibration.rotation * error[3:])
+        )
         for camera, error in zip(observer.cameras, errors, strict=True)
     )
     return Observer(tuple(cameras), observer.solids)
-
-
-def _error(position: Array, rotation: Array) -> Array:
-    """A small displacement: a position [m] and a rotation vector [rad] (Rodrigues' formula), shape (4, 4)."""
-    angle = float(np.linalg.norm(rotation))
-    if angle == 0.0:
-        return pose(position=position)
-    x, y, z = rotation / angle
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return pose(np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross), position)

@@ -1,0 +1,115 @@
+"""The paper's two experiments, each figure beside the paper's: `python -m tests.reproduction [--without-runs]`.
+
+Prints the tables and writes the same as a page with pictures to `build/reproduction`.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from tests.reproduction.findings import REAL, SIMULATED, Finding
+from tests.reproduction.page import Page
+from tests.reproduction.paper import (
+    COMPUTING_BY_SAMPLES,
+    Q_AVG_BY_SAMPLES,
+    REAL_WORLD,
+    RETRY_EARLIER,
+    SIMULATION,
+    Reported,
+)
+from tests.reproduction.runs import SLIP, Run, run_with_slip
+from tests.reproduction.screws import Screws, pick_screws, screws_cell
+from tests.reproduction.simulation import SAMPLINGS, Simulation, coverage_of_g1, simulate, tabletop
+from tests.reproduction.summary import Summary
+
+FOLDER = Path("build/reproduction")
+
+
+def main(arguments: list[str]) -> int:
+    """Exit code 0 if all findings hold."""
+    page = Page(FOLDER)
+    cell = tabletop()
+    simulated, real = simulate(cell), pick_screws(screws_cell())
+    page.heading("Simulation: six ways to pick up a green object, 10 samples per primitive")
+    _qualities(page, simulated.of, SIMULATION)
+    page.text(f"g6: {simulated.why_not_g6}. First in the ranking: {simulated.first}.")
+    page.heading("Samples per primitive: Q_avg of g1 and the time to compute it")
+    _samples(page, simulated)
+    for name in ("5", "10"):
+        page.timeline(f"Coverage of g1, {name} samples per primitive", coverage_of_g1(cell, SAMPLINGS[name]))
+    page.pictures("tabletop", "pickup green", "g1")
+    page.pictures("tabletop", "pickup green", "g5")
+    page.heading("Real world: two screws, a sample every second")
+    _qualities(page, real.of, REAL_WORLD)
+    page.pictures("screws", "pickup_two_finger screw", "red2", "--dt", "1")
+    if "--without-runs" not in arguments:
+        page.heading(f"At run time: {SLIP} for both screws")
+        _runs(page, {name: run_with_slip(name, FOLDER) for name in REAL_WORLD})
+    page.heading("Findings")
+    held = [*_findings(page, SIMULATED, simulated), *_findings(page, REAL, real)]
+    page.write()
+    print(f"\n{sum(held)} of {len(held)} findings hold. With pictures: {page.file}")
+    return 0 if all(held) else 1
+
+
+def _qualities(page: Page, found: dict[str, Summary], paper: dict[str, Reported]) -> None:
+    page.table(
+        ("object", "Q_avg [%]", "paper", "Q_eoi [%]", "paper", "time [s]", "paper"),
+        [
+            (name, *_pairs(found[name], reported)) if name in found else (name, "-", "", "-", "", "-", "")
+            for name, reported in paper.items()
+        ],
+    )
+
+
+def _pairs(found: Summary, reported: Reported) -> tuple[str, ...]:
+    columns = ((found.q_avg, reported.q_avg), (found.q_eoi, reported.q_eoi), (found.time, reported.time))
+    return tuple(f"{value:.2f}" for pair in columns for value in pair)
+
+
+def _samples(page: Page, simulated: Simulation) -> None:
+    paper = {
+        name: (Q_AVG_BY_SAMPLES.get(int(name)), COMPUTING_BY_SAMPLES.get(int(name)))
+        for name in SAMPLINGS
+        if name != "default"
+    }
+    page.table(
+        ("samples", "Q_avg [%]", "paper", "computed in [s]", "paper"),
+        [
+            (
+                name,
+                f"{one.q_avg:.2f}",
+                *_or_dash(paper.get(name, (None, None))[0], f"{one.computing:.3f}", paper.get(name, (None, None))[1]),
+            )
+            for name, one in simulated.sampled.items()
+        ],
+    )
+
+
+def _or_dash(q_avg: str | None, computing: str, reported: float | None) -> tuple[str, str, str]:
+    return q_avg or "-", computing, "-" if reported is None else f"{reported:g}"
+
+
+def _runs(page: Page, runs: dict[str, Run]) -> None:
+    page.table(
+        ("object", "slips t_f", "seen t_r", "acts t_redo", "done t_e"),
+        [(name, *(f"{t:.2f}" for t in (run.t_f, run.t_r, run.t_redo, run.t_e))) for name, run in runs.items()],
+    )
+    earlier = runs["red2"].t_e - runs["red1"].t_e
+    page.text(f"red1 finishes the retry {earlier:.1f} s earlier than red2; in the paper {RETRY_EARLIER:g} s.")
+    page.text("Prediction against detection, over all images (before the slip):")
+    page.table(
+        ("object", "literal", "camera", "predicted", "of them seen", "not predicted", "but seen"),
+        [(name, *row) for name, run in runs.items() for row in run.prediction],
+    )
+
+
+def _findings(page: Page, findings: tuple[Finding, ...], outcome: Simulation | Screws) -> list[bool]:
+    held = [finding.holds(outcome) for finding in findings]
+    page.table(("holds", "finding"), [("yes" if ok else "NO", f.text) for ok, f in zip(held, findings, strict=True)])
+    return held
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,53 @@
+"""The two screws at run time, with a slip in the lift: simulated by the command that users have."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from tests.reproduction.screws import TASK, WORKSPACE
+
+SLIP = "slip@a4+1.7"
+"""Half way up."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """When the object slipped, that was seen, the robot acted on it, and all was done [s].
+
+    prediction: per literal and camera how many images were predicted to show it, how many of them did, how many were
+    not predicted to, and how many of those did.
+    """
+
+    t_f: float
+    t_r: float
+    t_redo: float
+    t_e: float
+    prediction: tuple[tuple[str, ...], ...]
+
+
+def run_with_slip(name: str, folder: Path) -> Run:
+    """Rank, write the program, run it with a slip. Raises CalledProcessError where the run does not end well."""
+    program = folder / f"{name}.yaml"
+    program.parent.mkdir(parents=True, exist_ok=True)
+    program.unlink(missing_ok=True)
+    skill = TASK.split()[0]
+    _sqrp("rank", str(WORKSPACE), f"{skill} {name}", "--program", str(program), "--json")
+    document = json.loads(_sqrp("run", str(program), "--sim", "--fault", SLIP, "--json"))
+    (fault,) = (fault for fault in document["faults"] if fault["name"] == "slip")
+    counts = (
+        (literal, camera, str(n["tp"] + n["fn"]), str(n["tp"]), str(n["fp"] + n["tn"]), str(n["fp"]))
+        for step in document["prediction"]
+        for literal, cameras in step.items()
+        for camera, n in cameras.items()
+    )
+    times = (fault[key] for key in ("injected", "detected", "acted", "recovered"))
+    return Run(*times, prediction=tuple(row for row in counts if row[2] != "0"))
+
+
+def _sqrp(*arguments: str) -> str:
+    command = [Path(sys.executable).with_name("sqrp"), *arguments]
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
