@@ -54,6 +54,10 @@ trials: all
 damage: all
 	$(BIN)/python -m tests.damage
 
+# Both experiments of the paper, each figure beside the paper's, and a page with pictures in build/reproduction.
+reproduce: all
+	$(BIN)/python -m tests.reproduction
+
 format: all
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .

@@ -58,8 +58,9 @@ class ScoreRun:
         """Score all and compare with a baseline if there is one."""
         known = None if baseline is None else load_baseline(baseline, self.computer.sampling)
         findings = score_cells(self.cells, self.computer, progress)
-        rest = ", then interrupted" if findings.interrupted else ", the others were known"
         candidates = sum(len(task.task.candidates) for cell in self.cells for task in cell.tasks if task.task)
+        known_before = ", the others were known" if self.computer.computed < candidates else ""
+        rest = ", then interrupted" if findings.interrupted else known_before
         note(f"{self.computer.computed} of {candidates} candidates were computed{rest}")
         if findings.interrupted or known is None:
             return findings

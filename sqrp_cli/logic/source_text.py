@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 from sqrp_cli.errors import Place, Problem
 
+LONGEST = 160
+"""Characters of a line that an excerpt shows whole."""
+
 
 @dataclass(frozen=True)
 class SourceText:
@@ -32,8 +35,11 @@ class SourceText:
 
         Of a long line, the part around it.
         """
-        start = max(self.text.rfind("\n", 0, offset) + 1, offset - 60)
-        line = self.text[start : offset + 60].split("\n", 1)[0].rstrip()
+        start = self.text.rfind("\n", 0, offset) + 1
+        line = self.text[start:].split("\n", 1)[0].rstrip()
+        if len(line) > LONGEST:
+            start = max(start, offset - LONGEST // 2)
+            line = self.text[start : offset + LONGEST // 2].split("\n", 1)[0].rstrip()
         before = "".join("\t" if character == "\t" else " " for character in self.text[start:offset])
         return f"{line}\n{before}^"
 

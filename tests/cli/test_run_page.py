@@ -25,7 +25,7 @@ def opened(tmp_path_factory):
     events += [evidence(0.1 * i, "blind") for i in range(31, 41)]
     fault = FaultRecord("slip", 2.0, 2.0, 2.15, 2.5, None, predicted_delay=0.25)
     report = RunReport(
-        "stopped", "hold(g1) should be seen", 4.0, [StepRecord("pickup", {"object": "g1"}, 0.0)], [fault]
+        "stopped", "hold(g1) should be seen", 4.0, [StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0)], [fault]
     )
     report.prediction = [{"hold(g1)": {"cam1": Confusion(tp=30, fp=10)}}]
     write_run("cell", ["cam1", "cam2"], report, events, path, ["run", "pick.yaml", "--sim", "--report", str(path)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -70,7 +72,8 @@ class Page:
         """What the cameras see in the blind intervals of a candidate."""
         with tempfile.TemporaryDirectory() as folder:
             command = ["explain", f"workspaces/{cell}", task, "--choose", choice, "--images", folder, *options]
-            assert run([*command, "--json"]) == 0
+            with contextlib.redirect_stdout(io.StringIO()):
+                assert run([*command, "--json"]) == 0
             sheet = Path(folder) / "contact-sheet.png"
             if sheet.exists():
                 (self._folder / f"{cell}-{choice}.png").write_bytes(sheet.read_bytes())

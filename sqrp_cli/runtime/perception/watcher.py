@@ -55,8 +55,8 @@ class _Place:
     """A box in which an object may be, with what the image shows there.
 
     share: of the outline that was judged, without what parts that the box encloses hide of it. filled: share of its
-    visible part that has the object's colour. shift: of the patch of colour from where it would be if the object were
-    there [pixels]; None without a patch.
+    visible part that has the object's colour, without what has that colour anyway behind it. shift: of the patch of
+    colour from where it would be if the object were there [pixels]; None without a patch.
     """
 
     outline: Outline | None
@@ -206,15 +206,17 @@ class _Glance:
         behind = self._robot.mask(shape, origin, outline.depth, behind=True)
         background |= behind & backdrop.robot_colored(self._image, crop)
         visible = silhouette & ~front
-        judged = visible & (own | (background & ~colored[crop]))
+        # Where the background has the object's own colour, the image cannot tell the one from the other.
+        decided = visible & ~(background & colored[crop])
+        judged = decided & (own | background)
         enclosed = silhouette & dilated(self._robot.mask(shape, origin, outline.depth, links=box.encloses), 1)
         askable = max(outline.area - float(enclosed.sum()), LEAST_PIXELS**2)
         share = float(judged.sum()) / askable
-        if not visible.any():
+        if not decided.any():
             return _Place(outline, 0.0, 0.0, None)
         patch = dilated(silhouette, margin // 2) & ~front & own
-        shift = _mean_pixel(patch) - _mean_pixel(visible) if patch.any() else None
-        return _Place(outline, min(share, 1.0), float((visible & own).sum() / visible.sum()), shift)
+        shift = _mean_pixel(patch) - _mean_pixel(decided) if patch.any() else None
+        return _Place(outline, min(share, 1.0), float((decided & own).sum() / decided.sum()), shift)
 
     def _in_front(
         self, thing: SceneObject, X_WO: Array, outline: Outline, shape: tuple[int, int], origin: tuple[int, int]
