@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Generic, TypeVar
 
+import numpy as np
+
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.sensing.observer import Observer
+from tests.reproduction.layout_search import displaced
 from tests.reproduction.paper import REAL_WORLD, SIMULATION, Reported
 from tests.reproduction.screws import Screws
 from tests.reproduction.simulation import Simulation
 from tests.reproduction.summary import Summary
 
 Outcome = TypeVar("Outcome")
+
+DRAWS = 20
+"""How often all cameras are moved at random, to see which findings survive."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +33,13 @@ class Finding(Generic[Outcome]):
 def failing(findings: Sequence[Finding[Outcome]], outcome: Outcome) -> list[str]:
     """The findings that do not hold."""
     return [finding.text for finding in findings if not finding.holds(outcome)]
+
+
+def moved(cell: Cell, draw: int) -> Cell:
+    """The cell with every camera moved by 2 mm and turned by 0.2 degrees at random."""
+    random = np.random.default_rng(draw)
+    cameras = tuple(displaced(camera, random) for camera in cell.observer.cameras)
+    return replace(cell, observer=Observer(cameras, cell.observer.solids))
 
 
 def _as_reported(found: Summary | None, reported: Reported) -> bool:

@@ -14,23 +14,28 @@ SLIP = "slip@a4+1.7"
 """Half way up."""
 
 
+STOPPED = 3
+"""Exit code of a run that stopped on a fault."""
+
+
 @dataclass(frozen=True)
 class Run:
-    """When the object slipped, that was seen, the robot acted on it, and all was done [s].
+    """When the object slipped, that was seen, the robot acted on it, and all was done [s]; None for what never was.
 
-    prediction: per literal and camera how many images were predicted to show it, how many of them did, how many were
-    not predicted to, and how many of those did.
+    reason: why the robot stopped, if it did. prediction: per literal and camera how many images were predicted to show
+    it, how many of them did, how many were not predicted to, and how many of those did.
     """
 
-    t_f: float
-    t_r: float
-    t_redo: float
-    t_e: float
+    t_f: float | None
+    t_r: float | None
+    t_redo: float | None
+    t_e: float | None
+    reason: str | None
     prediction: tuple[tuple[str, ...], ...]
 
 
 def run_with_slip(name: str, folder: Path) -> Run:
-    """Rank, write the program, run it with a slip. Raises CalledProcessError where the run does not end well."""
+    """Rank, write the program, run it with a slip. Raises CalledProcessError where one of the commands fails."""
     program = folder / f"{name}.yaml"
     program.parent.mkdir(parents=True, exist_ok=True)
     program.unlink(missing_ok=True)
@@ -44,10 +49,13 @@ def run_with_slip(name: str, folder: Path) -> Run:
         for literal, cameras in step.items()
         for camera, n in cameras.items()
     )
-    times = (fault[key] for key in ("injected", "detected", "acted", "recovered"))
-    return Run(*times, prediction=tuple(row for row in counts if row[2] != "0"))
+    times = (fault[key] for key in ("happened", "detected", "acted", "recovered"))
+    return Run(*times, document["reason"], tuple(row for row in counts if row[2] != "0"))
 
 
 def _sqrp(*arguments: str) -> str:
     command = [Path(sys.executable).with_name("sqrp"), *arguments]
-    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+    done = subprocess.run(command, check=False, stdout=subprocess.PIPE, text=True)
+    if done.returncode not in (0, STOPPED):
+        done.check_returncode()
+    return done.stdout
