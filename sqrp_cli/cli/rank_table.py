@@ -51,7 +51,7 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
         say(_praise(feasible, by))
         if len(feasible) > 1:
             last = feasible[-1].assessment
-            say(f"Last is {last.candidate.name}: {last.verdict}")
+            say(f"Last is {last.candidate.name}: {last.verdict[0].lower()}{last.verdict[1:]}")
         say(
             plain(
                 f"* none is better in all of Q_eoi, Q_avg and time. {accuracy(session.assignment.sampling, feasible)}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class Kind:
         return "one of " + ", ".join(f"`{word}`" for word in self.words)
 
 
-YAW = Kind(units.ANGLE, least=-LARGEST, most=LARGEST)
+YAW = Kind(units.ANGLE, least=-2 * pi, most=2 * pi)  # a larger number was meant in degrees
 SIDE = Kind(words=SIDES)
 ELBOW = Kind(words=("any", "up", "down"))
 SHOULDER = Kind(words=("any", "left", "right"))

@@ -134,7 +134,7 @@ class Execution:
                 self._open_fault.detected = self._now
             response = alarm.response
             if response.action != "retry" or tries >= response.retries:
-                more = f" after {tries} retries" if tries else ""
+                more = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
                 raise Stopped(f"{alarm.text}{more}")
             self._stop_motion(alarm.text)
             tries += 1

@@ -44,7 +44,7 @@ def run_with_slip(name: str, folder: Path) -> Run:
     document = json.loads(_sqrp("run", str(program), "--sim", "--fault", SLIP, "--json"))
     (fault,) = (fault for fault in document["faults"] if fault["name"] == "slip")
     counts = (
-        (literal, camera, str(n["tp"] + n["fn"]), str(n["tp"]), str(n["fp"] + n["tn"]), str(n["fp"]))
+        (literal, camera, str(n["tp"] + n["fp"]), str(n["tp"]), str(n["tn"] + n["fn"]), str(n["fn"]))
         for step in document["prediction"]
         for literal, cameras in step.items()
         for camera, n in cameras.items()

@@ -33,7 +33,7 @@ ARMS = {
     "kinova": f"{ROBOTS}kinova_description/robots/kinova.urdf",
     "z1": f"{ROBOTS}z1_description/urdf/z1.urdf",
 }
-"""The arms of issue trackers and laboratories; UR3, UR10 and Z1 without a usable SRDF, Z1 too low for its tool."""
+"""Arms as laboratories have them; UR3, UR10 and Z1 without a usable SRDF, Z1 too low for its tool."""
 
 LINKS = {
     "own": "flange",

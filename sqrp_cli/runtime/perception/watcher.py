@@ -88,6 +88,8 @@ class Watcher:
 
     def watch(self, watchlist: Watchlist) -> None:
         """Look for these targets from now on."""
+        if watchlist.targets.keys() != self._watchlist.targets.keys():
+            self._backdrop = None  # what was background until now may be what is looked for, and has perhaps been moved
         self._watchlist = watchlist
 
     def look(self, frame: Frame, posture: Posture) -> Sighting:
