@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -24,6 +25,27 @@ def check_writable(path: Path) -> None:
     except OSError as error:
         message = f"this file cannot be written: {error.strerror or error}"
         raise InputError(Problem("cannot-write", message, Place(path))) from error
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, and those above it, where it does not exist. Raises InputError where it cannot be made."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        message = "this is a file; expected the name of a folder"
+        raise InputError(Problem("cannot-write", message, Place(path))) from error
+    except OSError as error:
+        message = f"this folder cannot be made: {error.strerror or error}"
+        raise InputError(Problem("cannot-write", message, Place(path))) from error
+
+
+def check_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
+    """Raises InputError where a file that is to be written is one that is read; None stands for no file."""
+    read = {path.resolve() for path in inputs if path is not None}
+    for path in outputs:
+        if path is not None and path.resolve() in read:
+            message = "this file is read here, so it is not overwritten"
+            raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name"))
 
 
 def write_atomically(path: Path, content: str | bytes, *, executable: bool = False) -> None:

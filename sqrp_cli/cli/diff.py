@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Seed, Tolerance, job_count, read_sampling
-from sqrp_cli.cli.score import Allow, Cluster, Out
+from sqrp_cli.cli.score import DEFAULT_ALLOWANCE, Allow, Cluster, Out
 from sqrp_cli.errors import ExitCode
 
 NAME = "diff"
@@ -17,7 +17,7 @@ NAME = "diff"
 def command(
     before: Annotated[Path, typer.Argument(metavar="A", help="A workspace as it was.")],
     after: Annotated[Path, typer.Argument(metavar="B", help="The workspace as it is now.")],
-    allow: Allow = 0.5,
+    allow: Allow = DEFAULT_ALLOWANCE,
     out: Out = None,
     cluster: Cluster = None,
     seed: Seed = 0,
@@ -36,10 +36,10 @@ def command(
     from sqrp_cli.cli.score_document import score_document
     from sqrp_cli.cli.score_table import print_difference
     from sqrp_cli.scoring.compute import Means, open_computer
-    from sqrp_cli.scoring.difference import difference, read_version
+    from sqrp_cli.scoring.difference import difference, read_versions
 
     means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), cluster, out, seed)
-    old, new = read_version(before), read_version(after)
+    old, new = read_versions(before, after)
     with open_computer(means) as computer:
         findings = difference(old, new, computer, allow, progress)
     if as_json:

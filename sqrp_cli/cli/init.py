@@ -8,13 +8,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json, Seed
-from sqrp_cli.errors import ExitCode
+from sqrp_cli.cli.options import Json
+from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
     from sqrp_cli.starter.make import Starter
 
 NAME = "init"
+
+DEFAULT_OBJECTS, DEFAULT_CAMERAS = 9, 4
+"""Of a workspace that is filled at random."""
 
 
 def command(
@@ -24,9 +27,15 @@ def command(
         typer.Option("--urdf", metavar="FILE", help="Your arm; without it, an arm that comes with the program."),
     ] = None,
     random: Annotated[bool, typer.Option("--random", help="Fill it at random, for load tests.")] = False,
-    objects: Annotated[int, typer.Option("--objects", min=1, max=1500, help="With --random: so many cubes.")] = 9,
-    cameras: Annotated[int, typer.Option("--cameras", min=1, max=200, help="With --random: so many cameras.")] = 4,
-    seed: Seed = 0,
+    objects: Annotated[
+        int | None, typer.Option("--objects", min=1, max=1500, help="With --random: so many cubes; 9 by default.")
+    ] = None,
+    cameras: Annotated[
+        int | None, typer.Option("--cameras", min=1, max=200, help="With --random: so many cameras; 4 by default.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="With --random: seed of what is drawn; 0 by default.")
+    ] = None,
     as_json: Json = False,
 ) -> ExitCode:
     """Make a new workspace with its skill.
@@ -38,7 +47,11 @@ def command(
     from sqrp_cli.starter.make import make_starter
     from sqrp_cli.starter.random_cell import Crowd
 
-    starter = make_starter(folder, urdf, Crowd(seed, objects, cameras) if random else None)
+    for option, value in (("--objects", objects), ("--cameras", cameras), ("--seed", seed)):
+        if value is not None and not random:
+            raise InputError(Problem("bad-option", f"{option} is about --random, which is missing"))
+    crowd = Crowd(seed or 0, objects or DEFAULT_OBJECTS, cameras or DEFAULT_CAMERAS) if random else None
+    starter = make_starter(folder, urdf, crowd)
     print_problems(starter.warnings)
     if as_json:
         fields = {"workspace": str(starter.folder), "tool_link": starter.tip, "objects": list(starter.cubes)}

@@ -71,6 +71,7 @@ def command(
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
     from sqrp_cli.cli.session import Session, world_before
+    from sqrp_cli.files import check_not_read
     from sqrp_cli.programming.ranking import rank
 
     criterion = _criterion(by)
@@ -81,7 +82,9 @@ def command(
 
         check_report(report)
     drawn = read_calibration(calibration, seed)
-    session = Session.begin(open_workspace(workspace), task, before, sampling, drawn, seed)
+    opened = open_workspace(workspace)
+    check_not_read([report], [program, after, *(file.path for file in opened.files.values())])
+    session = Session.begin(opened, task, before, sampling, drawn, seed)
     print_problems(session.cell.warnings)
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))
@@ -147,7 +150,9 @@ def _write_chosen(session: Session, ranking: Sequence[Ranked], choose: str, prog
     if chosen.rank is None:
         if ranking[0].rank is not None or program is not None:
             consequence = "" if program is None else f", so {program} was not written"
-            note(f"{chosen.assessment.candidate.name} is infeasible ({chosen.assessment.reasons[0]}){consequence}")
+            name, reason = chosen.assessment.candidate.name, chosen.assessment.reasons[0]
+            why = "no candidate can be done" if choose == "best" else f"{name} is infeasible ({reason})"
+            note(f"{why}{consequence}")
         return ExitCode.NONE_FEASIBLE
     if program is not None:
         step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)

@@ -12,7 +12,7 @@ from sqrp_cli.cli.options import Json, Report, Seed
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from sqrp_cli.knowledge.workspace import Workspace, World
     from sqrp_cli.program import Program, Step
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.simulated_run import Simulation
 
 NAME = "run"
+
+DEFAULT_RUNS = 20
+"""Runs of a sweep."""
 
 _FORMS = "slip@a4+0.4, slip@a4:random, miss-pick, camera-loss:cam2@5, frozen:cam1@3, latency:cam3=0.5"
 
@@ -35,7 +38,7 @@ def command(
     sweep: Annotated[
         str | None, typer.Option("--sweep", metavar="slip@PRIMITIVE", help="Many runs, with a slip at other instants.")
     ] = None,
-    n: Annotated[int, typer.Option("--n", min=1, help="Runs of a sweep.")] = 20,
+    n: Annotated[int | None, typer.Option("--n", min=1, help="Runs of a sweep; 20 by default.")] = None,
     seed: Seed = 0,
     record: Annotated[
         Path | None, typer.Option("--record", metavar="FILE.mp4", help="Film all cameras, with what is seen drawn in.")
@@ -56,6 +59,18 @@ def command(
 
     The robot stops, tries again or goes on as the skill says when a fault is seen.
     """
+    from sqrp_cli.files import check_not_read
+
+    kept = {"--record": record, "--log": log, "--frames": frames}
+    if replay is not None:
+        _refuse_with("--replay", {"--fault": fault, "--sweep": sweep, "--n": n, **kept})
+    if sweep is not None:
+        _refuse_with("--sweep", {"--fault": fault, "--report": report, **kept})
+    elif n is not None:
+        raise InputError(Problem("bad-option", "--n is about --sweep, which is missing"))
+    if record is not None and record.suffix.lower() != ".mp4":
+        message = f"--record is `{record}`; expected a name that ends in .mp4"
+        raise InputError(Problem("bad-option", message))
     if report is not None:
         from sqrp_cli.cli.report_page import check_report
 
@@ -66,8 +81,16 @@ def command(
         raise InputError(Problem("no-program", "expected a program to run", mend="sqrp run PROGRAM --sim"))
     simulation = _open(program, sim=sim, seed=seed)
     if sweep is not None:
-        return _sweep(simulation, sweep, n, as_json=as_json)
+        return _sweep(simulation, sweep, n or DEFAULT_RUNS, as_json=as_json)
+    check_not_read([record, log, report], [program, *(file.path for file in simulation.workspace.files.values())])
     return _run(simulation, fault or [], (record, log, frames), report, context.obj, as_json=as_json)
+
+
+def _refuse_with(option: str, others: Mapping[str, object]) -> None:
+    """Raises InputError where an option is given together with one that it leaves no room for."""
+    for name, value in others.items():
+        if value:
+            raise InputError(Problem("bad-option", f"{option} and {name} exclude each other; give one of them"))
 
 
 def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
@@ -165,8 +188,8 @@ def _gallery(workspace: Workspace, record: Path | None, frames: Path | None) -> 
     from sqrp_cli.runtime.recording import Film, FrameFolder, Gallery
 
     rate = max(camera.rate for camera in workspace.cameras.values())
-    film = Film(record, list(workspace.cameras), rate) if record is not None else None
-    return Gallery(FrameFolder(frames) if frames is not None else None, film)
+    folder = FrameFolder(frames) if frames is not None else None
+    return Gallery(folder, Film(record, list(workspace.cameras), rate) if record is not None else None)
 
 
 def _sweep(simulation: Simulation, text: str, count: int, *, as_json: bool) -> ExitCode:
@@ -189,8 +212,10 @@ def _sweep(simulation: Simulation, text: str, count: int, *, as_json: bool) -> E
 def _replay(path: Path, page: Path | None, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
     from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_view import LiveView
+    from sqrp_cli.files import check_not_read
     from sqrp_cli.runtime.log import read_log, report_of
 
+    check_not_read([page], [path])
     events = read_log(path)
     header = next(events)
     report = None

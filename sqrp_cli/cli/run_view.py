@@ -104,7 +104,8 @@ def print_run(workspace: str, report: RunReport) -> None:
     _print_prediction(report.prediction, report.total)
     _print_disagreements(report.disagreements)
     say()
-    conflicts = f"cameras contradicted each other {report.conflicts} times" if report.conflicts else ""
+    times = "once" if report.conflicts == 1 else f"{report.conflicts} times"
+    conflicts = f"cameras contradicted each other {times}" if report.conflicts else ""
     tracking = f"the tool was off its path by {1000 * (report.tracking or 0.0):.3f} mm rms"
     say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
 
@@ -206,6 +207,7 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
         ],
     )
     say("t_f it happened, t_r it was seen, t_e the step was done, all in s", "dim")
+    _print_stops(runs)
     predictable = [
         run.fault for run in runs if run.fault.predicted_delay is not None and run.fault.happened is not None
     ]
@@ -225,6 +227,16 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
     if delays:
         done = f"; done after {sum(ends) / len(ends):.1f} s on average" if ends else ""
         say(f"Seen after {sum(delays) / len(delays):.2f} s on average, {max(delays):.2f} s at worst{done}.")
+
+
+def _print_stops(runs: Sequence[SweepRun]) -> None:
+    """Why runs of a sweep stopped, each reason once."""
+    stopped: dict[str, list[str]] = {}
+    for run in runs:
+        if run.report.reason:
+            stopped.setdefault(run.report.reason, []).append(f"{run.x:.2f}")
+    for reason, places in stopped.items():
+        say(f"Stopped with the slip at {', '.join(places)}: {reason}.")
 
 
 def print_audit(program: Program, workspace: str, report: AuditReport, threshold: float) -> None:

@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from sqrp_cli.cli.options import Json
+from typing import Annotated
+
+import typer
+
 from sqrp_cli.errors import ExitCode
 
 NAME = "schema"
 
+JsonAnyway = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document and nothing else, as always.", show_default=False)
+]
 
-def command(as_json: Json = True) -> ExitCode:  # noqa: ARG001 - it is JSON with and without
+
+def command(as_json: JsonAnyway = True) -> ExitCode:  # noqa: ARG001 - it is JSON with and without
     """Print the JSON Schema of workspace files.
 
     Editors complete and check workspace files with it.

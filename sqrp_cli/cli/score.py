@@ -25,6 +25,9 @@ if TYPE_CHECKING:
 
 NAME = "score"
 
+DEFAULT_ALLOWANCE = 0.5
+"""What may get worse without being a regression: points of Q, percent of times."""
+
 Paths = Annotated[
     list[str],
     typer.Argument(metavar="PATH...", help="Workspaces, folders of workspaces, or patterns such as 'cells/*'."),
@@ -54,7 +57,7 @@ def command(
         Path | None,
         typer.Option("--save-baseline", metavar="FILE", help="Write the scores, to compare later ones with."),
     ] = None,
-    allow: Allow = 0.5,
+    allow: Allow = DEFAULT_ALLOWANCE,
     junit: Annotated[
         Path | None, typer.Option("--junit", metavar="FILE", help="Write a JUnit file for a CI server.")
     ] = None,
@@ -97,13 +100,16 @@ def command(
             raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
         request = SweepRequest(paths, tuple(vary), draws, patch)
         return run_sweep(request, means, as_json=as_json)
-    outputs = Outputs(junit, summary, save_baseline)
+    if draws is not None or patch is not None:
+        given = "--draws" if draws is not None else "--patch"
+        raise InputError(Problem("bad-option", f"{given} is about --vary, which is missing"))
+    outputs = Outputs(junit, summary, save_baseline, report)
     outputs.check()
     if report is not None:
         from sqrp_cli.cli.report_page import check_report
 
         check_report(report)
-    with ScoreRun.open(paths, means) as run:
+    with ScoreRun.open(paths, outputs, means) as run:
         findings = run.findings(baseline, allow)
         if not findings.interrupted:
             run.write(findings, outputs)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.cli.console import note, print_problems, progress
-from sqrp_cli.files import check_writable
+from sqrp_cli.files import check_not_read, check_writable
 from sqrp_cli.scoring.baseline import baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
 from sqrp_cli.scoring.compute import Computer, Means, open_computer
@@ -25,12 +25,17 @@ class Outputs:
     junit: Path | None
     summary: Path | None
     baseline: Path | None
+    report: Path | None = None
 
     def check(self) -> None:
         """Raises InputError before anything is computed where one of them cannot be written."""
         for path in (self.junit, self.summary, self.baseline):
             if path is not None:
                 check_writable(path)
+
+    def check_not_read(self, inputs: Iterable[Path]) -> None:
+        """Raises InputError where one of them is a file that is read."""
+        check_not_read((self.junit, self.summary, self.baseline, self.report), inputs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +47,16 @@ class ScoreRun:
 
     @classmethod
     @contextmanager
-    def open(cls, paths: Sequence[str], means: Means) -> Iterator[ScoreRun]:
-        """Read the workspaces and hire workers. Raises InputError for paths, clusters and folders of no use."""
+    def open(cls, paths: Sequence[str], outputs: Outputs, means: Means) -> Iterator[ScoreRun]:
+        """Read the workspaces and hire workers.
+
+        Raises InputError for paths, clusters and folders of no use, and where an output is a file of a workspace.
+        """
         files = find_workspaces(paths)
         with open_computer(means) as computer:
             with progress("Reading workspaces", len(files)) as advance:
                 cells = read_cells(files, advance)
+            outputs.check_not_read([*files, *(path for cell in cells for path in _files(cell))])
             for cell in cells:
                 print_problems(problem for problem in cell.problems if problem.severity == "warning")
                 if cell.workspace is not None and not cell.tasks:
@@ -80,3 +89,7 @@ class ScoreRun:
     @property
     def _lookup(self) -> CoverageLookup:
         return CoverageLookup(self.cells, self.computer)
+
+
+def _files(cell: ScoredCell) -> list[Path]:
+    return [] if cell.workspace is None else [file.path for file in cell.workspace.files.values()]

@@ -10,11 +10,11 @@ from pathlib import Path
 from sqrp_cli.cli.console import progress, say, say_raw
 from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.sweep_table import print_sweep, sweep_document
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 from sqrp_cli.files import check_writable, write_atomically
 from sqrp_cli.scoring.compute import Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces, short_names
-from sqrp_cli.scoring.sweep import Sweep, read_variants, sweep
+from sqrp_cli.scoring.sweep import Sweep, from_here, read_variants, sweep
 from sqrp_cli.scoring.variation import read_variation, variants
 
 
@@ -37,7 +37,7 @@ def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode
         raise InputError(Problem("bad-option", f"--vary is about one workspace, found {names}"))
     name = short_names(files)[files[0]]
     patch = request.patch or Path(f"{name}.patch")
-    check_writable(patch)
+    _check_patch(patch)
     with progress("Reading variants", len(values) + 1) as advance:
         document, read = read_variants(files[0], values, advance)
     with open_computer(means) as computer:
@@ -51,14 +51,27 @@ def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode
     else:
         print_sweep(found)
         say()
-        say(_conclusion(found, patch))
+        _conclude(found, patch)
     if found.best.findings.count("error"):
         return ExitCode.BAD_INPUT
     return ExitCode.OK if found.best.findings.passed else ExitCode.NONE_FEASIBLE
 
 
-def _conclusion(found: Sweep, patch: Path) -> str:
+def _check_patch(path: Path) -> None:
+    """Raises InputError for a file that cannot be written, or that is there and is no patch."""
+    check_writable(path)
+    if path.is_file():
+        with path.open("rb") as file:
+            is_patch = file.readline().startswith(b"--- ") and file.readline().startswith(b"+++ ")
+        if not is_patch:
+            message = "this file is there already and is no patch; it was left as it is"
+            raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name: --patch FILE"))
+
+
+def _conclude(found: Sweep, patch: Path) -> None:
     if not found.patch:
-        return "None is better than the workspace as it is."
+        say("None is better than the workspace as it is.")
+        return
     values = ", ".join(f"{path} = {value}" for path, value in found.best.variant.values)
-    return f"Best is {values}. To have it: patch -p0 < {shlex.quote(str(patch))}"
+    say(f"Best is {values}. To have it:")
+    say_raw(f"  patch {shlex.quote(from_here(found.document.path))} < {shlex.quote(str(patch))}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
@@ -50,7 +50,7 @@ def parse_fault(text: str, step: Step, cameras: Collection[str], rng: np.random.
 
     step: whose primitives are meant, with times from its start. rng: of random instants.
     """
-    head = re.split(r"[@:=]", text, maxsplit=1)[0]
+    head = _kind(text)
     if head not in _FORMS:
         raise _refused(text, f"there is no fault `{head}`; {expected_names(head, _FORMS)}")
     rest = text[len(head) :]
@@ -66,11 +66,11 @@ def parse_fault(text: str, step: Step, cameras: Collection[str], rng: np.random.
         case "latency":
             found = _CAMERA_BY.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
             if found is None:
-                raise _refused(text, f"expected a form such as `{_FORMS[head]}`")
+                raise _refused(text, "expected the camera and by how much it is late")
             return InjectedFault("latency", text, 0.0, _camera(text, found["camera"], cameras), float(found["delay"]))
     found = _CAMERA_AT.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
     if found is None:
-        raise _refused(text, f"expected a form such as `{_FORMS[head]}`")
+        raise _refused(text, "expected the camera and when it happens")
     kind: FaultKind = "camera-loss" if head == "camera-loss" else "frozen" if head == "frozen" else "perception-crash"
     return InjectedFault(kind, text, float(found["time"]), _camera(text, found["camera"], cameras))
 
@@ -78,7 +78,7 @@ def parse_fault(text: str, step: Step, cameras: Collection[str], rng: np.random.
 def _slip(text: str, rest: str, step: Step, rng: np.random.Generator) -> InjectedFault:
     found = _SLIP.fullmatch(rest.removeprefix("@")) if rest.startswith("@") else None
     if found is None:
-        raise _refused(text, f"expected a form such as `{_FORMS['slip']}`")
+        raise _refused(text, "expected when it slips")
     if found["time"]:
         return InjectedFault("slip", text, float(found["time"]))
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in step.primitives}
@@ -101,8 +101,10 @@ def _camera(text: str, name: str, cameras: Collection[str]) -> str:
 
 
 def _refused(text: str, message: str) -> InputError:
-    return InputError(Problem("bad-fault", f"--fault {text}: {message}", mend=f"give one of: {_list(_FORMS.values())}"))
+    form = _FORMS.get(_kind(text))
+    mend = f"write {form}" if form else f"give one of: {'; '.join(_FORMS.values())}"
+    return InputError(Problem("bad-fault", f"--fault {text}: {message}", mend=mend))
 
 
-def _list(forms: Sequence[str] | Collection[str]) -> str:
-    return "; ".join(forms)
+def _kind(text: str) -> str:
+    return re.split(r"[@:=]", text, maxsplit=1)[0]

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.source import missing_file
 from sqrp_cli.runtime.outcome import (
     Confusion,
     Disagreement,
@@ -44,6 +45,8 @@ class LogWriter:
 
 def read_log(path: Path) -> Iterator[Event]:
     """The events of a log, its header first. Raises InputError, with the line, for what is no log."""
+    if not path.is_file():
+        raise InputError(missing_file(path))
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.files import make_folder
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.sighting import Evidence, Sighting
 from sqrp_cli.runtime.perception.vision import Image, Video, drawn, resized, write_png
@@ -43,10 +44,10 @@ class FrameFolder:
     """Writes the images of a run into a folder."""
 
     def __init__(self, folder: Path) -> None:
-        """folder: is made if it does not exist. Raises InputError if it has frames already."""
+        """folder: is made if it does not exist. Raises InputError if it cannot be, or has frames already."""
         if (folder / INDEX).exists():
             raise InputError(Problem("frames-exist", "this folder has frames already", Place(folder)))
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         self._folder = folder
         self._file = (folder / INDEX).open("w", newline="", encoding="utf-8")
         self._rows = csv.writer(self._file)

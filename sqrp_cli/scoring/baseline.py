@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +15,7 @@ from sqrp_cli.files import write_atomically
 from sqrp_cli.knowledge.source import Scalar
 from sqrp_cli.programming.coverage import Coverage
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Sampling
 from sqrp_cli.scoring.cells import ScoredCell
 from sqrp_cli.scoring.outcome import coverage_numbers, read_coverage
 from sqrp_cli.scoring.score import TaskScore
@@ -130,10 +131,22 @@ def load_baseline(path: Path, sampling: Sampling) -> Baseline:
         message = "this is no baseline, or of another version"
         raise InputError(Problem("bad-baseline", message, Place(path), mend=mend)) from error
     if baseline.sampling != repr(sampling):
-        message = f"the baseline was sampled as {baseline.sampling}, but this run as {sampling!r}"
+        made, asked = (_sampling_options(text) for text in (baseline.sampling, repr(sampling)))
+        message = f"the baseline was made with {made}, but this run samples with {asked}"
         mend = "give the options --samples, --dt or --tolerance that it was made with, or make it again"
         raise InputError(Problem("other-sampling", message, Place(path), mend=mend))
     return baseline
+
+
+def _sampling_options(text: str) -> str:
+    """The option that stands for the representation of a sampling."""
+    found = re.fullmatch(r"(Adaptive|FixedCount|FixedStep)\(\w+=([\d.e+-]+)\)", text)
+    if found is None:
+        return "an unknown sampling"
+    kind, value = found[1], float(found[2])
+    if kind == "Adaptive":
+        return f"--tolerance {100 * value:g}{' (the default)' if value == DEFAULT_TOLERANCE else ''}"
+    return f"--{'samples' if kind == 'FixedCount' else 'dt'} {value:g}"
 
 
 def _with_known_coverage(baseline: Baseline) -> Baseline:

@@ -14,9 +14,6 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.scoring.baseline import TaskRecord, WayRecord
 from sqrp_cli.scoring.score import TaskScore
 
-DEFAULT_ALLOWANCE = 0.5
-"""What may get worse without being a regression: points of Q, percent of times."""
-
 SHORTEST_LOSS = 0.01
 """Shorter losses are not worth a word [s]."""
 

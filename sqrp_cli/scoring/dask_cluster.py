@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import logging
 from concurrent.futures import Future
 from pathlib import Path
@@ -39,9 +40,9 @@ class DaskWorkers:
             raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[cluster]'")) from error
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
-            where = {"scheduler_file": cluster} if Path(cluster).is_file() else {"address": cluster}
-            self._client: Any = distributed.Client(**where, timeout=CONNECT_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
+            address = _checked_address(cluster)
+            self._client: Any = distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+        except (OSError, ValueError, TypeError, LookupError) as error:
             message = f"no Dask scheduler answers at `{cluster}`: {error}"
             mend = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
             raise InputError(Problem("no-cluster", message, mend=mend)) from error
@@ -79,3 +80,19 @@ class DaskWorkers:
             key = f"sqrp-file-{digest}"
             self._contents[digest] = self._client.submit(bytes, path.read_bytes(), key=key)
         return self._contents[digest]
+
+
+def _checked_address(cluster: str) -> str:
+    """The address of a scheduler, from its file if that is what is given.
+
+    Raises ValueError, TypeError or LookupError for what is none: a client that never had an address fails as it ends.
+    """
+    from distributed.comm import parse_address, parse_host_port
+    from distributed.comm.registry import get_backend
+
+    path = Path(cluster)
+    address = str(json.loads(path.read_text(encoding="utf-8"))["address"]) if path.is_file() else cluster
+    scheme, place = parse_address(address)
+    get_backend(scheme)
+    parse_host_port(place)
+    return address

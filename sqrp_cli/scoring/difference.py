@@ -14,8 +14,17 @@ from sqrp_cli.scoring.findings import CoverageLookup, Findings, Progress, compar
 from sqrp_cli.scoring.score import TaskScore
 
 
-def read_version(path: Path) -> ScoredCell:
-    """A version of a workspace. Raises InputError where it or a task of it cannot be used."""
+def read_versions(before: Path, after: Path) -> tuple[ScoredCell, ScoredCell]:
+    """Two versions of a workspace, both under the name of the later one.
+
+    Raises InputError where one of them, or a task of it, cannot be used.
+    """
+    old, new = _read_version(before), _read_version(after)
+    name = "workspace" if new.workspace is None else new.workspace.name
+    return replace(old, name=name), replace(new, name=name)
+
+
+def _read_version(path: Path) -> ScoredCell:
     cell = read_cell(workspace_file(path), "workspace")
     problems = [problem for problem in cell.problems if problem.severity == "error"]
     problems += [problem for task in cell.tasks for problem in task.problems]

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import IO
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.files import write_atomically
+from sqrp_cli.files import make_folder, write_atomically
 
 LOCK = ".lock"
 
@@ -37,8 +37,8 @@ class Results:
         self.folder = folder
         self._lock: IO[str] | None = None
         if folder is not None:
+            make_folder(folder)
             try:
-                folder.mkdir(parents=True, exist_ok=True)
                 self._lock = _locked(folder)
             except OSError as error:
                 message = f"results cannot be kept in this folder: {error.strerror or error}"

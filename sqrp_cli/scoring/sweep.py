@@ -81,7 +81,7 @@ class Sweep:
         before, after = (
             c.decode().splitlines(keepends=True) for c in (self.document.content, self.best.variant.content)
         )
-        name = _from_here(self.document.path)
+        name = from_here(self.document.path)
         lines = difflib.unified_diff(before, after, name, name)
         return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
 
@@ -132,7 +132,7 @@ def _scored(variant: Variant, findings: Findings) -> ScoredVariant:
     return ScoredVariant(variant, findings, mean("q_eoi"), mean("q_avg"), time)
 
 
-def _from_here(path: Path) -> str:
-    """How a patch names a file: from the current folder if it is below it."""
+def from_here(path: Path) -> str:
+    """How a patch, and a command typed here, name a file: from the current folder if it is below it."""
     current = Path.cwd()
     return (path.relative_to(current) if path.is_relative_to(current) else path).as_posix()

@@ -39,6 +39,18 @@ BAD = [
     (["init", "TMP/no/such"], ["there is no folder", "mkdir -p"]),
     (["init", "TMP/new", "--urdf", "TMP/none.urdf"], ["none.urdf", "file not found"]),
     (["init", "TMP/new", "--urdf", "package://none/arm.urdf"], ["package `none` not found", "roots tried"]),
+    (["init", "TMP/new", "--objects", "5"], ["--objects is about --random"]),
+    (["init", "TMP/new", "--seed", "0"], ["--seed is about --random"]),
+    (["score", "CELL", "--draws", "5"], ["--draws is about --vary"]),
+    (["score", "CELL", "--patch", "TMP/x.patch"], ["--patch is about --vary"]),
+    (["score", "CELL", "--out", "CELL/workspace.yaml"], ["this is a file; expected the name of a folder"]),
+    (["rank", "CELL", "watch seen", "--report", "CELL/workspace.yaml"], ["so it is not overwritten"]),
+    (["run", "TMP/p.yaml", "--sim", "--sweep", "slip@a4", "--log", "TMP/l"], ["--sweep and --log exclude each other"]),
+    (["run", "TMP/p.yaml", "--sim", "--sweep", "slip@a4", "--fault", "miss-pick"], ["--sweep and --fault exclude"]),
+    (["run", "TMP/p.yaml", "--sim", "--n", "3"], ["--n is about --sweep"]),
+    (["run", "TMP/p.yaml", "--sim", "--record", "TMP/x.avi"], ["--record", "ends in .mp4"]),
+    (["run", "--replay", "TMP/l", "--n", "3"], ["--replay and --n exclude each other"]),
+    (["run", "--replay", "TMP/l"], ["file not found"]),
     (["rnak", "CELL", "watch seen"], ["rnak"]),
 ]
 

@@ -195,6 +195,13 @@ def test_choosing_an_infeasible_candidate_writes_nothing(sqrp, watch, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_where_nothing_can_be_done_no_program_is_written(sqrp, tabletop, tmp_path):
+    outcome = sqrp("rank", tabletop, "pickup g6", "--program", tmp_path / "new.yaml")
+    assert outcome.code == 1
+    assert "no candidate can be done, so" in outcome.err
+    assert not (tmp_path / "new.yaml").exists()
+
+
 def test_choosing_an_infeasible_candidate_is_exit_1_without_a_program_too(sqrp, watch):
     assert sqrp("rank", watch, "watch cube", "--choose", "stray").code == 1
 

@@ -127,6 +127,21 @@ def test_a_bad_fault_is_bad_input(sqrp: Callable[..., Any], cell: Cell, fault: s
     assert "to mend it" in found.err
 
 
+@pytest.mark.parametrize("option", ["--log", "--report"])
+def test_the_program_that_is_run_is_not_overwritten(sqrp: Callable[..., Any], cell: Cell, option: str) -> None:
+    before = cell.program.read_bytes()
+    found = sqrp("run", cell.program, "--sim", option, cell.program)
+    assert (found.code, found.out) == (2, "")
+    assert "so it is not overwritten" in found.err
+    assert cell.program.read_bytes() == before
+
+
+def test_frames_are_kept_in_a_folder_only(sqrp: Callable[..., Any], cell: Cell) -> None:
+    found = sqrp("run", cell.program, "--sim", "--frames", cell.program)
+    assert found.code == 2
+    assert "this is a file; expected the name of a folder" in found.err
+
+
 def test_frames_without_an_index_are_bad_input(sqrp: Callable[..., Any], cell: Cell, tmp_path: Path) -> None:
     assert sqrp("audit", cell.program, tmp_path).code == 2
     (tmp_path / "frames.csv").write_text("camera,file,step,t\ncam9,a.png,1,0\n", encoding="utf-8")

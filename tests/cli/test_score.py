@@ -222,10 +222,10 @@ def test_results_on_a_dask_cluster_are_the_same_without_the_files(sqrp, own_watc
 
 def test_a_folder_that_cannot_be_written_is_refused(sqrp, own_watch, tmp_path):
     (tmp_path / "file").write_text("", encoding="utf-8")
-    for out in (tmp_path / "file", tmp_path / "file" / "below"):
-        outcome = sqrp("score", own_watch, "--out", out)
+    for name, said in (("file", "expected the name of a folder"), ("file/below", "this folder cannot be made")):
+        outcome = sqrp("score", own_watch, "--out", tmp_path / name)
         assert (outcome.code, outcome.out) == (2, "")
-        assert "results cannot be kept in this folder" in outcome.err
+        assert said in outcome.err
 
 
 def test_a_full_disk_ends_with_a_message(sqrp, own_watch, tmp_path, monkeypatch):
@@ -261,6 +261,8 @@ def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
         (["nothing/*"], ["no workspace fits"]),
         (["--resume"], ["--out"]),
         (["--cluster", "tcp://127.0.0.1:1"], ["no Dask scheduler", "tcp://127.0.0.1:1"]),
+        (["--cluster", "nope"], ["no Dask scheduler", "`nope`", "missing port"]),
+        (["--cluster", "foo://host:1"], ["no Dask scheduler", "`foo://host:1`"]),
         (["--junit", "nowhere/junit.xml"], ["no folder"]),
     ],
 )
@@ -271,8 +273,36 @@ def test_what_cannot_be_used_is_refused(sqrp, own_watch, arguments, words, monke
     outcome = sqrp("score", *([own_watch] if arguments[0].startswith("--") else []), *arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.count("error:") == 1
+    assert "Exception ignored" not in outcome.err
     for word in words:
         assert word in outcome.err
+
+
+@pytest.mark.parametrize("option", ["--save-baseline", "--junit", "--summary", "--report"])
+@pytest.mark.parametrize("name", ["workspace.yaml", "watch/skill.yaml"])
+def test_a_file_that_is_read_is_not_overwritten(sqrp, own_watch, option, name):
+    before = (own_watch / name).read_bytes()
+    outcome = sqrp("score", own_watch, option, own_watch / name)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "so it is not overwritten" in outcome.err
+    assert (own_watch / name).read_bytes() == before
+
+
+def test_a_file_that_is_no_patch_is_not_overwritten(sqrp, own_watch, tmp_path):
+    notes = tmp_path / "notes.txt"
+    notes.write_text("mine", encoding="utf-8")
+    outcome = sqrp("score", own_watch, "--vary", "cameras.eye.near=1:2:2", "--patch", notes)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "no patch" in outcome.err
+    assert notes.read_text(encoding="utf-8") == "mine"
+
+
+def test_a_baseline_of_another_sampling_is_refused_in_words(sqrp, own_watch, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+    outcome = sqrp("score", own_watch, "--baseline", baseline, "--samples", "5")
+    assert outcome.code == 2
+    assert "made with --tolerance 0.1 (the default), but this run samples with --samples 5" in outcome.err
 
 
 def test_diff_says_what_differs_and_what_that_does(sqrp, watch, own_watch):
@@ -289,7 +319,7 @@ def test_diff_says_what_differs_and_what_that_does(sqrp, watch, own_watch):
     ):
         assert line in outcome.out
     document = sqrp("diff", watch, own_watch, "--json").document
-    assert [change["field"] for change in document["changes"]["workspace"]][:1] == ["cameras.eye.pose.position.1"]
+    assert [change["field"] for change in document["changes"]["watch"]][:1] == ["cameras.eye.pose.position.1"]
     assert sqrp("diff", watch, watch).code == 0
 
 
@@ -327,11 +357,12 @@ def test_a_sweep_names_the_best_variant_and_writes_it_as_a_patch(sqrp, own_watch
         "-    pose: {position: [0, 0, 1], look_at: [1, 0, 1]}",
         "+    pose: {position: [0.1, 0, 1], look_at: [1, 0, 1]}",
     ]
-    assert "Best is cameras.eye.pose.position.0 = 0.1." in sqrp(*arguments).out
-    program = shutil.which("patch")
-    if program is None:
+    shown = sqrp(*arguments).out
+    assert "Best is cameras.eye.pose.position.0 = 0.1." in shown
+    if shutil.which("patch") is None:
         pytest.skip("there is no `patch` here")
-    subprocess.run([program, "-p0", "-d", "/", "-i", str(patch)], check=True, capture_output=True)
+    (command,) = (line.strip() for line in shown.splitlines() if line.startswith("  patch "))
+    subprocess.run(["/bin/sh", "-c", command], check=True, capture_output=True)
     assert "None is better than the workspace as it is." in sqrp(*arguments).out
 
 

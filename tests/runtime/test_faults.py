@@ -66,5 +66,8 @@ def test_faults_of_cameras_name_a_camera() -> None:
 def test_a_bad_fault_is_refused_with_what_was_expected(text: str, said: str) -> None:
     with pytest.raises(InputError, match="--fault") as caught:
         parse(text)
-    assert said in caught.value.problems[0].message
-    assert "slip@a4+0.4" in (caught.value.problems[0].mend or "")
+    (problem,) = caught.value.problems
+    kind = text.split("@")[0].split(":")[0]
+    assert said in f"{problem.message}; {problem.mend}"
+    assert problem.mend is not None
+    assert kind in problem.mend or "give one of: slip@a4+0.4" in problem.mend

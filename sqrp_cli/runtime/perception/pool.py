@@ -23,7 +23,7 @@ class PerceptionError(SqrpError):
     """A process that looks at images has ended or does not answer; `cameras` are those that it looked through."""
 
     def __init__(self, cameras: Sequence[str], reason: str) -> None:
-        super().__init__(f"the process that looks at {' and '.join(cameras)} {reason}")
+        super().__init__(f"the process that looks at {', '.join(cameras)} {reason}")
         self.cameras = tuple(cameras)
 
 
