@@ -139,7 +139,7 @@ class Observer:
             for box, line, pairs in zip(target.boxes, lines, near, strict=True):
                 left = asked[enough]
                 met = self._tester.met(line, poses, _of_lines(pairs, left), first_only=False)
-                shares = self._shares(box, states, views, met, enough=box.detector.min_visible)
+                shares = self._shares(box, states, views, met)
                 enough[enough] = shares[left] >= box.detector.min_visible
             np.add.at(count, row[asked[enough]], 1)
 
@@ -186,13 +186,8 @@ class Observer:
         parts = [solid.part for solid in self.solids]
         return [i for i, part in enumerate(parts) if part.parent not in box.encloses and part.name not in box.encloses]
 
-    def _shares(
-        self, box: TargetBox, states: SceneStates, views: Views, met: Pairs, *, enough: float | None = None
-    ) -> Array:
-        """Visible shares of a box, shape (v,); 1 where no solid is met in the view hull.
-
-        enough: if given, a share is only computed as closely as is needed to tell whether it is at least that.
-        """
+    def _shares(self, box: TargetBox, states: SceneStates, views: Views, met: Pairs) -> Array:
+        """Visible shares of a box, shape (v,); 1 where no solid is met in the view hull."""
         shares = np.ones(len(views.camera))
         blocked, position = np.unique(met[0], return_inverse=True)
         if len(blocked):
@@ -200,7 +195,7 @@ class Observer:
             X_WC, X_WB = self._camera_poses(states, at), rows_of(states.box_poses(box), at.state)
             corners, _ = shrink(box.size, box.normal)
             poses = states.solid_poses(self.solids)
-            shares[blocked] = visible_shares(X_WC, X_WB, corners, at.state, poses, (position, met[1]), enough)
+            shares[blocked] = visible_shares(X_WC, X_WB, corners, at.state, poses, (position, met[1]))
         return shares
 
     def _box_verdicts(self, box: TargetBox, states: SceneStates, *, shares: bool) -> BoxVerdicts:
@@ -214,7 +209,7 @@ class Observer:
         hidden = np.zeros(len(views.camera), dtype=bool)
         hidden[met[0]] = True
         if shares or box.detector.min_visible < 1:
-            share = self._shares(box, states, views, met, enough=None if shares else box.detector.min_visible)
+            share = self._shares(box, states, views, met)
             if shares:
                 visible[views.state, views.camera] = share
             hidden &= (share < box.detector.min_visible) | (box.detector.min_visible >= 1)

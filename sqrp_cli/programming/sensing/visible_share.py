@@ -1,9 +1,12 @@
 """How much of a box a camera sees: the share of its silhouette, by area in the undistorted image.
 
-Directions are sampled on a grid of `GRID` x `GRID` cells over the silhouette's bounding rectangle in the plane z = 1,
-one direction at a fixed pseudo-random place in each cell. A direction is blocked if a triangle lies on it before it
-leaves the box. The error is about the standard deviation of the cells that an edge cuts, below 0.5 points typically and
-2 points at worst.
+Rays run on a grid over the silhouette (`ray_grid`). A ray is blocked if a triangle lies on it before it leaves the box.
+Triangles that lie wholly before the box's far side block what their common outline winds around: layers of triangles
+that hang together need not be looked at one by one, and what is left of a closed mesh is the edges at which it turns
+away from the camera. Only triangles that reach through the far side are compared with single rays.
+
+The error is that of counting rays: half a row, 0.8 points, for an edge that runs along the rows all across the
+silhouette, and less than 0.2 points for others.
 """
 
 from __future__ import annotations
@@ -14,148 +17,166 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse, transform
-from sqrp_cli.programming.sensing.contour import VertexImage, contour_tiles
-from sqrp_cli.programming.sensing.directions import (
-    CELLS_OF_TILE,
-    GRID,
-    TILE,
-    TILES,
-    DirectionGrid,
-    Tile,
-    exit_depths,
-    take,
-    tiles_of,
-)
-from sqrp_cli.programming.sensing.image_triangles import ImageTriangles
 from sqrp_cli.programming.sensing.occlusion import Pairs, SolidPoses
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.sensing.ray_grid import TURN, Outline, RayGrid
+from sqrp_cli.programming.sensing.surface import Surface
+from sqrp_cli.programming.solids import BOX_TRIANGLES
 
-_FAR = 1e9
-"""Depth that stands for no depth at all [m]."""
-
-_BATCH = 2048
-"""Pairs of triangle and tile whose cells are compared together: about what fits the cache."""
-
-_CHUNK = 64
+_CHUNK = 256
 """Sight lines that are sampled together, to bound the memory."""
+
+_AHEAD = 1e-6
+"""Depth from which on a point counts as in front of the camera [m]."""
+
+Mask = NDArray[np.bool_]
 
 
 def visible_shares(
-    X_WC: Array,
-    X_WB: Array,
-    corners_B: Array,
-    state: NDArray[np.int64],
-    poses: SolidPoses,
-    pairs: Pairs,
-    enough: float | None = None,
+    X_WC: Array, X_WB: Array, corners_B: Array, state: NDArray[np.int64], poses: SolidPoses, pairs: Pairs
 ) -> Array:
     """Visible share of each sight line's box, shape (v,).
 
     X_WC: pose of the optical frame, shape (v, 4, 4). X_WB: pose of the box, shape (v, 4, 4). corners_B: corners (8, 3)
     of the shrunk box in its own frame. state: index of the state of each sight line, shape (v,). pairs: (sight line,
     solid) that reach into the view hulls; nothing else can block. All corners must lie in front of the camera.
-    enough: if given, a share is only looked at closely enough to tell whether it is at least that, and is otherwise an
-    upper bound.
     """
     shares = np.empty(len(state))
     for start in range(0, len(state), _CHUNK):
         chunk = slice(start, start + _CHUNK)
         inside = (pairs[0] >= start) & (pairs[0] < start + _CHUNK)
-        here = (pairs[0][inside] - start, pairs[1][inside])
-        shares[chunk] = _chunk_shares(X_WC[chunk], X_WB[chunk], corners_B, state[chunk], poses, here, enough)
+        view = _View.of(X_WC[chunk], X_WB[chunk], corners_B)
+        shares[chunk] = _shares(view, X_WB[chunk], state[chunk], poses, (pairs[0][inside] - start, pairs[1][inside]))
     return shares
 
 
-def _chunk_shares(
-    X_WC: Array,
-    X_WB: Array,
-    corners_B: Array,
-    state: NDArray[np.int64],
-    poses: SolidPoses,
-    pairs: Pairs,
-    enough: float | None,
-) -> Array:
-    X_CW = inverse(X_WC)
-    X_CB = X_CW @ X_WB
-    corners_C = transform(X_CB, corners_B)
-    image = corners_C[..., :2] / corners_C[..., 2:]
-    grid = DirectionGrid.over(image.min(axis=1), image.max(axis=1))
-    leaves = exit_depths(X_CB, corners_B, grid)
-    tiles = leaves.reshape(-1, TILES, TILE, TILES, TILE)
-    count = (tiles > 0).sum(axis=(2, 4))
-    depths = (np.where(tiles > 0, tiles, _FAR).min(axis=(2, 4)), tiles.max(axis=(2, 4)))
-    full, touched = np.zeros(count.shape, dtype=bool), np.zeros(count.shape, dtype=bool)
-    found = []
+def _shares(view: _View, X_WB: Array, state: NDArray[np.int64], poses: SolidPoses, pairs: Pairs) -> Array:
+    X_BW = inverse(X_WB)
+    outlines, blocked = [], np.zeros(view.silhouette.shape, dtype=bool)
     for index in np.unique(pairs[1]).tolist():
         lines = pairs[0][pairs[1] == index]
         X_WP = poses.pose(index)
-        X_CP = X_CW[lines] @ X_WP[state[lines] if len(X_WP) > 1 else np.zeros_like(lines)]
-        on_tiles = _on_tiles(lines, X_CP, poses.solids[index], grid, depths)
-        full[on_tiles.full] = True
-        touched[on_tiles.tile] = True
-        found.append(on_tiles)
-
-    total = np.maximum(count.sum(axis=(1, 2)), 1)
-    most = np.where(full, 0, count).sum(axis=(1, 2)) / total
-    least = np.where(full | touched, 0, count).sum(axis=(1, 2)) / total
-    settled = np.zeros(len(total), dtype=bool) if enough is None else (least >= enough) | (most < enough)
-    unknown = ~(full | settled[:, None, None])
-    blocked = leaves <= 0
-    blocked.reshape(tiles.shape)[...] |= full[:, :, None, :, None]
-    for on_tiles in found:
-        on_tiles.block_cells(unknown, grid, leaves, blocked)
-    shares: Array = (~blocked).sum(axis=1) / total
+        X_BP = X_BW[lines] @ (X_WP[state[lines]] if len(X_WP) > 1 else X_WP)
+        solid, surface = poses.solids[index], Surface.of(poses.solids[index])
+        facing = _facing(surface, transform(inverse(X_BP), view.eye_B[lines, None])[:, 0])
+        doubtful = np.flatnonzero(~view.places(lines, transform(X_BP, solid.corners)).all_before())
+        if len(doubtful):
+            points_B = transform(X_BP[doubtful], surface.vertices)
+            before, beyond = view.places(lines[doubtful], points_B).of(surface.triangles)
+            facing[doubtful, :-1] *= before
+            row, triangle = np.nonzero(~before & ~beyond)
+            corners_B = np.moveaxis(points_B[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
+            view.mark(lines[doubtful][row], corners_B, blocked)
+        outlines.append(_outline(lines, view.X_CB[lines] @ X_BP, surface, facing))
+    blocked |= view.grid.inside(Outline.joined(outlines))
+    seen = view.silhouette & ~blocked
+    shares: Array = seen.sum(axis=(1, 2)) / np.maximum(view.silhouette.sum(axis=(1, 2)), 1)
     return shares
 
 
 @dataclass(frozen=True, eq=False)
-class _OnTiles:
-    """What of a solid is before tiles.
+class _View:
+    """Boxes as l sight lines see them.
 
-    triangle, tile: pairs of a triangle and a tile of which it may block some directions. full: tiles of which the solid
-    blocks every direction.
+    X_CB: pose of each box in its (turned) optical frame, shape (l, 4, 4). eye_B: camera centre in the box's frame, shape
+    (l, 3). nearest: least depth of a box, shape (l,). low, high: where the box's far faces lie on its axes, shape (l, 3)
+    each; infinite where the face on that side looks to the camera. silhouette: rays that meet the box, shape (l, ROWS,
+    COLUMNS).
     """
 
-    triangles: ImageTriangles
-    triangle: NDArray[np.int64]
-    tile: Tile
-    full: Tile
+    X_CB: Array
+    eye_B: Array
+    nearest: Array
+    low: Array
+    high: Array
+    grid: RayGrid
+    silhouette: Mask
 
-    def block_cells(
-        self, unknown: NDArray[np.bool_], grid: DirectionGrid, leaves: Array, blocked: NDArray[np.bool_]
-    ) -> None:
-        """Mark in `blocked` (l, GRID**2) the directions that the triangles block in the tiles that are unknown."""
-        left = np.flatnonzero(unknown[self.tile])
-        line, tile_u, tile_v = (index[left] for index in self.tile)
-        origin = line * GRID**2 + (tile_u * GRID + tile_v) * TILE
-        for start in range(0, len(left), _BATCH):
-            batch = slice(start, start + _BATCH)
-            cells = origin[batch, None] + CELLS_OF_TILE
-            u, v, leave = (values.reshape(-1)[cells] for values in (grid.u, grid.v, leaves))
-            blocked.reshape(-1)[cells[self.triangles.before(self.triangle[left[batch]], u, v, leave)]] = True
+    @classmethod
+    def of(cls, X_WC: Array, X_WB: Array, corners_B: Array) -> _View:
+        X_CB = TURN @ inverse(X_WC) @ X_WB
+        corners_C = np.moveaxis(transform(X_CB, corners_B), -1, 0)
+        image = corners_C[:2] / corners_C[2]
+        grid = RayGrid.over(image.min(axis=-1), image.max(axis=-1))
+        eye_B = inverse(X_CB)[:, :3, 3]
+        low, high = corners_B.min(axis=0), corners_B.max(axis=0)
+        far = np.where(eye_B > low, low, -np.inf), np.where(eye_B < high, high, np.inf)
+        box, lines = Surface.of_triangles(corners_B, BOX_TRIANGLES), np.arange(len(X_CB))
+        outline = _outline(lines, X_CB, box, _facing(box, eye_B))
+        return cls(X_CB, eye_B, corners_C[2].min(axis=-1), *far, grid, grid.inside(outline))
+
+    def places(self, lines: NDArray[np.int64], points_B: Array) -> _Places:
+        """Where points (k, n, 3) lie that k of the sight lines see."""
+        X_CB = self.X_CB[lines]
+        depth = (points_B @ X_CB[:, 2, :3, None])[..., 0] + X_CB[:, 2, 3, None]
+        ahead = depth > _AHEAD
+        beyond = [
+            side
+            for axis in range(3)
+            for side in (
+                points_B[..., axis] <= self.low[lines, axis, None],
+                points_B[..., axis] >= self.high[lines, axis, None],
+            )
+        ]
+        nearer = ahead & (depth < self.nearest[lines, None])
+        return _Places((nearer, ahead & ~np.logical_or.reduce(beyond)), (~ahead, *beyond))
+
+    def mark(self, line: NDArray[np.int64], corners_B: Array, blocked: Mask) -> None:
+        """Mark in `blocked` (l, ROWS, COLUMNS) the rays that n triangles block before the far sides.
+
+        corners_B: shape (3, 3, n), coordinate first.
+        """
+        R, t = self.X_CB[line, :3, :3], self.X_CB[line, :3, 3]
+        corners = np.einsum("nij,jkn->ikn", R, corners_B) + t.T[:, None]
+        touching = self.grid.may_hold(line, corners)
+        triangle, row, column, depth = self.grid.hits(line[touching], corners[:, :, touching])
+        line = line[touching][triangle]
+        u, v = self.grid.rays(line, row, column)
+        ray_C = np.stack([u, v, np.ones(len(u))], axis=-1)
+        point_B = self.eye_B[line] + depth[:, None] * (ray_C[:, None] @ self.X_CB[line, :3, :3])[:, 0]
+        blocks = ((point_B > self.low[line]) & (point_B < self.high[line])).all(axis=1)
+        blocked[line[blocks], row[blocks], column[blocks]] = True
 
 
-def _on_tiles(
-    lines: NDArray[np.int64], X_CP: Array, solid: Solid, grid: DirectionGrid, depths: tuple[Array, Array]
-) -> _OnTiles:
-    """What of a solid is before which tiles of the sight lines `lines`.
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where points lie that cameras see, each mask of shape (k, n).
 
-    depths: least and greatest depth at which the directions of each tile leave the box, shape (l, TILES, TILES).
-
-    Only triangles and tiles whose bounding rectangles in the image overlap are compared. In a tile that no contour of
-    the solid crosses, as many layers of triangles lie on every direction, so that one direction tells of all. Arrays
-    are kept per component: reductions over an axis of two or three are slow.
+    What lies wholly in one of the convex regions `before` blocks the rays that it meets; what lies wholly in one of the
+    convex regions `beyond` blocks none.
     """
-    image = VertexImage.of(lines, X_CP, solid, grid)
-    deepest = depths[1][lines].max(axis=(1, 2))
-    row, face, rectangle = image.near(solid.triangles.T, deepest)
-    triangles = ImageTriangles.of([image.points[:, row, solid.triangles[face, k]] for k in range(3)])
-    triangle, tile = tiles_of(lines[row], rectangle)
-    pairs = triangles.over_tiles(triangle, grid, tile, depths)
 
-    crossed = np.zeros(depths[0].shape, dtype=bool)
-    crossed[take(tile, pairs.some & ~pairs.in_front)] = True
-    crossed[contour_tiles(image, solid, X_CP, grid, deepest)] = True
-    quiet = ~crossed[tile]
-    kept = np.flatnonzero(pairs.some & ~quiet)
-    return _OnTiles(triangles, triangle[kept], take(tile, kept), take(tile, quiet & pairs.some & pairs.in_middle))
+    before: tuple[Mask, ...]
+    beyond: tuple[Mask, ...]
+
+    def all_before(self) -> Mask:
+        """Whether all points of a row lie in one of the regions before, shape (k,)."""
+        return np.logical_or.reduce([mask.all(axis=1) for mask in self.before])
+
+    def of(self, triangles: NDArray[np.int64]) -> tuple[Mask, Mask]:
+        """Which triangles (F, 3) over the points lie wholly in one region before, or beyond, shape (k, F) each."""
+        a, b, c = triangles.T
+        whole, none = (
+            np.logical_or.reduce([mask[:, a] & mask[:, b] & mask[:, c] for mask in masks])
+            for masks in (self.before, self.beyond)
+        )
+        return whole, none
+
+
+def _facing(surface: Surface, eye: Array) -> NDArray[np.int8]:
+    """1 where an eye (k, 3) is in front of a triangle and -1 where not, shape (k, F + 1); 0 for no triangle."""
+    facing = np.zeros((len(eye), len(surface.normals) + 1), dtype=np.int8)
+    facing[:, :-1] = 2 * (eye @ surface.normals.T > surface.offsets).view(np.int8) - 1
+    return facing
+
+
+def _outline(lines: NDArray[np.int64], X_CP: Array, surface: Surface, facing: NDArray[np.int8]) -> Outline:
+    """The edges between triangles that face different ways, each triangle taken as if it faced the camera."""
+    weight = np.take(facing, surface.left, axis=1) - np.take(facing, surface.right, axis=1)
+    row, edge = np.nonzero(weight)
+    R, t = np.moveaxis(X_CP[:, :3, :3], 0, -1), X_CP[:, :3, 3].T
+    # Term by term, so that edges which share an end give it the same coordinates to the last bit.
+    start, end = (
+        np.stack([R[i, 0, row] * x + R[i, 1, row] * y + R[i, 2, row] * z + t[i, row] for i in range(3)])
+        for x, y, z in (surface.vertices[side[edge]].T for side in (surface.start, surface.end))
+    )
+    return Outline(lines[row], start, end, weight[row, edge].astype(float))
