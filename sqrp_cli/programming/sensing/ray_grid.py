@@ -33,16 +33,17 @@ _SHIFT = (np.arange(ROWS) * 0.5 * (np.sqrt(5.0) - 1.0)) % 1.0
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """n edges in the turned optical frames of sight lines, all in front of the camera.
+    """n edges in the grids of sight lines.
 
-    line: sight line of each, shape (n,). start, end: coordinates of its ends, shape (3, n) each. weight: how often it
-    counts, shape (n,). What is bounded by a closed outline is what it winds around.
+    line: sight line of each, shape (n,). start, end: column and row of its ends (see `RayGrid.maps`), shape (2, n) each.
+    weight: how often it counts, whole numbers, shape (n,). What is bounded by a closed outline is what it winds around;
+    edges that cross no row of rays, or only beyond their first, may be missing.
     """
 
     line: NDArray[np.int64]
     start: Array
     end: Array
-    weight: Array
+    weight: NDArray[np.int8]
 
     @staticmethod
     def joined(outlines: Sequence[Outline]) -> Outline:
@@ -75,10 +76,11 @@ class RayGrid:
         (low_u, low_v), (step_u, step_v) = self.low[:, line], self.step[:, line]
         return low_u + step_u * (column + _SHIFT[row]), low_v + step_v * (row + 0.5)
 
-    def image(self, line: NDArray[np.int64], points: Array) -> tuple[Array, Array]:
-        """Where points (3, ..., n) before n sight lines are in the grid, in columns (without shift) and rows."""
-        low, step = self.low[:, line], self.step[:, line]
-        return (points[0] / points[2] - low[0]) / step[0], (points[1] / points[2] - low[1]) / step[1] - 0.5
+    def maps(self, line: NDArray[np.int64], X_CP: Array) -> Array:
+        """From frames P (n) to column (without shift) and row, both times depth, and depth, shape (3, 4, n)."""
+        x, y, depth = np.moveaxis(X_CP[:, :3], 0, -1)
+        (low_u, low_v), (step_u, step_v) = self.low[:, line], self.step[:, line]
+        return np.stack([(x - low_u * depth) / step_u, (y - low_v * depth) / step_v - 0.5 * depth, depth])
 
     def may_hold(self, line: NDArray[np.int64], corners: Array) -> NDArray[np.bool_]:
         """Whether shapes may reach into the pyramid of the grid's rays, shape (n,); a no is certain.
@@ -93,22 +95,20 @@ class RayGrid:
         return may
 
     def inside(self, outline: Outline) -> NDArray[np.bool_]:
-        """Which rays the outlines of each sight line wind around, shape (l, ROWS, COLUMNS)."""
-        u, v = self.image(outline.line, outline.start)
-        to_u, to_v = self.image(outline.line, outline.end)
-        # An edge crosses the rows from that of its one end, included, to that of the other, not included.
-        row, to_row = (np.ceil(np.clip(at, -1.0, ROWS)).clip(0).astype(np.int64) for at in (v, to_v))
-        crossing = np.flatnonzero(row != to_row)
-        u, v, row, to_row = u[crossing], v[crossing], row[crossing], to_row[crossing]
-        slope = (to_u[crossing] - u) / (to_v[crossing] - v)
-        weight = outline.weight[crossing] * np.sign(to_row - row)
-        edge, crossed = _ranges(np.minimum(row, to_row), np.maximum(row, to_row))
-        beyond = np.ceil(np.clip(u[edge] + (crossed - v[edge]) * slope[edge] - _SHIFT[crossed], -1.0, COLUMNS)).clip(0)
-        place = (outline.line[crossing][edge] * ROWS + crossed) * (COLUMNS + 1) + beyond.astype(np.int64)
-        lines = self.low.shape[1]
-        steps = np.bincount(place, weight[edge], lines * ROWS * (COLUMNS + 1)).reshape(lines, ROWS, COLUMNS + 1)
-        winding = np.cumsum(steps[..., :0:-1], axis=-1)[..., ::-1]
-        return winding != 0
+        """Which rays the outlines of each sight line wind around, shape (COLUMNS, l, ROWS)."""
+        (u, v), (to_u, to_v) = outline.start, outline.end
+        row, to_row = first_row(v), first_row(to_v)
+        slope = (to_u - u) / (to_v - v)
+        edge, crossed = ranges(np.minimum(row, to_row), np.maximum(row, to_row))
+        beyond = np.ceil(np.clip(u[edge] + (crossed - v[edge]) * slope[edge] - _SHIFT[crossed], 0.0, COLUMNS))
+        weight = outline.weight * np.sign(to_row - row)
+        place = outline.line * ROWS
+        # Each crossing counts for the rays on the one side of it: it is a step where the rays begin.
+        winding = np.zeros((COLUMNS + 1, self.low.shape[1] * ROWS), dtype=np.int16)
+        np.add.at(winding, (beyond.astype(np.int64), place[edge] + crossed), weight[edge].astype(np.int16))
+        for column in range(COLUMNS - 1, 0, -1):
+            winding[column] += winding[column + 1]
+        return (winding[1:] != 0).reshape(COLUMNS, -1, ROWS)
 
     def hits(
         self, line: NDArray[np.int64], corners: Array
@@ -122,9 +122,10 @@ class RayGrid:
         volume = np.einsum("in,in->n", corners[:, 2], edges[0])
         edges, volume = edges * np.where(volume < 0, -1.0, 1.0), np.abs(volume)
         ahead = (corners[2] > 0).all(axis=0)
-        _, v = self.image(line, np.where(ahead, corners, 1.0))
-        first, last = (np.ceil(np.clip(side(axis=0), 0.0, ROWS)) for side in (v.min, v.max))
-        triangle, row = _ranges(np.where(ahead, first, 0.0), np.where(ahead, last, ROWS))
+        low, step = self.low[1, line], self.step[1, line]
+        v = (corners[1] / np.where(ahead, corners[2], 1.0) - low) / step - 0.5
+        first, last = first_row(v.min(axis=0)), first_row(v.max(axis=0))
+        triangle, row = ranges(np.where(ahead, first, 0), np.where(ahead, last, ROWS))
         low, high = np.full(len(row), -np.inf), np.full(len(row), np.inf)
         _, v = self.rays(line[triangle], row, row)
         for a, b, c in edges[:, :, triangle]:
@@ -134,7 +135,7 @@ class RayGrid:
             high[(a == 0) & (b * v + c < 0)] = -np.inf
         (start, _), (step, _) = self.low[:, line[triangle]], self.step[:, line[triangle]]
         low, high = ((bound - start) / step - _SHIFT[row] for bound in (low, high))
-        within, column = _ranges(np.ceil(np.clip(low, 0.0, COLUMNS)), np.ceil(np.clip(high, 0.0, COLUMNS)))
+        within, column = ranges(np.ceil(np.clip(low, 0.0, COLUMNS)), np.ceil(np.clip(high, 0.0, COLUMNS)))
         triangle, row = triangle[within], row[within]
         u, v = self.rays(line[triangle], row, column)
         a, b, c = edges.sum(axis=0)[:, triangle]
@@ -143,7 +144,16 @@ class RayGrid:
         return triangle[hit], row[hit], column[hit], volume[triangle[hit]] / total[hit]
 
 
-def _ranges(first: NDArray[Any], last: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def first_row(v: Array) -> NDArray[np.int64]:
+    """The first row of rays at or beyond v, counted in rows.
+
+    An edge crosses the rows from that of its one end, included, to that of the other, not included.
+    """
+    rows: NDArray[np.int64] = np.ceil(np.clip(v, 0.0, ROWS)).astype(np.int64)
+    return rows
+
+
+def ranges(first: NDArray[Any], last: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The whole numbers of each range from `first`, included, to `last`, not included, with the range's index."""
     first = first.astype(np.int64)
     count = np.maximum(last.astype(np.int64) - first, 0)

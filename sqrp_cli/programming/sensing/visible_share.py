@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse, transform
 from sqrp_cli.programming.sensing.occlusion import Pairs, SolidPoses
-from sqrp_cli.programming.sensing.ray_grid import TURN, Outline, RayGrid
+from sqrp_cli.programming.sensing.ray_grid import TURN, Outline, RayGrid, first_row
 from sqrp_cli.programming.sensing.surface import Surface
 from sqrp_cli.programming.solids import BOX_TRIANGLES
 
@@ -62,15 +62,13 @@ def _shares(view: _View, X_WB: Array, state: NDArray[np.int64], poses: SolidPose
         if len(doubtful):
             points_B = transform(X_BP[doubtful], surface.vertices)
             before, beyond = view.places(lines[doubtful], points_B).of(surface.triangles)
-            facing[doubtful, :-1] *= before
+            facing[:-1, doubtful] *= before.T
             row, triangle = np.nonzero(~before & ~beyond)
             corners_B = np.moveaxis(points_B[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
             view.mark(lines[doubtful][row], corners_B, blocked)
-        outlines.append(_outline(lines, view.X_CB[lines] @ X_BP, surface, facing))
+        outlines.append(_outline(lines, view.grid.maps(lines, view.X_CB[lines] @ X_BP), surface, facing))
     blocked |= view.grid.inside(Outline.joined(outlines))
-    seen = view.silhouette & ~blocked
-    shares: Array = seen.sum(axis=(1, 2)) / np.maximum(view.silhouette.sum(axis=(1, 2)), 1)
-    return shares
+    return _count(view.silhouette & ~blocked) / np.maximum(_count(view.silhouette), 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +77,8 @@ class _View:
 
     X_CB: pose of each box in its (turned) optical frame, shape (l, 4, 4). eye_B: camera centre in the box's frame, shape
     (l, 3). nearest: least depth of a box, shape (l,). low, high: where the box's far faces lie on its axes, shape (l, 3)
-    each; infinite where the face on that side looks to the camera. silhouette: rays that meet the box, shape (l, ROWS,
-    COLUMNS).
+    each; infinite where the face on that side looks to the camera. silhouette: rays that meet the box, shape
+    (COLUMNS, l, ROWS).
     """
 
     X_CB: Array
@@ -101,7 +99,7 @@ class _View:
         low, high = corners_B.min(axis=0), corners_B.max(axis=0)
         far = np.where(eye_B > low, low, -np.inf), np.where(eye_B < high, high, np.inf)
         box, lines = Surface.of_triangles(corners_B, BOX_TRIANGLES), np.arange(len(X_CB))
-        outline = _outline(lines, X_CB, box, _facing(box, eye_B))
+        outline = _outline(lines, grid.maps(lines, X_CB), box, _facing(box, eye_B))
         return cls(X_CB, eye_B, corners_C[2].min(axis=-1), *far, grid, grid.inside(outline))
 
     def places(self, lines: NDArray[np.int64], points_B: Array) -> _Places:
@@ -121,7 +119,7 @@ class _View:
         return _Places((nearer, ahead & ~np.logical_or.reduce(beyond)), (~ahead, *beyond))
 
     def mark(self, line: NDArray[np.int64], corners_B: Array, blocked: Mask) -> None:
-        """Mark in `blocked` (l, ROWS, COLUMNS) the rays that n triangles block before the far sides.
+        """Mark in `blocked` (COLUMNS, l, ROWS) the rays that n triangles block before the far sides.
 
         corners_B: shape (3, 3, n), coordinate first.
         """
@@ -134,7 +132,7 @@ class _View:
         ray_C = np.stack([u, v, np.ones(len(u))], axis=-1)
         point_B = self.eye_B[line] + depth[:, None] * (ray_C[:, None] @ self.X_CB[line, :3, :3])[:, 0]
         blocks = ((point_B > self.low[line]) & (point_B < self.high[line])).all(axis=1)
-        blocked[line[blocks], row[blocks], column[blocks]] = True
+        blocked[column[blocks], line[blocks], row[blocks]] = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,21 +160,43 @@ class _Places:
         return whole, none
 
 
+def _count(rays: Mask) -> Array:
+    """How many rays of each sight line are marked, shape (l,)."""
+    # First over the columns, in small numbers: an ordinary sum is several times slower.
+    count: Array = np.add.reduce(rays.view(np.uint8), axis=0, dtype=np.uint8).sum(axis=1, dtype=float)
+    return count
+
+
 def _facing(surface: Surface, eye: Array) -> NDArray[np.int8]:
-    """1 where an eye (k, 3) is in front of a triangle and -1 where not, shape (k, F + 1); 0 for no triangle."""
-    facing = np.zeros((len(eye), len(surface.normals) + 1), dtype=np.int8)
-    facing[:, :-1] = 2 * (eye @ surface.normals.T > surface.offsets).view(np.int8) - 1
+    """1 where an eye (k, 3) is in front of a triangle and -1 where not, shape (F + 1, k); 0 for no triangle."""
+    facing = np.zeros((len(surface.normals) + 1, len(eye)), dtype=np.int8)
+    facing[:-1] = 2 * (surface.normals @ eye.T > surface.offsets[:, None]).view(np.int8) - 1
     return facing
 
 
-def _outline(lines: NDArray[np.int64], X_CP: Array, surface: Surface, facing: NDArray[np.int8]) -> Outline:
-    """The edges between triangles that face different ways, each triangle taken as if it faced the camera."""
-    weight = np.take(facing, surface.left, axis=1) - np.take(facing, surface.right, axis=1)
-    row, edge = np.nonzero(weight)
-    R, t = np.moveaxis(X_CP[:, :3, :3], 0, -1), X_CP[:, :3, 3].T
-    # Term by term, so that edges which share an end give it the same coordinates to the last bit.
+def _outline(lines: NDArray[np.int64], maps: Array, surface: Surface, facing: NDArray[np.int8]) -> Outline:
+    """The edges between triangles that face different ways, each triangle taken as if it faced the camera.
+
+    maps: from the surface's frame into the grids of the sight lines, shape (3, 4, k).
+    """
+    weight = (facing[surface.left] - facing[surface.right]).reshape(-1)
+    bends = np.flatnonzero(weight)
+    edge, view = np.divmod(bends, len(lines))
+    row_map, depth_map = maps[1:, :, view]
+    ends = [np.take(surface.vertices.T, side[edge], axis=1) for side in (surface.start, surface.end)]
+    # Term by term, so that edges which share an end give it the same row to the last bit.
+    depths = [_apply(depth_map, end) for end in ends]
+    rows = [_apply(row_map, end) / depth for end, depth in zip(ends, depths, strict=True)]
+    crossing = np.flatnonzero(first_row(rows[0]) != first_row(rows[1]))
+    column_map = maps[0][:, view[crossing]]
     start, end = (
-        np.stack([R[i, 0, row] * x + R[i, 1, row] * y + R[i, 2, row] * z + t[i, row] for i in range(3)])
-        for x, y, z in (surface.vertices[side[edge]].T for side in (surface.start, surface.end))
+        np.stack([_apply(column_map, end[:, crossing]) / depth[crossing], row[crossing]])
+        for end, depth, row in zip(ends, depths, rows, strict=True)
     )
-    return Outline(lines[row], start, end, weight[row, edge].astype(float))
+    return Outline(lines[view[crossing]], start, end, weight[bends[crossing]])
+
+
+def _apply(row: Array, points: Array) -> Array:
+    """One row (4, n) of n affine maps applied to n points (3, n)."""
+    value: Array = row[0] * points[0] + row[1] * points[1] + row[2] * points[2] + row[3]
+    return value
