@@ -188,8 +188,8 @@ def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
     """How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
 
     The brackets around changes of the state's coverage share what error Q_avg may have, and those in events of interest
-    what Q_eoi may have. A change of a fault's coverage is found as exactly as one change in events of interest would be,
-    because a delay depends on it; one of a camera's, in the full matrix, as one change at any time.
+    what Q_eoi may have. A change of a fault's coverage, on which a delay depends, is found as exactly as an only change
+    in events of interest would be; one of a camera's, in the full matrix, as an only change at any time.
     """
     apart = ~np.isnan(timeline.steps)
     state = (timeline.covered[1:] != timeline.covered[:-1]) & apart

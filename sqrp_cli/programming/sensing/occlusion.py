@@ -127,13 +127,13 @@ def near_pairs(lines: SightLines, poses: SolidPoses, solids: Sequence[int]) -> P
 class _Bounds:
     """Boxes around s solids in m states.
 
-    R_WP: rotations of the solids' parents, shape (s, m, 3, 3). centers: in the world, shape (s, m, 3). half_axes_P: in
-    the frames of the parents, one a row, shape (s, 3, 3).
+    R_WP: rotations of the solids' parents, shape (s, m, 3, 3). centers: in the world, shape (s, m, 3). parent_axes:
+    half axes in the frames of the parents, one a row, shape (s, 3, 3).
     """
 
     R_WP: Array
     centers: Array
-    half_axes_P: Array
+    parent_axes: Array
 
     @classmethod
     def of(cls, poses: SolidPoses, solids: Sequence[int], count: int) -> _Bounds:
@@ -144,7 +144,7 @@ class _Bounds:
 
     def half_axes(self, row: NDArray[np.int64], state: NDArray[np.int64]) -> Array:
         """Half axes of some of the boxes in the world, one a row, shape (n, 3, 3)."""
-        axes: Array = self.half_axes_P[row] @ np.swapaxes(self.R_WP[row, state], 1, 2)
+        axes: Array = self.parent_axes[row] @ np.swapaxes(self.R_WP[row, state], 1, 2)
         return axes
 
 

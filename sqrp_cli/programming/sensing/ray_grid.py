@@ -35,9 +35,9 @@ _SHIFT = (np.arange(ROWS) * 0.5 * (np.sqrt(5.0) - 1.0)) % 1.0
 class Outline:
     """n edges in the grids of sight lines.
 
-    line: sight line of each, shape (n,). start, end: column and row of its ends (see `RayGrid.maps`), shape (2, n) each.
-    weight: how often it counts, whole numbers, shape (n,). What is bounded by a closed outline is what it winds around;
-    edges that cross no row of rays, or only beyond their first, may be missing.
+    line: sight line of each, shape (n,). start, end: column and row of its ends (see `RayGrid.maps`), shape (2, n)
+    each. weight: how often it counts, whole numbers, shape (n,). What is bounded by a closed outline is what it winds
+    around; edges that cross no row of rays may be missing.
     """
 
     line: NDArray[np.int64]
@@ -57,10 +57,20 @@ class Outline:
 
 
 @dataclass(frozen=True, eq=False)
-class RayGrid:
-    """The rays of l sight lines: in row j at v = low[1] + step[1] * (j + 1/2), ray i at u = low[0] + step[0] * (i + shift).
+class Hits:
+    """Where rays meet triangles, by index, and the depth [m] of each place; shape (n,) each."""
 
-    low: least u and v, shape (2, l). step: size of a cell, shape (2, l).
+    triangle: NDArray[np.int64]
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    depth: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RayGrid:
+    """The rays of l sight lines: in row j at v = low[1] + step[1] * (j + 1/2), ray i at u = low[0] + step[0] * (i + s).
+
+    The shift s is that of the row. low: least u and v, shape (2, l). step: size of a cell, shape (2, l).
     """
 
     low: Array
@@ -72,7 +82,7 @@ class RayGrid:
         return cls(low, (high - low) / _COUNTS)
 
     def rays(self, line: NDArray[np.int64], row: NDArray[np.int64], column: NDArray[np.int64]) -> tuple[Array, Array]:
-        """u and v of rays."""
+        """U and v of rays."""
         (low_u, low_v), (step_u, step_v) = self.low[:, line], self.step[:, line]
         return low_u + step_u * (column + _SHIFT[row]), low_v + step_v * (row + 0.5)
 
@@ -108,15 +118,14 @@ class RayGrid:
         np.add.at(winding, (beyond.astype(np.int64), place[edge] + crossed), weight[edge].astype(np.int16))
         for column in range(COLUMNS - 1, 0, -1):
             winding[column] += winding[column + 1]
-        return (winding[1:] != 0).reshape(COLUMNS, -1, ROWS)
+        inside: NDArray[np.bool_] = (winding[1:] != 0).reshape(COLUMNS, -1, ROWS)
+        return inside
 
-    def hits(
-        self, line: NDArray[np.int64], corners: Array
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], Array]:
-        """Every ray that meets one of n triangles: the triangle, row and column of the ray, and the depth [m].
+    def hits(self, line: NDArray[np.int64], corners: Array) -> Hits:
+        """Every ray that meets one of n triangles.
 
-        By homogeneous edge functions a u + b v + c, all positive inside (Olano and Greer 1997); along a row each of them
-        bounds u on one side. corners: shape (3, 3, n), coordinate first; they may lie behind the camera.
+        By homogeneous edge functions a u + b v + c, all positive inside (Olano and Greer 1997); along a row each of
+        them bounds u on one side. corners: shape (3, 3, n), coordinate first; they may lie behind the camera.
         """
         edges = np.stack([cross(corners[:, k].T, corners[:, (k + 1) % 3].T).T for k in range(3)])
         volume = np.einsum("in,in->n", corners[:, 2], edges[0])
@@ -141,7 +150,7 @@ class RayGrid:
         a, b, c = edges.sum(axis=0)[:, triangle]
         total = a * u + b * v + c
         hit = (total > 0) & (volume[triangle] > 0)
-        return triangle[hit], row[hit], column[hit], volume[triangle[hit]] / total[hit]
+        return Hits(triangle[hit], row[hit], column[hit], volume[triangle[hit]] / total[hit])
 
 
 def first_row(v: Array) -> NDArray[np.int64]:

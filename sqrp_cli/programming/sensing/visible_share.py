@@ -23,7 +23,10 @@ from sqrp_cli.programming.sensing.surface import Surface
 from sqrp_cli.programming.solids import BOX_TRIANGLES
 
 _CHUNK = 256
-"""Sight lines that are sampled together, to bound the memory."""
+"""Sight lines that are sampled together at most."""
+
+_MEMORY = 2_000_000
+"""Triangles, each counted for each sight line, that are looked at together at most, to bound the memory."""
 
 _AHEAD = 1e-6
 """Depth from which on a point counts as in front of the camera [m]."""
@@ -41,9 +44,11 @@ def visible_shares(
     solid) that reach into the view hulls; nothing else can block. All corners must lie in front of the camera.
     """
     shares = np.empty(len(state))
-    for start in range(0, len(state), _CHUNK):
-        chunk = slice(start, start + _CHUNK)
-        inside = (pairs[0] >= start) & (pairs[0] < start + _CHUNK)
+    largest = max((len(poses.solids[index].triangles) for index in np.unique(pairs[1]).tolist()), default=0)
+    size = max(1, min(_CHUNK, _MEMORY // max(1, largest)))
+    for start in range(0, len(state), size):
+        chunk = slice(start, start + size)
+        inside = (pairs[0] >= start) & (pairs[0] < start + size)
         view = _View.of(X_WC[chunk], X_WB[chunk], corners_B)
         shares[chunk] = _shares(view, X_WB[chunk], state[chunk], poses, (pairs[0][inside] - start, pairs[1][inside]))
     return shares
@@ -57,7 +62,7 @@ def _shares(view: _View, X_WB: Array, state: NDArray[np.int64], poses: SolidPose
         X_WP = poses.pose(index)
         X_BP = X_BW[lines] @ (X_WP[state[lines]] if len(X_WP) > 1 else X_WP)
         solid, surface = poses.solids[index], Surface.of(poses.solids[index])
-        facing = _facing(surface, transform(inverse(X_BP), view.eye_B[lines, None])[:, 0])
+        facing = _facing(surface, transform(inverse(X_BP), view.eyes[lines, None])[:, 0])
         doubtful = np.flatnonzero(~view.places(lines, transform(X_BP, solid.corners)).all_before())
         if len(doubtful):
             points_B = transform(X_BP[doubtful], surface.vertices)
@@ -75,14 +80,14 @@ def _shares(view: _View, X_WB: Array, state: NDArray[np.int64], poses: SolidPose
 class _View:
     """Boxes as l sight lines see them.
 
-    X_CB: pose of each box in its (turned) optical frame, shape (l, 4, 4). eye_B: camera centre in the box's frame, shape
-    (l, 3). nearest: least depth of a box, shape (l,). low, high: where the box's far faces lie on its axes, shape (l, 3)
-    each; infinite where the face on that side looks to the camera. silhouette: rays that meet the box, shape
-    (COLUMNS, l, ROWS).
+    X_CB: pose of each box in its (turned) optical frame, shape (l, 4, 4). eyes: camera centres in the boxes' frames,
+    shape (l, 3). nearest: least depth of each box, shape (l,). low, high: where the box's far faces lie on its axes,
+    shape (l, 3) each; infinite where the face on that side looks to the camera. silhouette: rays that meet the box,
+    shape (COLUMNS, l, ROWS).
     """
 
     X_CB: Array
-    eye_B: Array
+    eyes: Array
     nearest: Array
     low: Array
     high: Array
@@ -126,13 +131,13 @@ class _View:
         R, t = self.X_CB[line, :3, :3], self.X_CB[line, :3, 3]
         corners = np.einsum("nij,jkn->ikn", R, corners_B) + t.T[:, None]
         touching = self.grid.may_hold(line, corners)
-        triangle, row, column, depth = self.grid.hits(line[touching], corners[:, :, touching])
-        line = line[touching][triangle]
-        u, v = self.grid.rays(line, row, column)
+        hits = self.grid.hits(line[touching], corners[:, :, touching])
+        line = line[touching][hits.triangle]
+        u, v = self.grid.rays(line, hits.row, hits.column)
         ray_C = np.stack([u, v, np.ones(len(u))], axis=-1)
-        point_B = self.eye_B[line] + depth[:, None] * (ray_C[:, None] @ self.X_CB[line, :3, :3])[:, 0]
+        point_B = self.eyes[line] + hits.depth[:, None] * (ray_C[:, None] @ self.X_CB[line, :3, :3])[:, 0]
         blocks = ((point_B > self.low[line]) & (point_B < self.high[line])).all(axis=1)
-        blocked[column[blocks], line[blocks], row[blocks]] = True
+        blocked[hits.column[blocks], line[blocks], hits.row[blocks]] = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +153,8 @@ class _Places:
 
     def all_before(self) -> Mask:
         """Whether all points of a row lie in one of the regions before, shape (k,)."""
-        return np.logical_or.reduce([mask.all(axis=1) for mask in self.before])
+        before: Mask = np.logical_or.reduce([mask.all(axis=1) for mask in self.before])
+        return before
 
     def of(self, triangles: NDArray[np.int64]) -> tuple[Mask, Mask]:
         """Which triangles (F, 3) over the points lie wholly in one region before, or beyond, shape (k, F) each."""
