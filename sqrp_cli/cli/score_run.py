@@ -15,6 +15,7 @@ from sqrp_cli.scoring.compute import Computer, Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces
 from sqrp_cli.scoring.findings import CoverageLookup, Findings, compare_with, score_cells
 from sqrp_cli.scoring.junit import write_junit
+from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.summary import write_summary
 
 
@@ -48,20 +49,25 @@ class ScoreRun:
     @classmethod
     @contextmanager
     def open(cls, paths: Sequence[str], outputs: Outputs, means: Means) -> Iterator[ScoreRun]:
-        """Read the workspaces and hire workers.
+        """Hire workers and read the workspaces; workers begin with those that are read.
 
         Raises InputError for paths, clusters and folders of no use, and where an output is a file of a workspace.
         """
         files = find_workspaces(paths)
+        outputs.check_not_read(files)
+        cells: list[ScoredCell] = []
         with open_computer(means) as computer:
             with progress("Reading workspaces", len(files)) as advance:
-                cells = read_cells(files, advance)
-            outputs.check_not_read([*files, *(path for cell in cells for path in _files(cell))])
+                for cell in read_cells(files):
+                    outputs.check_not_read(_files(cell))
+                    computer.begin(wanted_of(cell))
+                    cells.append(cell)
+                    advance()
             for cell in cells:
                 print_problems(problem for problem in cell.problems if problem.severity == "warning")
                 if cell.workspace is not None and not cell.tasks:
                     note(f"{cell.name} lists no tasks")
-            yield cls(cells, computer)
+            yield cls(tuple(cells), computer)
 
     def findings(self, baseline: Path | None, allowance: float) -> Findings:
         """Score all and compare with a baseline if there is one."""
