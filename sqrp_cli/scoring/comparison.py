@@ -24,17 +24,17 @@ Verdict = Literal["regressed", "improved", "unchanged", "new"]
 class Loss:
     """A stretch of time in which a literal was covered and no longer is, though a camera used to see it.
 
-    start, end: on the motion as it is now [s]. why: the commonest cause in a few words.
+    stretch: of the motion as it is now. why: the commonest cause in a few words.
     """
 
     literal: str
     camera: str
-    start: float
-    end: float
+    stretch: Stretch
     why: str
 
     def __str__(self) -> str:
-        return f"{self.camera} no longer sees {self.literal} from {self.start:.1f} s to {self.end:.1f} s: {self.why}"
+        start, end = self.stretch.start, self.stretch.end
+        return f"{self.camera} no longer sees {self.literal} from {start:.1f} s to {end:.1f} s: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -154,11 +154,11 @@ def lost(before: Coverage, now: Coverage) -> tuple[Loss, ...]:
         for camera in old.blind:
             gone = intersection(missing, _on_motion(old.seen_by(camera), before, now))
             losses += [
-                Loss(atom, camera, stretch.start, stretch.end, _why(target, camera, stretch))
+                Loss(atom, camera, stretch, _why(target, camera, stretch))
                 for stretch in difference(gone, target.seen_by(camera))
                 if stretch.length >= SHORTEST_LOSS
             ]
-    return tuple(sorted(losses, key=lambda loss: loss.start - loss.end))
+    return tuple(sorted(losses, key=lambda loss: -loss.stretch.length))
 
 
 def _why(target: TargetCoverage, camera: str, stretch: Stretch) -> str:

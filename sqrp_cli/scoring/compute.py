@@ -61,12 +61,13 @@ class Wanted:
 class Computer:
     """Gets outcomes of candidates, from where results are kept or from workers.
 
-    seed: of what planning draws at random. computed: how many had to be computed.
+    seed: of what planning draws at random. computed, failed: how many had to be computed, and how
+    many could not be.
     """
 
     def __init__(self, workers: Workers, results: Results, sampling: Sampling, seed: int = 0) -> None:
         self.sampling = sampling
-        self.computed = 0
+        self.computed = self.failed = 0
         self._seed = seed
         self._results = results
         self._portion = workers.portion
@@ -133,6 +134,7 @@ class Computer:
             self._results.keep(key, text)
             self.computed += 1
         if done.problems:
+            self.failed += len(keys)
             self._problems.update(dict.fromkeys(keys, done.problems))
         self._awaited.difference_update(keys)
         if self._advance is not None:

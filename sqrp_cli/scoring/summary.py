@@ -6,7 +6,6 @@ from pathlib import Path
 
 from sqrp_cli.files import write_atomically
 from sqrp_cli.scoring.findings import Findings, Result, listed
-from sqrp_cli.scoring.thresholds import worst_delay
 
 
 def write_summary(findings: Findings, path: Path) -> None:
@@ -41,7 +40,7 @@ def _row(result: Result) -> str:
     cells = [score.workspace, score.task or "", "", "", "", "", "", score.status]
     if score.best is not None:
         best = score.best.assessment
-        delay = worst_delay(best)
+        delay = best.delay_worst
         figures = [None if q is None else 100 * q for q in (best.q_eoi, best.q_avg)]
         cells[2:7] = [
             best.candidate.name,
