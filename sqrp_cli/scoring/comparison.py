@@ -46,6 +46,14 @@ class Shift:
     now: float | None
     worse: bool
 
+    @property
+    def size(self) -> float:
+        """How far the figure moved: a difference of Q, or the share by which a time changed."""
+        if self.before is None or self.now is None:
+            return 0.0
+        moved = abs(self.now - self.before)
+        return moved / self.before if self.metric in ("time", "delay") and self.before > 0 else moved
+
     def __str__(self) -> str:
         match self.metric:
             case "feasible":
@@ -77,6 +85,11 @@ class WayChange:
     def worse(self) -> bool:
         """Whether anything got worse."""
         return any(shift.worse for shift in self.shifts)
+
+    @property
+    def severity(self) -> float:
+        """How much worse it got at most: a difference of Q, or the share by which a time grew; 0 where it did not."""
+        return max((shift.size for shift in self.shifts if shift.worse), default=0.0)
 
     def __str__(self) -> str:
         shown = [shift for shift in self.shifts if shift.worse] or list(self.shifts)
@@ -125,7 +138,7 @@ def compare(
     allowance: float,
     coverage: Callable[[TaskScore, Ranked], Coverage | None],
 ) -> Comparison:
-    """Compare a task with its baseline; None: it has none. coverage: of a way as it is now."""
+    """Compare a task with its baseline, the worst change first; None: it has none. coverage: of a way as it is now."""
     if before is None:
         return Comparison("new")
     changes = []
@@ -136,7 +149,7 @@ def compare(
     if changes:
         verdict = "regressed" if any(change.worse for change in changes) else "improved"
     gone = tuple(name for name in before.ways if name not in now.ways)
-    return Comparison(verdict, tuple(sorted(changes, key=lambda change: not change.worse)), gone)
+    return Comparison(verdict, tuple(sorted(changes, key=lambda change: (not change.worse, -change.severity))), gone)
 
 
 def lost(before: Coverage, now: Coverage) -> tuple[Loss, ...]:

@@ -10,7 +10,8 @@ from sqrp_cli.scoring.findings import Findings, Result, listed
 
 def write_summary(findings: Findings, path: Path) -> None:
     """What needs attention first, then the table of all tasks. Raises InputError where the file cannot be written."""
-    counts = ", ".join(f"{findings.count(status)} {status}" for status in ("passed", "failed", "error"))
+    named = (("passed", "passed"), ("failed", "failed"), ("error", "could not be scored"))
+    counts = ", ".join(f"{findings.count(status)} {words}" for status, words in named if findings.count(status))
     lines = [
         f"## SQRP: {'passed' if findings.passed else 'not passed'}",
         "",
@@ -29,7 +30,8 @@ def write_summary(findings: Findings, path: Path) -> None:
     lines += [
         f"- changed in {_text(name)}: {_text(listed(changes))}" for name, changes in findings.changes.items() if changes
     ]
-    lines += ["", "| workspace | task | best | Q_eoi % | Q_avg % | time s | seen after s | result |"]
+    lines += [""] if lines[-1] else []
+    lines += ["| workspace | task | best | Q_eoi % | Q_avg % | time s | seen after s | result |"]
     lines += ["|---|---|---|---:|---:|---:|---:|---|"]
     lines += [_row(result) for result in findings.results]
     write_atomically(path, "\n".join(lines) + "\n")

@@ -39,6 +39,8 @@ def _shortcomings(best: Assessment, thresholds: Thresholds) -> Iterator[str]:
     if thresholds.max_delay is not None and delay is not None and delay > thresholds.max_delay:
         fault = max(best.faults, key=lambda fault: best.faults[fault].delay_worst)
         most = f"expected at most {thresholds.max_delay:g} s"
-        yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {lost}"
+        blind = best.faults[fault].blind_longest
+        why = lost if blind else "so long take a frame and the latency of the camera that sees it"
+        yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {why}"
     if thresholds.winner is not None and thresholds.winner not in best.candidate.objects.values():
         yield f"{name} is best, expected one with {thresholds.winner}"

@@ -16,6 +16,8 @@ from pathlib import Path
 import psutil
 
 ROOT = Path(__file__).parents[2]
+COMPILED = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+"""An environment in which a program is compiled once, as an installed one is."""
 SQRP = [sys.executable, "-c", "from sqrp_cli.cli.main import main; main()"]
 LOOKS = 0.25
 """How often a running command is looked at [s]; more often would take from the cores what is to be measured."""
@@ -58,7 +60,7 @@ def run(*arguments: object, watch: Watch | None = None) -> Run:
     with tempfile.TemporaryFile("w+") as out, tempfile.TemporaryFile("w+") as err:
         before = os.times()
         began = time.perf_counter()
-        process = psutil.Popen([*SQRP, *map(str, arguments)], stdout=out, stderr=err, cwd=ROOT)
+        process = psutil.Popen([*SQRP, *map(str, arguments)], stdout=out, stderr=err, cwd=ROOT, env=COMPILED)
         looks = _Looks(process)
         while process.poll() is None:
             looks.look()
