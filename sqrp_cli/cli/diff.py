@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from sqrp_cli.cli import score_options as option
 from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Seed, Tolerance, job_count, read_sampling
-from sqrp_cli.cli.score import DEFAULT_ALLOWANCE, Allow, Cluster, Out
 from sqrp_cli.errors import ExitCode
 
 NAME = "diff"
@@ -17,9 +17,9 @@ NAME = "diff"
 def command(
     before: Annotated[Path, typer.Argument(metavar="A", help="A workspace as it was.")],
     after: Annotated[Path, typer.Argument(metavar="B", help="The workspace as it is now.")],
-    allow: Allow = DEFAULT_ALLOWANCE,
-    out: Out = None,
-    cluster: Cluster = None,
+    allow: option.Allow = option.DEFAULT_ALLOWANCE,
+    out: option.Out = None,
+    cluster: option.Cluster = None,
     seed: Seed = 0,
     samples: SampleCount = None,
     dt: SampleStep = None,
@@ -31,9 +31,8 @@ def command(
 
     Say what differs, field by field, and which literal is no longer seen by which camera, and when, because of it.
     """
-    from sqrp_cli.cli.console import progress, say_raw
-    from sqrp_cli.cli.documents import as_text
-    from sqrp_cli.cli.score_document import score_document
+    from sqrp_cli.cli.console import progress
+    from sqrp_cli.cli.score_run import show
     from sqrp_cli.cli.score_table import print_difference
     from sqrp_cli.scoring.compute import Means, open_computer
     from sqrp_cli.scoring.difference import difference, read_versions
@@ -42,10 +41,4 @@ def command(
     old, new = read_versions(before, after)
     with open_computer(means) as computer:
         findings = difference(old, new, computer, allow, progress)
-    if as_json:
-        say_raw(as_text(score_document(findings)))
-    else:
-        print_difference(findings)
-    if findings.interrupted:
-        return ExitCode.INTERRUPTED
-    return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE
+    return show(findings, print_difference, as_json=as_json)

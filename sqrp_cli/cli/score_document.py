@@ -60,8 +60,8 @@ def _loss(loss: Loss) -> Document:
     return {
         "literal": loss.literal,
         "camera": loss.camera,
-        "start": loss.start,
-        "end": loss.end,
+        "start": loss.stretch.start,
+        "end": loss.stretch.end,
         "why": loss.why,
     }
 

@@ -1,20 +1,25 @@
-"""What `sqrp score` and `sqrp diff` have in common: workspaces read, workers hired, files written."""
+"""What `sqrp score` and `sqrp diff` have in common: workspaces read, workers hired, files written, findings shown."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.cli.console import note, print_problems, progress
+from sqrp_cli.cli.console import note, print_problems, progress, say_raw
+from sqrp_cli.cli.documents import as_text
+from sqrp_cli.cli.score_document import score_document
+from sqrp_cli.cli.score_table import print_report
+from sqrp_cli.errors import ExitCode
 from sqrp_cli.files import check_not_read, check_writable
-from sqrp_cli.scoring.baseline import baseline_of, load_baseline, save_baseline
+from sqrp_cli.scoring.baseline import Baseline, baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
 from sqrp_cli.scoring.compute import Computer, Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces
 from sqrp_cli.scoring.findings import CoverageLookup, Findings, compare_with, score_cells
 from sqrp_cli.scoring.junit import write_junit
+from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.summary import write_summary
 
 
@@ -25,17 +30,63 @@ class Outputs:
     junit: Path | None
     summary: Path | None
     baseline: Path | None
-    report: Path | None = None
+    report: Path | None
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All of them."""
+        return tuple(path for path in (self.junit, self.summary, self.baseline, self.report) if path is not None)
 
     def check(self) -> None:
         """Raises InputError before anything is computed where one of them cannot be written."""
-        for path in (self.junit, self.summary, self.baseline):
-            if path is not None:
-                check_writable(path)
+        for path in self.paths:
+            check_writable(path)
+        if self.report is not None:
+            from sqrp_cli.cli.report_page import check_report
 
-    def check_not_read(self, inputs: Iterable[Path]) -> None:
-        """Raises InputError where one of them is a file that is read."""
-        check_not_read((self.junit, self.summary, self.baseline, self.report), inputs)
+            check_report(self.report)
+
+
+@dataclass(frozen=True)
+class ScoreRequest:
+    """What the command line asks for. baseline: the file to compare with. allowance: see `comparison.compare`."""
+
+    paths: Sequence[str]
+    baseline: Path | None
+    allowance: float
+    outputs: Outputs
+
+
+def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
+    """Score all, compare with the baseline, write the files that were asked for and print; arguments: of the command.
+
+    Raises InputError for paths, clusters, folders and files of no use.
+    """
+    outputs = request.outputs
+    outputs.check()
+    baseline = None if request.baseline is None else load_baseline(request.baseline, means.sampling)
+    with ScoreRun.open(request.paths, outputs, means) as run:
+        findings = run.findings(baseline, request.allowance)
+        if not findings.interrupted:
+            run.write(findings, outputs)
+    if outputs.report is not None and findings.results and not findings.interrupted:
+        from sqrp_cli.cli.report_page import write_scores
+
+        write_scores(run.cells, findings, means.sampling, outputs.report, arguments, means.jobs)
+    return show(findings, print_report, as_json=as_json)
+
+
+def show(findings: Findings, print_findings: Callable[[Findings], None], *, as_json: bool) -> ExitCode:
+    """Print what was found, in words or as a document; returns the exit code that it stands for."""
+    if as_json:
+        say_raw(as_text(score_document(findings)))
+    else:
+        print_findings(findings)
+    if findings.interrupted:
+        return ExitCode.INTERRUPTED
+    if findings.count("error"):
+        return ExitCode.BAD_INPUT
+    return ExitCode.OK if findings.passed else ExitCode.NONE_FEASIBLE
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,32 +99,42 @@ class ScoreRun:
     @classmethod
     @contextmanager
     def open(cls, paths: Sequence[str], outputs: Outputs, means: Means) -> Iterator[ScoreRun]:
-        """Read the workspaces and hire workers.
+        """Hire workers and read the workspaces; workers begin with those that are read.
 
         Raises InputError for paths, clusters and folders of no use, and where an output is a file of a workspace.
         """
         files = find_workspaces(paths)
+        check_not_read(outputs.paths, files)
+        cells: list[ScoredCell] = []
         with open_computer(means) as computer:
             with progress("Reading workspaces", len(files)) as advance:
-                cells = read_cells(files, advance)
-            outputs.check_not_read([*files, *(path for cell in cells for path in _files(cell))])
+                for cell in read_cells(files):
+                    check_not_read(outputs.paths, _files(cell))
+                    computer.begin(wanted_of(cell))
+                    cells.append(cell)
+                    advance()
             for cell in cells:
                 print_problems(problem for problem in cell.problems if problem.severity == "warning")
                 if cell.workspace is not None and not cell.tasks:
                     note(f"{cell.name} lists no tasks")
-            yield cls(cells, computer)
+            yield cls(tuple(cells), computer)
 
-    def findings(self, baseline: Path | None, allowance: float) -> Findings:
+    def findings(self, baseline: Baseline | None, allowance: float) -> Findings:
         """Score all and compare with a baseline if there is one."""
-        known = None if baseline is None else load_baseline(baseline, self.computer.sampling)
         findings = score_cells(self.cells, self.computer, progress)
-        candidates = sum(len(task.task.candidates) for cell in self.cells for task in cell.tasks if task.task)
-        known_before = ", the others were known" if self.computer.computed < candidates else ""
-        rest = ", then interrupted" if findings.interrupted else known_before
-        note(f"{self.computer.computed} of {candidates} candidates were computed{rest}")
-        if findings.interrupted or known is None:
+        note(self._count(interrupted=findings.interrupted))
+        if findings.interrupted or baseline is None:
             return findings
-        return compare_with(findings, self.cells, known, allowance, self._lookup, progress)
+        return compare_with(findings, self.cells, baseline, allowance, self._lookup, progress)
+
+    def _count(self, *, interrupted: bool) -> str:
+        """How many candidates were computed, and what of the others."""
+        total = sum(len(wanted_of(cell)) for cell in self.cells)
+        computed, failed = self.computer.computed, self.computer.failed
+        parts = [f"{computed} of {total} candidates were computed"]
+        parts += [f"{failed} could not be"] if failed else []
+        parts += ["the others were known"] if not interrupted and computed + failed < total else []
+        return ", ".join(parts) + (", then interrupted" if interrupted else "")
 
     def write(self, findings: Findings, outputs: Outputs) -> None:
         """Write the files that were asked for."""

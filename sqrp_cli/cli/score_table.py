@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 from sqrp_cli.cli.console import Column, Styled, joined, plain, print_table, say
 from sqrp_cli.scoring.findings import Findings, Result, listed
-from sqrp_cli.scoring.thresholds import worst_delay
 
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 
@@ -96,7 +95,7 @@ def _row(result: Result) -> list[Styled]:
     if score.best is None:
         return [score.workspace, score.task or "", "", "", "", "", "", status]
     best = score.best.assessment
-    delay = worst_delay(best)
+    delay = best.delay_worst
     figures = [_percent(best.q_eoi), _percent(best.q_avg), f"{best.time:.2f}", "-" if delay is None else f"{delay:.2f}"]
     return [score.workspace, score.task or "", best.candidate.name, *figures, status]
 

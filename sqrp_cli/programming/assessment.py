@@ -52,6 +52,11 @@ class Assessment:
     verdict: str = ""
     recalibrated: tuple[Qualities, ...] = ()
 
+    @property
+    def delay_worst(self) -> float | None:
+        """The longest time that any fault may remain unnoticed [s]; None where there is no fault to notice."""
+        return max((fault.delay_worst for fault in self.faults.values()), default=None)
+
 
 @dataclass(frozen=True, eq=False)
 class Study:

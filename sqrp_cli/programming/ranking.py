@@ -12,6 +12,9 @@ from sqrp_cli.programming.assessment import Assessment
 Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
+Figure = Callable[[Assessment], float | None]
+"""A figure of a candidate by which it may be ranked; None where it is undefined."""
+
 _QUALITY_STEP = 1e-3
 """Qualities are compared rounded to this (0.1 points): what bisection cannot tell apart is equal."""
 
@@ -35,7 +38,8 @@ def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]
     apart.
     """
     feasible = [assessment for assessment in assessments if assessment.feasible]
-    columns = [_CRITERIA[by], _CRITERIA["q_avg"], _CRITERIA["time"], _worst_delay]
+    ties: list[Figure] = [_CRITERIA["q_avg"], _CRITERIA["time"], lambda assessment: assessment.delay_worst]
+    columns = [_CRITERIA[by], *ties]
     usable = [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
 
     def key(assessment: Assessment) -> tuple[list[float], list[tuple[float, str]]]:
@@ -69,15 +73,11 @@ def _mean_delay(assessment: Assessment) -> float | None:
     return max((fault.delay_mean for fault in assessment.faults.values()), default=None)
 
 
-def _worst_delay(assessment: Assessment) -> float | None:
-    return max((fault.delay_worst for fault in assessment.faults.values()), default=None)
-
-
 def _expected_time(assessment: Assessment) -> float | None:
     return max((fault.expected_time for fault in assessment.faults.values()), default=None)
 
 
-_CRITERIA: dict[Criterion, Callable[[Assessment], float | None]] = {
+_CRITERIA: dict[Criterion, Figure] = {
     "q_eoi": lambda assessment: _rounded(assessment.q_eoi),
     "q_avg": lambda assessment: _rounded(assessment.q_avg),
     "time": lambda assessment: assessment.time,

@@ -20,7 +20,6 @@ from sqrp_cli.scoring.cells import ScoredCell
 from sqrp_cli.scoring.outcome import coverage_numbers, read_coverage
 from sqrp_cli.scoring.score import TaskScore
 from sqrp_cli.scoring.source_fields import fields_of
-from sqrp_cli.scoring.thresholds import worst_delay
 
 
 class _Record(BaseModel):
@@ -55,7 +54,7 @@ class WayRecord(_Record):
             time=assessment.time,
             q_avg=assessment.q_avg,
             q_eoi=assessment.q_eoi,
-            delay=worst_delay(assessment),
+            delay=assessment.delay_worst,
             coverage=None if coverage is None else coverage_numbers(coverage),
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,13 +40,10 @@ class ScoredCell:
     problems: tuple[Problem, ...] = ()
 
 
-def read_cells(files: Sequence[Path], advance: Callable[[], None]) -> tuple[ScoredCell, ...]:
-    """The workspaces in some files; `advance` is called after each."""
-    cells = []
+def read_cells(files: Sequence[Path]) -> Iterator[ScoredCell]:
+    """The workspaces in some files, each as soon as it is read."""
     for file, name in short_names(files).items():
-        cells.append(read_cell(file, name))
-        advance()
-    return tuple(cells)
+        yield read_cell(file, name)
 
 
 def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell:

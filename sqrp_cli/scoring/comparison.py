@@ -24,17 +24,17 @@ Verdict = Literal["regressed", "improved", "unchanged", "new"]
 class Loss:
     """A stretch of time in which a literal was covered and no longer is, though a camera used to see it.
 
-    start, end: on the motion as it is now [s]. why: the commonest cause in a few words.
+    stretch: of the motion as it is now. why: the commonest cause in a few words.
     """
 
     literal: str
     camera: str
-    start: float
-    end: float
+    stretch: Stretch
     why: str
 
     def __str__(self) -> str:
-        return f"{self.camera} no longer sees {self.literal} from {self.start:.1f} s to {self.end:.1f} s: {self.why}"
+        start, end = self.stretch.start, self.stretch.end
+        return f"{self.camera} no longer sees {self.literal} from {start:.1f} s to {end:.1f} s: {self.why}"
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,14 @@ class Shift:
     before: float | None
     now: float | None
     worse: bool
+
+    @property
+    def size(self) -> float:
+        """How far the figure moved: a difference of Q, or the share by which a time changed."""
+        if self.before is None or self.now is None:
+            return 0.0
+        moved = abs(self.now - self.before)
+        return moved / self.before if self.metric in ("time", "delay") and self.before > 0 else moved
 
     def __str__(self) -> str:
         match self.metric:
@@ -77,6 +85,11 @@ class WayChange:
     def worse(self) -> bool:
         """Whether anything got worse."""
         return any(shift.worse for shift in self.shifts)
+
+    @property
+    def severity(self) -> float:
+        """How much worse it got at most: a difference of Q, or the share by which a time grew; 0 where it did not."""
+        return max((shift.size for shift in self.shifts if shift.worse), default=0.0)
 
     def __str__(self) -> str:
         shown = [shift for shift in self.shifts if shift.worse] or list(self.shifts)
@@ -125,7 +138,7 @@ def compare(
     allowance: float,
     coverage: Callable[[TaskScore, Ranked], Coverage | None],
 ) -> Comparison:
-    """Compare a task with its baseline; None: it has none. coverage: of a way as it is now."""
+    """Compare a task with its baseline, the worst change first; None: it has none. coverage: of a way as it is now."""
     if before is None:
         return Comparison("new")
     changes = []
@@ -136,7 +149,7 @@ def compare(
     if changes:
         verdict = "regressed" if any(change.worse for change in changes) else "improved"
     gone = tuple(name for name in before.ways if name not in now.ways)
-    return Comparison(verdict, tuple(sorted(changes, key=lambda change: not change.worse)), gone)
+    return Comparison(verdict, tuple(sorted(changes, key=lambda change: (not change.worse, -change.severity))), gone)
 
 
 def lost(before: Coverage, now: Coverage) -> tuple[Loss, ...]:
@@ -154,11 +167,11 @@ def lost(before: Coverage, now: Coverage) -> tuple[Loss, ...]:
         for camera in old.blind:
             gone = intersection(missing, _on_motion(old.seen_by(camera), before, now))
             losses += [
-                Loss(atom, camera, stretch.start, stretch.end, _why(target, camera, stretch))
+                Loss(atom, camera, stretch, _why(target, camera, stretch))
                 for stretch in difference(gone, target.seen_by(camera))
                 if stretch.length >= SHORTEST_LOSS
             ]
-    return tuple(sorted(losses, key=lambda loss: loss.start - loss.end))
+    return tuple(sorted(losses, key=lambda loss: -loss.stretch.length))
 
 
 def _why(target: TargetCoverage, camera: str, stretch: Stretch) -> str:

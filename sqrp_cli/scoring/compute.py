@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 
@@ -12,11 +12,11 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.scoring.dispatcher import Dispatcher, Done
 from sqrp_cli.scoring.identity import candidate_key
-from sqrp_cli.scoring.job import Job
+from sqrp_cli.scoring.job import Job, PackedWorkspace
 from sqrp_cli.scoring.outcome import Outcome
 from sqrp_cli.scoring.results_folder import Results, results_in
-from sqrp_cli.scoring.run_jobs import Done, run_jobs
 from sqrp_cli.scoring.workers import Workers, open_workers
 
 
@@ -36,9 +36,17 @@ class Means:
 
 @contextmanager
 def open_computer(means: Means) -> Iterator[Computer]:
-    """What computes candidates by these means. Raises InputError for a folder or a cluster that cannot be used."""
+    """What computes candidates by these means; at Ctrl-C what is under way is finished and kept before it goes on.
+
+    Raises InputError for a folder or a cluster that cannot be used.
+    """
     with results_in(means.out) as results, open_workers(means.jobs, means.cluster) as workers:
-        yield Computer(workers, results, means.sampling, means.seed)
+        computer = Computer(workers, results, means.sampling, means.seed)
+        try:
+            yield computer
+        except KeyboardInterrupt:
+            computer.give_up()
+            raise
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,48 +58,64 @@ class Wanted:
     candidate: Candidate
 
 
-@dataclass(eq=False)
 class Computer:
     """Gets outcomes of candidates, from where results are kept or from workers.
 
-    seed: of what planning draws at random. computed: how many had to be computed. problems: of those that cannot be
-    computed, by key.
+    seed: of what planning draws at random. computed, failed: how many had to be computed, and how
+    many could not be.
     """
 
-    workers: Workers
-    results: Results
-    sampling: Sampling
-    seed: int = 0
-    computed: int = 0
-    problems: dict[str, tuple[Problem, ...]] = field(default_factory=dict)
+    def __init__(self, workers: Workers, results: Results, sampling: Sampling, seed: int = 0) -> None:
+        self.sampling = sampling
+        self.computed = self.failed = 0
+        self._seed = seed
+        self._results = results
+        self._portion = workers.portion
+        self._dispatcher = Dispatcher(workers, self._keep)
+        self._awaited: set[str] = set()  # keys of what is begun
+        self._problems: dict[str, tuple[Problem, ...]] = {}  # of what cannot be computed, by key
+        self._advance: Callable[[int], None] | None = None
+
+    def begin(self, wanted: Sequence[Wanted], *, coverage: bool = False) -> None:
+        """Let workers that are other processes begin with candidates of which there is no outcome; see `compute`."""
+        missing: dict[str, Wanted] = {}
+        for want in wanted:
+            key = self._key(want.content, want.candidate, coverage=coverage)
+            known = key in self._awaited or key in self._problems
+            if not known and self.outcome(want, coverage=coverage) is None:
+                missing[key] = want
+        self._awaited.update(missing)
+        by_workspace: dict[str, list[Wanted]] = {}
+        for want in missing.values():
+            by_workspace.setdefault(want.workspace.digest, []).append(want)
+        for members in by_workspace.values():
+            self._dispatcher.add(list(self._jobs(members, coverage=coverage)))
 
     def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None], *, coverage: bool = False) -> None:
         """See to it that `outcome` finds every candidate; `advance` is told how many more are done.
 
-        coverage: with their coverage. Raises InputError where results cannot be kept.
+        coverage: with their coverage. At Ctrl-C what is under way is finished and kept before KeyboardInterrupt goes
+        on. Raises InputError where results cannot be kept.
         """
-        missing = {
-            self._key(want.content, want.candidate, coverage=coverage): want
-            for want in wanted
-            if self.outcome(want, coverage=coverage) is None
-        }
-        advance(len(wanted) - len(missing))
+        self.begin(wanted, coverage=coverage)
+        advance(len(wanted) - len(self._awaited))
+        self._advance = advance
+        try:
+            self._dispatcher.finish()
+        except KeyboardInterrupt:
+            self.give_up()
+            raise
+        finally:
+            self._advance = None
 
-        def keep(done: Done) -> None:
-            job = done.job
-            keys = [self._key(job.content, candidate, coverage=coverage) for candidate in job.candidates]
-            for key, text in zip(keys, done.outcomes, strict=False):
-                self.results.keep(key, text)
-                self.computed += 1
-            if done.problems:
-                self.problems.update(dict.fromkeys(keys, done.problems))
-            advance(len(keys))
-
-        run_jobs(self.workers, list(self._jobs(list(missing.values()), coverage=coverage)), keep)
+    def give_up(self) -> None:
+        """Begin nothing more, and keep what is under way."""
+        self._dispatcher.give_up()
+        self._awaited.clear()
 
     def outcome(self, wanted: Wanted, *, coverage: bool = False) -> Outcome | None:
         """The outcome of a candidate, if there is one."""
-        text = self.results.get(self._key(wanted.content, wanted.candidate, coverage=coverage))
+        text = self._results.get(self._key(wanted.content, wanted.candidate, coverage=coverage))
         if text is None:
             return None
         try:
@@ -101,17 +125,31 @@ class Computer:
 
     def why_not(self, wanted: Wanted) -> tuple[Problem, ...]:
         """Why a candidate cannot be computed; empty where nothing is known to prevent it."""
-        return self.problems.get(self._key(wanted.content, wanted.candidate, coverage=False), ())
+        return self._problems.get(self._key(wanted.content, wanted.candidate, coverage=False), ())
+
+    def _keep(self, done: Done) -> None:
+        job = done.job
+        keys = [self._key(job.content, candidate, coverage=job.coverage) for candidate in job.candidates]
+        for key, text in zip(keys, done.outcomes, strict=False):
+            self._results.keep(key, text)
+            self.computed += 1
+        if done.problems:
+            self.failed += len(keys)
+            self._problems.update(dict.fromkeys(keys, done.problems))
+        self._awaited.difference_update(keys)
+        if self._advance is not None:
+            self._advance(len(keys))
 
     def _key(self, content: str, candidate: Candidate, *, coverage: bool) -> str:
-        return candidate_key(content, candidate, self.sampling, self.seed, coverage=coverage)
+        return candidate_key(content, candidate, self.sampling, self._seed, coverage=coverage)
 
     def _jobs(self, wanted: Sequence[Wanted], *, coverage: bool) -> Iterator[Job]:
-        groups: dict[str, list[Wanted]] = {}
+        """Portions of the candidates of one workspace, each of one skill and of equal size as far as possible."""
+        packed = PackedWorkspace.of(wanted[0].workspace)
+        groups: dict[str, list[Candidate]] = {}
         for want in wanted:
-            groups.setdefault(want.content, []).append(want)
-        for content, members in groups.items():
-            count = ceil(len(members) / self.workers.portion)
+            groups.setdefault(want.content, []).append(want.candidate)
+        for content, candidates in groups.items():
+            count = ceil(len(candidates) / self._portion)
             for index in range(count):
-                candidates = tuple(member.candidate for member in members[index::count])
-                yield Job(members[0].workspace, content, candidates, self.sampling, self.seed, coverage)
+                yield Job(packed, content, tuple(candidates[index::count]), self.sampling, self._seed, coverage)

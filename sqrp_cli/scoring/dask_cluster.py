@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
-from concurrent.futures import Future
+from collections.abc import Mapping
+from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,11 @@ from sqrp_cli.scoring.shipping import prepare, run_shipped
 CONNECT_TIMEOUT = 10.0
 """How long to wait for the scheduler [s]."""
 
-CANDIDATES_PER_JOB = 6
+CANDIDATES_PER_JOB = 3
 """A job takes some 10 ms to get to a worker, a candidate some 100 ms to compute."""
 
-JOBS_PER_THREAD = 3
-"""Jobs under way per thread of the cluster, so that none waits for us."""
+JOBS_PER_WORKER = 2
+"""Jobs that a worker has at a time, so that it never waits for us."""
 
 
 class DaskWorkers:
@@ -46,32 +47,39 @@ class DaskWorkers:
             message = f"no Dask scheduler answers at `{cluster}`: {error}"
             mend = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
             raise InputError(Problem("no-cluster", message, mend=mend)) from error
-        threads = sum(self._client.nthreads().values())
-        if threads == 0:
+        addresses = sorted(self._client.nthreads())
+        if not addresses:
             self._client.close()
             message = f"the cluster at `{cluster}` has no workers"
             raise InputError(Problem("no-cluster", message, mend=f"dask worker {cluster}"))
         self._client.run(prepare, wait=False, on_error="ignore")  # while we read workspaces
-        self.capacity = JOBS_PER_THREAD * threads
-        self.portion = CANDIDATES_PER_JOB
-        self._executor = self._client.get_executor(pure=False)
+        self.count, self.ahead, self.portion, self.aside = len(addresses), JOBS_PER_WORKER, CANDIDATES_PER_JOB, True
+        # Where a worker dies, or another one has nothing to do, the scheduler gives its jobs to others.
+        options = {"pure": False, "allow_other_workers": True}
+        self._executors = [self._client.get_executor(workers=[address], **options) for address in addresses]
         self._contents: dict[str, Any] = {}
+        self._files: dict[str, Mapping[Path, str]] = {}
 
-    def submit(self, job: Job) -> Future[tuple[str, ...]]:
+    def submit(self, job: Job, worker: int) -> Future[tuple[str, ...]]:
         """See `Workers`."""
         if self._client.status not in ("running", "connecting"):
             message = "the connection to the cluster is lost; what is finished is kept where --out was given"
             raise InputError(Problem("no-cluster", message, mend="run the same command again, with --out and --resume"))
-        contents = {digest: self._content(path, digest) for path, digest in files_to_load(job.workspace).items()}
-        future: Future[tuple[str, ...]] = self._executor.submit(run_shipped, job, program_digest(), contents)
-        return future
+        digest = job.workspace.digest
+        if digest not in self._files:
+            self._files[digest] = files_to_load(job.workspace.unpack())
+        files = self._files[digest]
+        contents = {digest: self._content(path, digest) for path, digest in files.items()}
+        executor: Executor = self._executors[worker]
+        return executor.submit(run_shipped, job, program_digest(), files, contents)
 
-    def restart(self) -> None:
+    def restart(self, worker: int) -> None:
         """Nothing to do: the cluster starts its workers itself."""
 
     def close(self) -> None:
         """See `Workers`."""
-        self._executor.shutdown(wait=False)
+        for executor in self._executors:
+            executor.shutdown(wait=False)
         self._contents.clear()
         self._client.close()
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from sqrp_cli.knowledge.workspace import Workspace
@@ -18,18 +20,39 @@ from sqrp_cli.programming.verdict import verdict
 from sqrp_cli.scoring.outcome import Outcome
 
 CELLS_KEPT = 4
-"""Cells that a worker keeps loaded; the portions of one workspace mostly come one after the other."""
+"""Cells that a worker keeps loaded; the jobs of one workspace mostly come one after the other."""
+
+
+@dataclass(frozen=True, eq=False)
+class PackedWorkspace:
+    """A workspace as bytes: packed once, and unpacked only by a worker that has not loaded its cell yet.
+
+    digest: of the workspace, under which a worker keeps its cell.
+    """
+
+    digest: str
+    data: bytes
+
+    @classmethod
+    def of(cls, workspace: Workspace) -> PackedWorkspace:
+        """Pack a workspace."""
+        return cls(workspace.digest, pickle.dumps(workspace, pickle.HIGHEST_PROTOCOL))
+
+    def unpack(self) -> Workspace:
+        """The workspace."""
+        workspace: Workspace = pickle.loads(self.data)  # noqa: S301 # what `of` packed, in a job of our own
+        return workspace
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Some candidates of a task.
+    """Some candidates of a workspace.
 
-    content: digest of the workspace, under which a worker keeps its cell. seed: of what planning draws at random.
-    coverage: whether their coverage is wanted besides their figures.
+    content: digest of what their figures depend on, see `identity.content_digest`. seed: of what planning draws at
+    random. coverage: whether their coverage is wanted besides their figures.
     """
 
-    workspace: Workspace
+    workspace: PackedWorkspace
     content: str
     candidates: tuple[Candidate, ...]
     sampling: Sampling
@@ -37,10 +60,13 @@ class Job:
     coverage: bool
 
 
-def run_job(job: Job) -> tuple[str, ...]:
-    """The outcome of each candidate, as text. Raises InputError for meshes or a sampling that cannot be used."""
+def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) -> tuple[str, ...]:
+    """The outcome of each candidate, as text; placed: puts the workspace's files where they are on this machine.
+
+    Raises InputError for meshes or a sampling that cannot be used.
+    """
     with _one_at_a_time:  # a cell has working memory of its own, and a cluster may run threads
-        cell = _cell(job)
+        cell = _cell(job, placed)
         return tuple(_outcome(cell, job, candidate).to_text() for candidate in job.candidates)
 
 
@@ -58,9 +84,12 @@ _cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()
 _one_at_a_time = threading.Lock()
 
 
-def _cell(job: Job) -> Cell:
-    name = (job.content, job.seed)
-    cell = _cells.pop(name, None) or Cell.load(job.workspace, job.seed)
+def _cell(job: Job, placed: Callable[[Workspace], Workspace] | None) -> Cell:
+    name = (job.workspace.digest, job.seed)
+    cell = _cells.pop(name, None)
+    if cell is None:
+        workspace = job.workspace.unpack()
+        cell = Cell.load(workspace if placed is None else placed(workspace), job.seed)
     _cells[name] = cell
     if len(_cells) > CELLS_KEPT:
         _cells.popitem(last=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
@@ -64,7 +65,11 @@ class Results:
             except OSError as error:
                 message = f"results cannot be kept in this folder: {error.strerror or error}"
                 raise InputError(Problem("cannot-write", message, Place(self.folder))) from error
-            write_atomically(path, text)
+            try:
+                write_atomically(path, text)
+            except InputError as error:
+                mend = "make room; the same command then goes on from what is finished, which is kept"
+                raise InputError(*(replace(problem, mend=mend) for problem in error.problems)) from error
 
     def close(self) -> None:
         """Let other runs use the folder."""

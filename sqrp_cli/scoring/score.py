@@ -34,8 +34,12 @@ class TaskScore:
     content: str = ""
 
 
-def wanted_of(cell: ScoredCell, task: ScoredTask) -> tuple[Wanted, ...]:
-    """The candidates of a task, to be computed."""
+def wanted_of(cell: ScoredCell) -> tuple[Wanted, ...]:
+    """The candidates of a workspace's tasks, to be computed."""
+    return tuple(want for task in cell.tasks for want in _wanted(cell, task))
+
+
+def _wanted(cell: ScoredCell, task: ScoredTask) -> tuple[Wanted, ...]:
     if cell.workspace is None or task.task is None:
         return ()
     return tuple(Wanted(cell.workspace, task.content, candidate) for candidate in task.task.candidates)
@@ -46,7 +50,7 @@ def score(cells: Sequence[ScoredCell], computer: Computer, advance: Callable[[in
 
     `advance` is told how many more candidates are done. Raises InputError where results cannot be kept.
     """
-    computer.compute([want for cell in cells for task in cell.tasks for want in wanted_of(cell, task)], advance)
+    computer.compute([want for cell in cells for want in wanted_of(cell)], advance)
     return tuple(result for cell in cells for result in scores_of(cell, computer))
 
 
@@ -69,7 +73,7 @@ def _task_score(cell: ScoredCell, task: ScoredTask, computer: Computer) -> TaskS
     if task.task is None:
         return TaskScore(cell.name, task.text, "error", None, {}, _sentences(task.problems))
     assessments = []
-    for want in wanted_of(cell, task):
+    for want in _wanted(cell, task):
         problems = computer.why_not(want)
         if problems:
             return TaskScore(cell.name, task.text, "error", None, {}, _sentences(problems))

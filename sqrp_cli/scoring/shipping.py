@@ -14,25 +14,24 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.files import write_atomically
-from sqrp_cli.knowledge.relocation import files_to_load, relocated
+from sqrp_cli.knowledge.relocation import relocated
 from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job, run_job
 
 
-def run_shipped(job: Job, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
+def run_shipped(job: Job, program: str, files: Mapping[Path, str], contents: Mapping[str, bytes]) -> tuple[str, ...]:
     """Do a job whose workspace's files are not on this machine.
 
-    program: digest of the program that sent it. contents: of the files, by digest. Raises InputError as `run_job`, and
-    where this machine runs another program or version.
+    program: digest of the program that sent it. files: the digest of each file to load. contents: of the files, by
+    digest. Raises InputError as `run_job`, and where this machine runs another program or version.
     """
     if program != program_digest():
         message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
         raise InputError(Problem("version-mismatch", message, mend="install the same versions on every worker"))
     prepare()
-    files = files_to_load(job.workspace)
     places = {path: _materialized(path, digest, contents[digest]) for path, digest in files.items()}
     try:
-        return run_job(replace(job, workspace=relocated(job.workspace, lambda path: places[path])))
+        return run_job(job, lambda workspace: relocated(workspace, lambda path: places[path]))
     except InputError as error:
         raise InputError(*(_translated(problem, places) for problem in error.problems)) from error
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 from sqrp_cli.files import write_atomically
 from sqrp_cli.scoring.findings import Findings, Result, listed
-from sqrp_cli.scoring.thresholds import worst_delay
 
 
 def write_summary(findings: Findings, path: Path) -> None:
     """What needs attention first, then the table of all tasks. Raises InputError where the file cannot be written."""
-    counts = ", ".join(f"{findings.count(status)} {status}" for status in ("passed", "failed", "error"))
+    named = (("passed", "passed"), ("failed", "failed"), ("error", "could not be scored"))
+    counts = ", ".join(f"{findings.count(status)} {words}" for status, words in named if findings.count(status))
     lines = [
         f"## SQRP: {'passed' if findings.passed else 'not passed'}",
         "",
@@ -30,7 +30,8 @@ def write_summary(findings: Findings, path: Path) -> None:
     lines += [
         f"- changed in {_text(name)}: {_text(listed(changes))}" for name, changes in findings.changes.items() if changes
     ]
-    lines += ["", "| workspace | task | best | Q_eoi % | Q_avg % | time s | seen after s | result |"]
+    lines += [""] if lines[-1] else []
+    lines += ["| workspace | task | best | Q_eoi % | Q_avg % | time s | seen after s | result |"]
     lines += ["|---|---|---|---:|---:|---:|---:|---|"]
     lines += [_row(result) for result in findings.results]
     write_atomically(path, "\n".join(lines) + "\n")
@@ -41,7 +42,7 @@ def _row(result: Result) -> str:
     cells = [score.workspace, score.task or "", "", "", "", "", "", score.status]
     if score.best is not None:
         best = score.best.assessment
-        delay = worst_delay(best)
+        delay = best.delay_worst
         figures = [None if q is None else 100 * q for q in (best.q_eoi, best.q_avg)]
         cells[2:7] = [
             best.candidate.name,

@@ -20,11 +20,6 @@ def shortcomings(best: Assessment | None, thresholds: Thresholds, why_none: str)
     return tuple(_shortcomings(best, thresholds))
 
 
-def worst_delay(assessment: Assessment) -> float | None:
-    """The longest time that any fault may remain unnoticed [s]; None where there is no fault to notice."""
-    return max((fault.delay_worst for fault in assessment.faults.values()), default=None)
-
-
 def _shortcomings(best: Assessment, thresholds: Thresholds) -> Iterator[str]:
     name = best.candidate.name
     lost = best.verdict.split(HELP)[0]
@@ -40,10 +35,12 @@ def _shortcomings(best: Assessment, thresholds: Thresholds) -> Iterator[str]:
             yield f"{label} of {name} is {100 * quality:.1f} %, expected at least {100 * least:g} %: {lost}"
     if thresholds.max_time is not None and best.time is not None and best.time > thresholds.max_time:
         yield f"{name} takes {best.time:.2f} s, expected at most {thresholds.max_time:g} s"
-    delay = worst_delay(best)
+    delay = best.delay_worst
     if thresholds.max_delay is not None and delay is not None and delay > thresholds.max_delay:
         fault = max(best.faults, key=lambda fault: best.faults[fault].delay_worst)
         most = f"expected at most {thresholds.max_delay:g} s"
-        yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {lost}"
+        blind = best.faults[fault].blind_longest
+        why = lost if blind else "so long take a frame and the latency of the camera that sees it"
+        yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {why}"
     if thresholds.winner is not None and thresholds.winner not in best.candidate.objects.values():
         yield f"{name} is best, expected one with {thresholds.winner}"

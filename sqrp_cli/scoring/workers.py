@@ -18,21 +18,25 @@ from sqrp_cli.scoring.job import Job, run_job
 class Workers(Protocol):
     """Where jobs are done.
 
-    capacity: so many jobs should be under way at a time. portion: so many candidates make a good job: few, so that
-    little is lost with a worker, but enough that sending them costs little.
+    count: of workers, each of which does one job at a time. ahead: so many jobs a worker should have, so that it never
+    waits for us. portion: so many candidates make a good job: few, so that little is lost with a worker, but enough
+    that sending them costs little. aside: whether they work while this process does something else.
     """
 
-    capacity: int
+    count: int
+    ahead: int
     portion: int
+    aside: bool
 
-    def submit(self, job: Job) -> Future[tuple[str, ...]]:
-        """Begin a job; its result is that of `run_job`. A worker that died shows as `BrokenExecutor`.
+    def submit(self, job: Job, worker: int) -> Future[tuple[str, ...]]:
+        """Let a worker do a job; the result is that of `run_job`.
 
-        Raises InputError where there is no one left to do it.
+        A worker that died shows as `BrokenExecutor`, raised here or by the result. Raises InputError where there is no
+        one left to do it.
         """
 
-    def restart(self) -> None:
-        """Replace workers that died."""
+    def restart(self, worker: int) -> None:
+        """Replace a worker that died."""
 
     def close(self) -> None:
         """Begin nothing more, and wait for what has begun."""
@@ -57,33 +61,39 @@ def open_workers(jobs: int, cluster: str | None) -> Iterator[Workers]:
 
 
 class LocalWorkers:
-    """Processes of this machine; with one job at a time this process does it."""
+    """Processes of this machine; with one job at a time this process does it.
+
+    Each process is an executor of its own: who gets a job decides who has to load its workspace.
+    """
 
     def __init__(self, jobs: int) -> None:
-        self._jobs = jobs
-        self.capacity = 1 if jobs == 1 else jobs + 1
+        self.count = jobs
+        self.aside = jobs > 1
+        self.ahead = 2 if self.aside else 1
         self.portion = 1
-        self._executor = self._new_executor()
+        self._executors: list[Executor | None] = [None] * jobs
 
-    def submit(self, job: Job) -> Future[tuple[str, ...]]:
+    def submit(self, job: Job, worker: int) -> Future[tuple[str, ...]]:
         """See `Workers`."""
-        return self._executor.submit(run_job, job)
+        executor = self._executors[worker]
+        if executor is None:
+            executor = self._executors[worker] = _new_process() if self.aside else ThisProcess()
+        return executor.submit(run_job, job)
 
-    def restart(self) -> None:
+    def restart(self, worker: int) -> None:
         """See `Workers`."""
-        self.close()
-        self._executor = self._new_executor()
+        executor = self._executors[worker]
+        if executor is not None:
+            executor.shutdown(cancel_futures=True)
+        self._executors[worker] = None
 
     def close(self) -> None:
         """See `Workers`."""
-        self._executor.shutdown(cancel_futures=True)
-
-    def _new_executor(self) -> Executor:
-        if self._jobs == 1:
-            return ThisProcess()
-        fork = "fork" in multiprocessing.get_all_start_methods()  # shares what is loaded
-        context = multiprocessing.get_context("fork" if fork else None)
-        return ProcessPoolExecutor(self._jobs, context, initializer=_start_worker)
+        for executor in self._executors:  # all are told before any is waited for
+            if executor is not None:
+                executor.shutdown(wait=False, cancel_futures=True)
+        for worker in range(self.count):
+            self.restart(worker)
 
 
 class ThisProcess(Executor):
@@ -97,6 +107,12 @@ class ThisProcess(Executor):
         except Exception as error:
             future.set_exception(error)
         return future
+
+
+def _new_process() -> Executor:
+    fork = "fork" in multiprocessing.get_all_start_methods()  # shares what is loaded
+    context = multiprocessing.get_context("fork" if fork else None)
+    return ProcessPoolExecutor(1, context, initializer=_start_worker)
 
 
 def _start_worker() -> None:

@@ -236,6 +236,7 @@ def test_a_full_disk_ends_with_a_message(sqrp, own_watch, tmp_path, monkeypatch)
     outcome = sqrp("score", own_watch, "--out", tmp_path / "results")
     assert (outcome.code, outcome.out) == (2, "")
     assert "No space left on device" in outcome.err
+    assert "goes on from what is finished" in outcome.err
     assert not list((tmp_path / "results").rglob("*.json"))
 
 

@@ -1,0 +1,29 @@
+"""The sentence about an expectation that is not met says what is in the way, if anything is."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from sqrp_cli.knowledge.workspace import Thresholds
+from sqrp_cli.programming.assessment import Assessment
+from sqrp_cli.programming.faults import FaultMetrics
+from sqrp_cli.scoring.thresholds import shortcomings
+
+EXPECTED = Thresholds(None, None, None, 0.1, None, None)
+
+
+def assessed(*, blind: float) -> Assessment:
+    candidate = SimpleNamespace(name="g1", objects={"object": "g1"})
+    slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0)
+    verdict = "cam1 loses hold(g1) behind forearm_link."
+    return Assessment(candidate, feasible=True, time=9.0, faults={"slip": slip}, verdict=verdict)
+
+
+def test_a_delay_is_explained_by_what_hides_the_fault():
+    (sentence,) = shortcomings(assessed(blind=2.0), EXPECTED, "")
+    assert "only after 2.15 s, expected at most 0.1 s: cam1 loses hold(g1)" in sentence
+
+
+def test_a_delay_without_blind_time_is_explained_by_the_camera():
+    (sentence,) = shortcomings(assessed(blind=0.0), EXPECTED, "")
+    assert "only after 0.15 s, expected at most 0.1 s: so long take a frame and the latency" in sentence
