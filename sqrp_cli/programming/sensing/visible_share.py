@@ -5,8 +5,8 @@ Triangles that lie wholly before the box's far side block what their common outl
 that hang together need not be looked at one by one, and what is left of a closed mesh is the edges at which it turns
 away from the camera. Only triangles that reach through the far side are compared with single rays.
 
-The error is that of counting rays: half a row, 0.8 points, for an edge that runs along the rows all across the
-silhouette, and less than 0.2 points for others.
+The error is that of counting rays: at most half a row, 0.8 points, for an edge that runs along the rows all across the
+silhouette; far less for others, of which every row measures another place.
 """
 
 from __future__ import annotations
