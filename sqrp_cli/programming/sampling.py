@@ -92,27 +92,29 @@ def _within(piece: Piece, instants: Array) -> Array:
 
 def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -> list[Array]:
     """Instants of each primitive between which nothing moves further than `MAX_MOTION`."""
-    result = []
-    for index, primitive in enumerate(stage.motion.primitives):
-        t = np.linspace(primitive.start, primitive.end, _PROBES)
-        pieces = [number for number, piece in enumerate(stage.pieces) if piece.primitive == index]
-        if not pieces:
-            result.append(t[:1])
-            continue
+    pieces = {piece.primitive: number for number, piece in reversed(list(enumerate(stage.pieces)))}
+    primitives = stage.motion.primitives
 
-        def steps(instants: Array, piece: int = pieces[0]) -> Array:
-            return _steps(stage.states(Samples(np.full(len(instants), piece), instants)), observer, targets)
+    def steps(instants: dict[int, Array]) -> dict[int, Array]:
+        """How far things move between the instants of each primitive."""
+        piece = np.repeat([pieces[index] for index in instants], [len(t) for t in instants.values()])
+        samples = Samples(piece, np.concatenate(list(instants.values())))
+        found = np.append(_steps(stage.states(samples), observer, targets), 0.0)
+        parts = np.split(found, np.cumsum([len(t) for t in instants.values()])[:-1])
+        return {index: part[:-1] for index, part in zip(instants, parts, strict=True)}
 
-        travelled = np.concatenate([[0.0], np.cumsum(steps(t))])
-        count = int(np.ceil(travelled[-1] / MAX_MOTION))
-        if not count:
-            result.append(t[[0, -1]])
-            continue
-        instants = np.interp(np.linspace(0.0, travelled[-1], count + 1), travelled, t)
+    probes = {i: np.linspace(primitives[i].start, primitives[i].end, _PROBES) for i in sorted(pieces)}
+    instants = {}
+    for index, step in steps(probes).items():
+        travelled = np.concatenate([[0.0], np.cumsum(step)])
+        count = max(1, int(np.ceil(travelled[-1] / MAX_MOTION)))
+        even = np.linspace(0.0, travelled[-1], count + 1)
+        instants[index] = np.interp(even, travelled, probes[index]) if travelled[-1] else probes[index][[0, -1]]
+    for index, step in steps(instants).items():
         # Between the probes speed was taken as constant, which leaves some steps a little too long.
-        wide = np.flatnonzero(steps(instants) > MAX_MOTION)
-        result.append(np.insert(instants, wide + 1, 0.5 * (instants[wide] + instants[wide + 1])))
-    return result
+        t, wide = instants[index], np.flatnonzero(step > MAX_MOTION)
+        instants[index] = np.insert(t, wide + 1, 0.5 * (t[wide] + t[wide + 1]))
+    return [instants.get(index, np.array([primitive.start])) for index, primitive in enumerate(primitives)]
 
 
 def _steps(states: SceneStates, observer: Observer, targets: Sequence[Target]) -> Array:

@@ -42,7 +42,8 @@ class Solid:
     geometry: coal's collision geometry, in the shape's frame; place it with X_WP @ part.X_PG.
     vertices: shape (V, 3) [m], in the parent's frame; triangles: shape (F, 3), indices into `vertices`.
     center, radius: a sphere around it, in the parent's frame [m].
-    corners: shape (8, 3), the corners of a box around it, in the parent's frame [m].
+    corners, half_axes: the corners of a box around it, shape (8, 3), and the vectors from its centre to three of its
+    faces, one a row, shape (3, 3), in the parent's frame [m].
     """
 
     part: Part
@@ -52,6 +53,7 @@ class Solid:
     center: Array
     radius: float
     corners: Array
+    half_axes: Array
 
 
 def load_solid(part: Part) -> Solid:
@@ -72,6 +74,7 @@ def load_solid(part: Part) -> Solid:
         center=read_only(center),
         radius=float(np.linalg.norm(vertices - center, axis=1).max()),
         corners=read_only(corners),
+        half_axes=read_only((corners[[4, 2, 1]] - corners[0]) / 2),
     )
 
 

@@ -26,6 +26,9 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""
 
+_MOST_PARTS = 16
+"""Into how many parts a bracket around a transition is cut at once, at most."""
+
 
 @dataclass(frozen=True, eq=False)
 class Observation:
@@ -156,32 +159,55 @@ def observe(
     timeline = Timeline(
         stage.pieces, samples, tuple(target.atom for target in targets), observation, faults, times[0], times[1]
     )
-    while isinstance(sampling, Adaptive) and (added := _quarters(timeline, sampling.tolerance)) is not None:
+    while isinstance(sampling, Adaptive) and (added := _finer(timeline, sampling.tolerance)) is not None:
         order = timeline.samples.merge_order(added)
         observation = timeline.observation.joined(_look(stage, observer, targets, faults, added, full=full), order)
         timeline = replace(timeline, samples=timeline.samples.joined(added, order), observation=observation)
     return timeline
 
 
-def _quarters(timeline: Timeline, tolerance: float) -> Samples | None:
-    """Samples that cut every bracket around a transition in four that is still too wide; None when none is.
+def _finer(timeline: Timeline, tolerance: float) -> Samples | None:
+    """Samples that cut every bracket around a transition that is still too wide; None when none is.
 
-    That is two bisections at once: a look at a few samples costs little more than a look at one.
+    Each is cut into as many equal parts as make it narrow enough in as few rounds as the widest needs: a look at a few
+    samples costs little more than a look at one.
     """
     t, piece, steps = timeline.samples.t, timeline.samples.piece, np.nan_to_num(timeline.steps)
-    groups = np.column_stack([timeline.covered, *(timeline.fault_covered(fault) for fault in timeline.faults)])
-    changes = (groups[1:] != groups[:-1]).any(axis=1) & (steps > 0)
-    least = min(time for time in (timeline.T, timeline.T_eoi, np.inf) if time > 0)
-    wide = changes & (steps > max(tolerance * least / max(1, int(changes.sum())), SHORTEST_BRACKET))
+    ratio = steps / _allowed_widths(timeline, tolerance)
+    rows = np.flatnonzero(ratio > 1 + 1e-9)
+    if not len(rows):
+        return None
+    rounds = np.ceil(np.log(ratio[rows].max()) / np.log(_MOST_PARTS))
+    parts = np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)
+    bracket = np.repeat(np.arange(len(rows)), parts - 1)
+    part = np.arange(len(bracket)) - np.repeat(np.cumsum(parts - 1) - parts, parts - 1)
+    return Samples(piece[rows][bracket], t[rows][bracket] + (steps[rows] / parts)[bracket] * part)
+
+
+def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
+    """How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
+
+    The brackets around changes of the state's coverage share what error Q_avg may have, and those in events of interest
+    what Q_eoi may have. A change of a fault's coverage, on which a delay depends, is found as exactly as an only change
+    in events of interest would be; one of a camera's, in the full matrix, as an only change at any time.
+    """
+    apart = ~np.isnan(timeline.steps)
+    state = (timeline.covered[1:] != timeline.covered[:-1]) & apart
+    interesting = state & timeline.interesting[:-1]
+    error, error_eoi = tolerance * timeline.T, tolerance * (timeline.T_eoi or timeline.T)
+    allowed = np.where(state, error / max(1, int(state.sum())), np.inf)
+    allowed[interesting] = np.minimum(allowed[interesting], error_eoi / max(1, int(interesting.sum())))
+    for covered in map(timeline.fault_covered, timeline.faults):
+        changes = (covered[1:] != covered[:-1]) & apart
+        allowed[changes] = np.minimum(allowed[changes], error_eoi)
     if timeline.observation.matrix:
         cameras = np.concatenate(
             [np.all([box.cause == Cause.NONE for box in boxes], axis=0) for boxes in timeline.observation.matrix],
             axis=1,
         )
-        wide |= (cameras[1:] != cameras[:-1]).any(axis=1) & (steps > max(tolerance * timeline.T, SHORTEST_BRACKET))
-    rows = np.flatnonzero(wide)
-    inner = t[rows, None] + np.diff(t)[rows, None] * (0.25, 0.5, 0.75)
-    return Samples(np.repeat(piece[rows], 3), inner.reshape(-1)) if len(rows) else None
+        changes = (cameras[1:] != cameras[:-1]).any(axis=1) & apart
+        allowed[changes] = np.minimum(allowed[changes], error)
+    return np.maximum(allowed, SHORTEST_BRACKET)
 
 
 def _look(

@@ -115,33 +115,25 @@ class Observer:
         """Add to `count` of each row how many of its views see the target, at least up to the number it needs.
 
         Views whose hulls nothing is near see it without further tests. The others of a row are tested one after the
-        other, those with the fewest solids near first, until enough of them see it: first for empty hulls, then, where
-        a part of a box is enough, for the share that is visible.
+        other, those with the fewest solids near first, until enough of them see it.
         """
         poses = states.solid_poses(self.solids)
         lines = [self._sight_lines(box, states, views) for box in target.boxes]
         near = [near_pairs(line, poses, self._opaque(box)) for line, box in zip(lines, target.boxes, strict=True)]
         pending = np.bincount(np.concatenate([line for line, _ in near]), minlength=len(row))
         np.add.at(count, row[pending == 0], 1)
-        partly = np.zeros(len(row), dtype=bool)
         unsettled = np.flatnonzero(pending)
         order = unsettled[np.lexsort((pending[unsettled], row[unsettled]))]
         for asked in _one_per_row(order, row, count, target.cameras):
-            clear, enough = np.ones(len(row), dtype=bool), np.ones(len(row), dtype=bool)
+            enough = np.ones(len(row), dtype=bool)
             for box, line, pairs in zip(target.boxes, lines, near, strict=True):
-                blocked, _ = self._tester.met(line, poses, _of_lines(pairs, asked), first_only=True)
-                clear[blocked] = False
-                enough[blocked] &= box.detector.min_visible < 1
-            partly[asked] = ~clear[asked] & enough[asked]
-            np.add.at(count, row[asked[clear[asked]]], 1)
-        for asked in _one_per_row(order[partly[order]], row, count, target.cameras):
-            enough = np.ones(len(asked), dtype=bool)
-            for box, line, pairs in zip(target.boxes, lines, near, strict=True):
-                left = asked[enough]
-                met = self._tester.met(line, poses, _of_lines(pairs, left), first_only=False)
-                shares = self._shares(box, states, views, met, enough=box.detector.min_visible)
-                enough[enough] = shares[left] >= box.detector.min_visible
-            np.add.at(count, row[asked[enough]], 1)
+                left = _of_lines(pairs, asked[enough[asked]])
+                if box.detector.min_visible < 1:  # the shares tell of empty hulls as well, and faster
+                    enough &= self._shares(box, states, views, left) >= box.detector.min_visible
+                else:
+                    blocked, _ = self._tester.met(line, poses, left, first_only=True)
+                    enough[blocked] = False
+            np.add.at(count, row[asked[enough[asked]]], 1)
 
     def limits(self, box: TargetBox, states: SceneStates, rows: Rows) -> LimitVerdicts:
         """Limits of every camera in the states `rows`, each array of shape (c, rows)."""
@@ -186,21 +178,16 @@ class Observer:
         parts = [solid.part for solid in self.solids]
         return [i for i, part in enumerate(parts) if part.parent not in box.encloses and part.name not in box.encloses]
 
-    def _shares(
-        self, box: TargetBox, states: SceneStates, views: Views, met: Pairs, *, enough: float | None = None
-    ) -> Array:
-        """Visible shares of a box, shape (v,); 1 where no solid is met in the view hull.
-
-        enough: if given, a share is only computed as closely as is needed to tell whether it is at least that.
-        """
+    def _shares(self, box: TargetBox, states: SceneStates, views: Views, near: Pairs) -> Array:
+        """Visible shares of a box, shape (v,), of solids that may reach into its view hulls; 1 where there are none."""
         shares = np.ones(len(views.camera))
-        blocked, position = np.unique(met[0], return_inverse=True)
+        blocked, position = np.unique(near[0], return_inverse=True)
         if len(blocked):
             at = Views(views.camera[blocked], views.state[blocked])
             X_WC, X_WB = self._camera_poses(states, at), rows_of(states.box_poses(box), at.state)
             corners, _ = shrink(box.size, box.normal)
             poses = states.solid_poses(self.solids)
-            shares[blocked] = visible_shares(X_WC, X_WB, corners, at.state, poses, (position, met[1]), enough)
+            shares[blocked] = visible_shares(X_WC, X_WB, corners, at.state, poses, (position, near[1]))
         return shares
 
     def _box_verdicts(self, box: TargetBox, states: SceneStates, *, shares: bool) -> BoxVerdicts:
@@ -214,7 +201,7 @@ class Observer:
         hidden = np.zeros(len(views.camera), dtype=bool)
         hidden[met[0]] = True
         if shares or box.detector.min_visible < 1:
-            share = self._shares(box, states, views, met, enough=None if shares else box.detector.min_visible)
+            share = self._shares(box, states, views, met)
             if shares:
                 visible[views.state, views.camera] = share
             hidden &= (share < box.detector.min_visible) | (box.detector.min_visible >= 1)

@@ -13,7 +13,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS, Array, cross, transform
+from sqrp_cli.geometry import BOX_SIGNS, Array, cross
 from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
 
 Pairs = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -105,14 +105,8 @@ def near_pairs(lines: SightLines, poses: SolidPoses, solids: Sequence[int]) -> P
     if not len(lines.state) or not solids:
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     planes = hull_planes(lines.eyes, lines.corners)
-    count = int(lines.state.max()) + 1
-    corners = np.empty((len(solids), count, 8, 3))
-    centers = np.empty((3, len(solids), count))
-    for number, index in enumerate(solids):
-        solid, X_WP = poses.solids[index], poses.pose(index)[:count]
-        corners[number] = transform(X_WP, solid.corners)
-        centers[:, number] = transform(X_WP, solid.center[None])[:, 0].T
-    x, y, z = centers[:, :, lines.state]
+    bounds = _Bounds.of(poses, solids, int(lines.state.max()) + 1)
+    x, y, z = np.moveaxis(bounds.centers[:, lines.state], -1, 0)
     reach = np.array([poses.solids[index].radius for index in solids])[:, None] + TOUCH
     near = np.ones(x.shape, dtype=bool)
     # One plane at a time: NumPy is slow at reductions over short axes.
@@ -120,10 +114,50 @@ def near_pairs(lines: SightLines, poses: SolidPoses, solids: Sequence[int]) -> P
         near &= a * x + b * y + c * z <= reach + offset
 
     line, row = np.nonzero(near.T)
-    around, hull = corners[row, lines.state[line]], lines.hull[line]
-    lowest = (planes[hull, :, :3] @ np.swapaxes(around, 1, 2)).min(axis=2)
-    keep = (lowest <= planes[hull, :, 3] + TOUCH).all(axis=1)
+    hull, state = lines.hull[line], lines.state[line]
+    center, half_axes = bounds.centers[row, state], bounds.half_axes(row, state)
+    normals, offsets = planes[hull, :, :3], planes[hull, :, 3]
+    nearest = (normals @ center[..., None])[..., 0] - np.abs(normals @ np.swapaxes(half_axes, 1, 2)).sum(axis=2)
+    points = np.concatenate([lines.corners, lines.eyes[:, None]], axis=1)[hull] - center[:, None]
+    keep = (nearest <= offsets + TOUCH).all(axis=1) & _reach_into(points, half_axes)
     return line[keep], np.asarray(solids, dtype=np.int64)[row[keep]]
+
+
+@dataclass(frozen=True, eq=False)
+class _Bounds:
+    """Boxes around s solids in m states.
+
+    R_WP: rotations of the solids' parents, shape (s, m, 3, 3). centers: in the world, shape (s, m, 3). parent_axes:
+    half axes in the frames of the parents, one a row, shape (s, 3, 3).
+    """
+
+    R_WP: Array
+    centers: Array
+    parent_axes: Array
+
+    @classmethod
+    def of(cls, poses: SolidPoses, solids: Sequence[int], count: int) -> _Bounds:
+        X_WP = np.stack([np.broadcast_to(poses.pose(index)[:count, :3], (count, 3, 4)) for index in solids])
+        centers_P = np.stack([poses.solids[index].center for index in solids])
+        centers = (X_WP[..., :3] @ centers_P[:, None, :, None])[..., 0] + X_WP[..., 3]
+        return cls(X_WP[..., :3], centers, np.stack([poses.solids[index].half_axes for index in solids]))
+
+    def half_axes(self, row: NDArray[np.int64], state: NDArray[np.int64]) -> Array:
+        """Half axes of some of the boxes in the world, one a row, shape (n, 3, 3)."""
+        axes: Array = self.parent_axes[row] @ np.swapaxes(self.R_WP[row, state], 1, 2)
+        return axes
+
+
+def _reach_into(points: Array, half_axes: Array) -> NDArray[np.bool_]:
+    """Whether the convex hull of points (n, k, 3) may reach into a box around the origin with half axes (n, 3, 3).
+
+    It does not if all of them lie beyond the same face.
+    """
+    along = points @ np.swapaxes(half_axes, 1, 2)
+    length = np.sqrt(np.einsum("nai,nai->na", half_axes, half_axes))
+    reach = length * (length + TOUCH)
+    may: NDArray[np.bool_] = ((along.min(axis=1) <= reach) & (along.max(axis=1) >= -reach)).all(axis=1)
+    return may
 
 
 class HullTester:

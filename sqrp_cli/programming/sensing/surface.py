@@ -1,0 +1,61 @@
+"""How the triangles of a solid hang together: what its outline in an image is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, cross
+from sqrp_cli.programming.solids import Solid
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """V vertices, F triangles and E edges.
+
+    vertices: shape (V, 3) [m]. triangles: shape (F, 3). normals, offsets: n . p > o for points p in front of each
+    triangle, shapes (F, 3) and (F,).
+    start, end: vertices of each edge, shape (E,). left, right: the triangle that runs along it in its direction and the
+    one that runs against it, shape (E,). An edge that does not join just two triangles of like orientation is there
+    once for each of its triangles, with F, no triangle, on its right.
+    """
+
+    vertices: Array
+    triangles: Indices
+    normals: Array
+    offsets: Array
+    start: Indices
+    end: Indices
+    left: Indices
+    right: Indices
+
+    @staticmethod
+    @cache
+    def of(solid: Solid) -> Surface:
+        """The surface of a solid, in its parent's frame."""
+        return Surface.of_triangles(solid.vertices, solid.triangles)
+
+    @staticmethod
+    def of_triangles(vertices: Array, triangles: Indices) -> Surface:
+        """The surface of triangles (F, 3) over vertices (V, 3); vertices in the same place become one."""
+        _, first, place = np.unique(np.round(vertices, 9), axis=0, return_index=True, return_inverse=True)
+        vertices, triangles = vertices[first], place.reshape(-1)[triangles]
+        p = [vertices[triangles[:, k]] for k in range(3)]
+        normals = cross(p[1] - p[0], p[2] - p[0])
+        offsets = np.einsum("fi,fi->f", normals, p[0])
+
+        start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
+        key = np.minimum(start, end) * len(vertices) + np.maximum(start, end)
+        order = np.argsort(key, kind="stable")
+        _, begin, count = np.unique(key[order], return_index=True, return_counts=True)
+        one, other = order[begin], order[begin + count - 1]
+        joins = (count == 2) & (start[one] != start[other])
+        alone = np.setdiff1d(order, np.concatenate([one[joins], other[joins]]))
+        side = np.concatenate([one[joins], alone])
+        right = np.concatenate([other[joins] // 3, np.full(len(alone), len(triangles))])
+        return Surface(vertices, triangles, normals, offsets, start[side], end[side], side // 3, right)

@@ -1,0 +1,125 @@
+"""Visible shares against rays that are traced one by one through the same triangles, by other formulas."""
+
+from __future__ import annotations
+
+import coal
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
+from sqrp_cli.knowledge.scene import Box, Part
+from sqrp_cli.programming.sensing.occlusion import SolidPoses
+from sqrp_cli.programming.sensing.visible_share import visible_shares
+from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
+
+RAYS = 40_000
+"""Rays of a reference: its standard deviation is at most 0.25 points where half the box's rectangle is the box."""
+
+CLOSE = 0.012
+"""How far a share may be from its reference: four standard deviations, and what the grid may be off."""
+
+
+def solid_of(vertices: Array, triangles: NDArray[np.int64]) -> Solid:
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    center = (low + high) / 2
+    return Solid(
+        part=Part("shape", "world", Box((1.0, 1.0, 1.0)), pose()),
+        geometry=coal.Box(1.0, 1.0, 1.0),
+        vertices=vertices,
+        triangles=triangles,
+        center=center,
+        radius=float(np.linalg.norm(vertices - center, axis=1).max()),
+        corners=center + BOX_SIGNS * (high - low) / 2,
+        half_axes=np.diag((high - low) / 2),
+    )
+
+
+def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
+    poses = SolidPoses(tuple(solids), {"world": pose()[None]})
+    pairs = np.zeros(len(solids), dtype=np.int64), np.arange(len(solids))
+    corners_B = 0.5 * size * BOX_SIGNS
+    return float(visible_shares(X_WC[None], X_WB[None], corners_B, np.zeros(1, dtype=np.int64), poses, pairs)[0])
+
+
+def traced(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
+    """The share by random rays: the box by slabs, the triangles by Moeller and Trumbore (1997)."""
+    corners_C = transform(inverse(X_WC) @ X_WB, 0.5 * size * BOX_SIGNS)
+    image = corners_C[:, :2] / corners_C[:, 2:]
+    uv = np.random.default_rng(5).uniform(image.min(axis=0), image.max(axis=0), (RAYS, 2))
+    rays_W = np.column_stack([uv, np.ones(RAYS)]) @ X_WC[:3, :3].T
+    X_BW = inverse(X_WB)
+    eye_B, rays_B = transform(X_BW, X_WC[:3, 3][None])[0], rays_W @ X_BW[:3, :3].T
+    with np.errstate(divide="ignore"):
+        sides = np.stack([(sign * size / 2 - eye_B) / rays_B for sign in (-1, 1)])
+    enters, leaves = sides.min(axis=0).max(axis=1), sides.max(axis=0).min(axis=1)
+    meets = enters <= leaves
+    rays_W, leaves = rays_W[meets], leaves[meets]
+    free = np.ones(len(rays_W), dtype=bool)
+    for solid in solids:
+        for a, b, c in solid.vertices[solid.triangles]:
+            first, second, to = b - a, c - a, X_WC[:3, 3] - a
+            normal = np.cross(rays_W, second)
+            determinant = normal @ first
+            with np.errstate(divide="ignore", invalid="ignore"):
+                u = normal @ to / determinant
+                v = rays_W @ np.cross(to, first) / determinant
+                t = second @ np.cross(to, first) / determinant
+            free &= ~((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0) & (t < leaves))
+    return float(free.mean())
+
+
+def view(generator: np.random.Generator) -> tuple[Array, Array, Array]:
+    """A camera, a box that it looks at from 0.4 to 1.5 m, and the box's size."""
+    size = generator.uniform(0.02, 0.3, 3)
+    X_WB = pose(quaternion_to_matrix(generator.normal(size=4)), generator.normal(scale=0.2, size=3))
+    direction = generator.normal(size=3)
+    eye = X_WB[:3, 3] + direction / np.linalg.norm(direction) * generator.uniform(0.4, 1.5)
+    return look_at(eye, X_WB[:3, 3] + generator.normal(scale=0.05, size=3)), X_WB, size
+
+
+def between(generator: np.random.Generator, X_WC: Array, X_WB: Array, spread: float) -> Array:
+    """A point somewhere from behind the camera to behind the box."""
+    along = generator.uniform(-0.3, 1.3)
+    middle: Array = (1 - along) * X_WC[:3, 3] + along * X_WB[:3, 3]
+    return middle + generator.normal(scale=spread, size=3)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_loose_triangles_block_what_single_rays_say(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    X_WC, X_WB, size = view(generator)
+    corners = [
+        between(generator, X_WC, X_WB, 0.1) + generator.normal(scale=0.15, size=(3, 3))
+        for _ in range(generator.integers(1, 12))
+    ]
+    solid = solid_of(np.concatenate(corners), np.arange(3 * len(corners)).reshape(-1, 3))
+    assert share([solid], X_WC, X_WB, size) == pytest.approx(traced([solid], X_WC, X_WB, size), abs=CLOSE)
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_closed_boxes_that_overlap_block_what_single_rays_say(seed: int) -> None:
+    generator = np.random.default_rng(100 + seed)
+    X_WC, X_WB, size = view(generator)
+    solids = []
+    for _ in range(generator.integers(1, 5)):
+        X_WO = pose(quaternion_to_matrix(generator.normal(size=4)), between(generator, X_WC, X_WB, 0.06))
+        vertices = transform(X_WO, generator.uniform(0.02, 0.2, 3) * BOX_SIGNS)
+        solids.append(solid_of(vertices, BOX_TRIANGLES))
+    assert share(solids, X_WC, X_WB, size) == pytest.approx(traced(solids, X_WC, X_WB, size), abs=CLOSE)
+
+
+def test_an_open_shell_blocks_from_both_sides() -> None:
+    X_WC, X_WB, size = look_at([0.0, -1.0, 0.0], [0.0, 0.0, 0.0]), pose(), np.full(3, 0.1)
+    sheet = np.array([[-0.2, -0.3, 0.0], [0.2, -0.3, 0.0], [0.2, -0.3, 0.2], [-0.2, -0.3, 0.2]])
+    for triangles in ([[0, 1, 2], [0, 2, 3]], [[2, 1, 0], [3, 2, 0]], [[0, 1, 2], [3, 2, 0]]):
+        solid = solid_of(sheet, np.array(triangles))
+        assert share([solid], X_WC, X_WB, size) == pytest.approx(0.5, abs=0.01)
+
+
+def test_what_is_level_with_the_image_is_as_exact_as_what_is_not() -> None:
+    X_WC, X_WB, size = look_at([0.0, -1.0, 0.0], [0.0, 0.0, 0.0]), pose(), np.array([0.1, 1e-3, 0.1])
+    for height in np.linspace(-0.045, 0.045, 37):
+        sheet = np.array([[-0.2, -0.5, 0.5 * height], [0.2, -0.5, 0.5 * height], [0.2, -0.5, 0.2], [-0.2, -0.5, 0.2]])
+        seen = share([solid_of(sheet, np.array([[0, 1, 2], [0, 2, 3]]))], X_WC, X_WB, size)
+        assert seen == pytest.approx(0.5 + height / 0.1, abs=0.005)
