@@ -89,6 +89,12 @@ class Path:
         start, end = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
         return cls(np.array([0.0, 1.0]), np.array([[0.5 * (end + start), 0.5 * (end - start)]]))
 
+    @property
+    def end(self) -> Array:
+        """Joint positions at s = 1 [rad or m], shape (n,): the sum of the coefficients, as T_k(1) = 1."""
+        end: Array = self.coefficients[-1].sum(axis=0)
+        return end
+
     def positions(self, s: ArrayLike) -> Array:
         """Joint positions [rad or m] at s of shape (m,), shape (m, n)."""
         return self.derivatives(s, 0)

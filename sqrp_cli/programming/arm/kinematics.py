@@ -163,6 +163,12 @@ class RobotModel:
         """Velocity of the tool frame's origin over its angular velocity, in world axes, per joint velocity; (6, n)."""
         return self._pinocchio.jacobian(q)
 
+    def tool_poses(self, q: Array) -> Array:
+        """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""
+        X_WJ = self._chain.poses(self._chain_couplings.positions(q))
+        X_WT: Array = X_WJ[:, -1] @ self._tree.mounts[self.tool_frame].X_JL
+        return X_WT
+
     def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
         """As `tool_pose` and `jacobian` at m positions of shape (m, n): shapes (m, 4, 4) and (m, 6, n)."""
         turns = self._chain.turns[:, None]

@@ -18,6 +18,9 @@ _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
 _LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
 
+NEWTON_STEPS = 8
+"""Steps of Newton's method at most; it squares the error of an isolated solution at each."""
+
 
 def pose_errors(X_WT: Array, X_target: Array) -> Array:
     """Position error [m] over rotation vector [rad] from poses to targets, in world axes, shape (m, 6).
@@ -86,6 +89,46 @@ def descend(
         damping = np.clip(damping * np.where(better, 0.2, 4.0), least_damping, _MOST_DAMPING)
         q_all[rows], e_all[rows] = q, e
     return q_all, e_all
+
+
+def newton(
+    model: RobotModel, X_target: Array, q: Array, tolerance: float, moving: NDArray[np.bool_] | None = None
+) -> tuple[Array, Array]:
+    """Where Newton's method leads from each of m joint positions, shape (m, n), with the least motion of the joints.
+
+    X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each row, (m, 4, 4). tolerance: largest pose
+    error, in m and rad, from which a row takes no further step. moving: which joints may move, (n,); by default all.
+
+    Returns the joint positions, (m, n), and the magnitude of their largest pose error, (m,).
+    """
+    targets = np.broadcast_to(X_target, (len(q), 4, 4))
+    q, largest = q.copy(), np.zeros(len(q))
+    rows = np.arange(len(q))
+    for step in range(NEWTON_STEPS + 1):
+        X, J = model.tool_poses_and_jacobians(q[rows])
+        errors = pose_errors(X, targets[rows])
+        largest[rows] = np.abs(errors).max(axis=1, initial=0.0)
+        off = largest[rows] > tolerance
+        rows = rows[off]
+        if step == NEWTON_STEPS or not len(rows):
+            break
+        J = J[off] if moving is None else J[off] * moving
+        q[rows] += least_steps(J, errors[off])
+    return q, largest
+
+
+def least_steps(J: Array, errors: Array) -> Array:
+    """The shortest steps (m, n) with J @ step = error, where there are any; of Jacobians (m, 6, n), errors (m, 6).
+
+    The damping keeps steps finite at singularities: J^T (J J^T + d)^-1 = (J^T J + d)^-1 J^T, the smaller is inverted.
+    """
+    J_T = np.swapaxes(J, 1, 2)
+    damping = _LEAST_DAMPING * np.eye(min(J.shape[1:]))
+    if J.shape[2] < J.shape[1]:
+        steps: Array = np.linalg.solve(J_T @ J + damping, J_T @ errors[:, :, None])[..., 0]
+    else:
+        steps = (J_T @ np.linalg.solve(J @ J_T + damping, errors[:, :, None]))[..., 0]
+    return steps
 
 
 def spread_starts(model: RobotModel, count: int) -> Array:

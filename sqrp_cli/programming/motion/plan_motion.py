@@ -19,7 +19,7 @@ from sqrp_cli.programming.motion.branch_search import Question, Station, fastest
 from sqrp_cli.programming.motion.collision import CollisionScene, Contact, finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, ground_primitives, start_configuration
-from sqrp_cli.programming.motion.sections import Branch, BranchFinder, Failures, cut_into_sections, end_of, near_limits
+from sqrp_cli.programming.motion.sections import Branch, BranchFinder, Failures, cut_into_sections, near_limits
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.programming.motion.way_around import find_way
 from sqrp_cli.trajectory import Trajectory
@@ -213,7 +213,7 @@ class _Planner:
         primitive = self._skill.primitives[index]
         if primitive.fingers is None:
             return True
-        contact = self._scenes[index].check_fingers(end_of(trajectory), end_of(primitive.fingers))
+        contact = self._scenes[index].check_fingers(trajectory.path.end, primitive.fingers.path.end)
         if contact is not None:
             self._failures.note(index, f"{contact} as the fingers move in {primitive.name}")
         return contact is None

@@ -39,7 +39,7 @@ def test_the_tool_follows_position_and_orientation_of_the_line_everywhere(
     np.testing.assert_allclose(path.positions([0.0])[0], READY, atol=1e-12)
     s = np.linspace(0, 1, 173)
     for at, q in zip(s, path.positions(s), strict=True):
-        reached, wanted = ur5.tool_pose(q), line.pose(at)
+        reached, wanted = ur5.tool_pose(q), line.poses(np.array([at]))[0]
         assert np.linalg.norm(reached[:3, 3] - wanted[:3, 3]) < 2e-6
         assert np.linalg.norm(rotation_vector(reached[:3, :3] @ wanted[:3, :3].T)) < 2e-6
 
