@@ -122,13 +122,15 @@ def least_steps(J: Array, errors: Array) -> Array:
 
     The damping keeps steps finite at singularities: J^T (J J^T + d)^-1 = (J^T J + d)^-1 J^T, the smaller is inverted.
     """
-    J_T = np.swapaxes(J, 1, 2)
+    J_T, error = np.swapaxes(J, 1, 2), errors[:, :, None]
     damping = _LEAST_DAMPING * np.eye(min(J.shape[1:]))
-    if J.shape[2] < J.shape[1]:
-        steps: Array = np.linalg.solve(J_T @ J + damping, J_T @ errors[:, :, None])[..., 0]
-    else:
-        steps = (J_T @ np.linalg.solve(J @ J_T + damping, errors[:, :, None]))[..., 0]
-    return steps
+    fewer_joints = J.shape[2] < J.shape[1]
+    steps: Array = (
+        np.linalg.solve(J_T @ J + damping, J_T @ error)
+        if fewer_joints
+        else J_T @ np.linalg.solve(J @ J_T + damping, error)
+    )
+    return steps[..., 0]
 
 
 def spread_starts(model: RobotModel, count: int) -> Array:

@@ -188,7 +188,7 @@ class PlacedScene:
     def __init__(self, scene: CollisionScene, world: World, allowed: Pairs) -> None:
         """As `CollisionScene.placed` says."""
         model, depth_of = scene.model, scene.bound.depth
-        self._bound = scene.bound
+        self.bound = scene.bound
         self._model, self._fingers = model, finger_positions(model, world)
         bodies = list(scene.bodies)
         links: list[str | None] = [body.name for body in bodies]
@@ -305,7 +305,7 @@ class PlacedScene:
         """Middles and half lengths of stretches of at most twice `FIRST_STRETCH` of motion."""
         middles, halves = [], []
         for piece, (start, end) in enumerate(zip(path.breaks[:-1], path.breaks[1:], strict=True)):
-            motion = float(slopes[piece] @ self._bound.radii) * (end - start)
+            motion = float(slopes[piece] @ self.bound.radii) * (end - start)
             count = max(1, int(np.ceil(motion / (2 * FIRST_STRETCH))))
             half = (end - start) / (2 * count)
             middles.append(start + half * (2 * np.arange(count) + 1))
@@ -326,7 +326,7 @@ class PlacedScene:
         for i, link in self._carried:
             X_WC[i] = carriers[link]
         centers = transform(X_WC, self._center[:, None])[:, :, 0]
-        motion = self._bound.between(carriers, stretches.variation, centers, self._radius, self._depth)
+        motion = self.bound.between(carriers, stretches.variation, centers, self._radius, self._depth)
         bound = motion[outer, stretch, self._depth[inner]]
         need = bound + self._clearance[pairs]
         apart = np.linalg.norm(centers[inner, stretch] - centers[outer, stretch], axis=1)

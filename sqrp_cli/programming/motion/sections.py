@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill import JointMove, StraightMove
@@ -15,6 +15,7 @@ from sqrp_cli.programming.arm.branches import chosen_branches
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion.branch_search import Station
 from sqrp_cli.programming.motion.collision import PlacedScene
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.programming.motion.straight_line import LIMIT_SAMPLES, LIMIT_SLACK, ToolLine, follow, limit_reason
@@ -50,15 +51,45 @@ class Branch:
     trajectories: tuple[Trajectory, ...]
     turns: Array
 
-    @cached_property
+    @property
     def q_end(self) -> Array:
         """Where the last of its trajectories ends, shape (n,)."""
         return self.trajectories[-1].path.end if self.trajectories else self.q
 
-    @cached_property
+    @property
     def duration(self) -> float:
         """Duration of its trajectories [s]."""
         return sum(trajectory.duration for trajectory in self.trajectories)
+
+
+@dataclass(frozen=True, eq=False)
+class Ways(Station):
+    """All k ways through a section: its branches, with each of their turns.
+
+    branches: some of one or more ways. of: index of the branch of each way, shape (k,). turns: of each, shape (k, n).
+    """
+
+    branches: tuple[Branch, ...]
+    of: NDArray[np.intp]
+    turns: Array
+
+    @staticmethod
+    def through(branches: Sequence[Branch]) -> Ways:
+        """All ways of the branches of a section, of which there is at least one."""
+        of = np.repeat(np.arange(len(branches)), [len(branch.turns) for branch in branches])
+        turns = np.concatenate([branch.turns for branch in branches])
+        q_start = np.stack([branch.q for branch in branches])[of] + turns
+        q_end = np.stack([branch.q_end for branch in branches])[of] + turns
+        duration = np.array([branch.duration for branch in branches])[of]
+        return Ways(q_start, q_end, duration, tuple(branches), of, turns)
+
+    def branch(self, k: int) -> Branch:
+        """The branch of a way."""
+        return self.branches[int(self.of[k])]
+
+    def trajectories(self, k: int) -> list[Trajectory]:
+        """Those of a way, in its turns."""
+        return [Trajectory(t.path.shifted(self.turns[k]), t.law) for t in self.branch(k).trajectories]
 
 
 def cut_into_sections(primitives: Sequence[GroundPrimitive]) -> list[Section]:
@@ -116,12 +147,12 @@ class BranchFinder:
 
     def branches(self, section: Section) -> list[Branch]:
         """The branches of a section that can be followed, and that are free of contacts where its joint move ends."""
-        begun = [(q, ()) for q in self._clear_ends(section, self._ends(section))]
+        begun: list[_Begun] = [(q, ()) for q in self._clear_ends(section, self._ends(section))]
         followed = self._followed(section, begun)
         if begun and not followed:
             self._note_ends_out_of_reach(section)
         turns = [self._turns(section, q, trajectories) for q, trajectories in followed]
-        return [Branch(*begun, turn) for begun, turn in zip(followed, turns, strict=True) if len(turn)]
+        return [Branch(*branch, turn) for branch, turn in zip(followed, turns, strict=True) if len(turn)]
 
     def _ends(self, section: Section) -> Array:
         """Where a section's joint move may end, or where the arm stands if it has none, shape (b, n)."""

@@ -96,12 +96,9 @@ def follow(model: RobotModel, q0: Array, line: ToolLine) -> list[Path | Infeasib
 
 def _through(model: RobotModel, line: ToolLine, points: Sequence[Array | Infeasible]) -> list[Path | Infeasible]:
     """For each branch, the path through its points on the line, shape (degree + 1, n), or why it has none."""
-    followed = [row for row, q in enumerate(points) if not isinstance(q, Infeasible)]
-    results: dict[int, Path | Infeasible] = {row: q for row, q in enumerate(points) if isinstance(q, Infeasible)}
-    if followed:
-        q = np.stack([points[row] for row in followed])
-        results |= zip(followed, _fitted(model, line, q), strict=True)
-    return [results[row] for row in range(len(points))]
+    met = [q for q in points if not isinstance(q, Infeasible)]
+    fitted = iter(_fitted(model, line, np.stack(met)) if met else ())
+    return [q if isinstance(q, Infeasible) else next(fitted) for q in points]
 
 
 def _fitted(model: RobotModel, line: ToolLine, q: Array) -> list[Path | Infeasible]:

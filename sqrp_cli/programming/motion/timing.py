@@ -140,7 +140,7 @@ def time_paths(paths: Sequence[Path], limits: MotionLimits, along: MotionLimits)
     degrees = np.array([path.coefficients.shape[1] for path in paths])
     for degree in np.unique(degrees):
         rows = np.flatnonzero(degrees == degree)
-        side_by_side = np.concatenate([paths[row].coefficients for row in rows], axis=2)
+        side_by_side = np.concatenate([paths[row].coefficients for row in rows.tolist()], axis=2)
         factors[rows] = _stretches(Trajectory(Path(paths[0].breaks, side_by_side), law), limits)
     return [
         Trajectory(path, law.stretched(factor) if factor > 1.0 else law)
