@@ -122,14 +122,11 @@ def least_steps(J: Array, errors: Array) -> Array:
 
     The damping keeps steps finite at singularities: J^T (J J^T + d)^-1 = (J^T J + d)^-1 J^T, the smaller is inverted.
     """
-    J_T, error = np.swapaxes(J, 1, 2), errors[:, :, None]
-    damping = _LEAST_DAMPING * np.eye(min(J.shape[1:]))
-    fewer_joints = J.shape[2] < J.shape[1]
-    steps: Array = (
-        np.linalg.solve(J_T @ J + damping, J_T @ error)
-        if fewer_joints
-        else J_T @ np.linalg.solve(J @ J_T + damping, error)
-    )
+    J_T, damping = np.swapaxes(J, 1, 2), _LEAST_DAMPING * np.eye(min(J.shape[1:]))
+    if J.shape[2] < J.shape[1]:
+        steps = np.asarray(np.linalg.solve(J_T @ J + damping, J_T @ errors[:, :, None]), dtype=float)
+    else:
+        steps = J_T @ np.linalg.solve(J @ J_T + damping, errors[:, :, None])
     return steps[..., 0]
 
 

@@ -16,7 +16,8 @@ from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDA
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.branch_search import fastest_sequence
-from sqrp_cli.programming.motion.collision import CollisionScene, finger_positions
+from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, ground_primitives, start_configuration
 from sqrp_cli.programming.motion.joint_moves import JointMoves, Move

@@ -16,8 +16,8 @@ from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.branch_search import Station
-from sqrp_cli.programming.motion.collision import PlacedScene
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
+from sqrp_cli.programming.motion.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.straight_line import LIMIT_SAMPLES, LIMIT_SLACK, ToolLine, follow, limit_reason
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path, time_paths
 from sqrp_cli.trajectory import Path, Trajectory

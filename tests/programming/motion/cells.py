@@ -15,7 +15,8 @@ from sqrp_cli.knowledge.skill import Skill
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.collision import CollisionScene, pair
+from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.contact import pair
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 
 VALUES = {

@@ -17,7 +17,7 @@ from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion import joint_moves
-from sqrp_cli.programming.motion.collision import CLEARANCE
+from sqrp_cli.programming.motion.contact import CLEARANCE
 from sqrp_cli.programming.motion.corner_blend import blended_path
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.recovery import recovery_over
@@ -127,7 +127,7 @@ def test_the_same_seed_gives_the_same_way_whatever_was_planned_before(walled: Ce
 def test_the_planner_is_asked_only_where_no_combination_of_branches_is_direct(
     tabletop: Workspace, ur5: RobotModel, pickup: Skill, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(planning, "find_way", lambda *_: pytest.fail("a way around was looked for"))
+    monkeypatch.setattr(joint_moves, "find_way", lambda *_: pytest.fail("a way around was looked for"))
     motion = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL)).plan()
     assert isinstance(motion, Motion)
     assert motion.ways_around == ()
