@@ -13,6 +13,7 @@ from sqrp_cli.programming.arm.analytic_ik import approximate_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.pose_search import descend, halton, newton, pose_errors, spread_starts
 from sqrp_cli.programming.arm.reach import Unreachable, closest_turns, limit_excess, why_unreachable
+from sqrp_cli.programming.arm.reach_bound import beyond_reach
 
 SOLVED = 1e-11
 """Largest pose error of a solution, in m and rad; most are a thousand times better."""
@@ -93,6 +94,8 @@ def all_solutions(
     Fewer than six: solutions exist only for the few poses, with their full orientation, that such an arm can take.
     The result does not depend on whether EAIK is installed; it only saves time, for arms with six joints.
     """
+    if beyond_reach(model, X_WT) > 0.0:
+        return IkResult(np.empty((0, len(model.arm))), why_unreachable(model, X_WT))
     held, samples = _redundancy(model, seed, redundancy_samples)
     branches = _branches(model, X_WT, held, samples)
     inside = _within_limits(model, branches)

@@ -18,6 +18,9 @@ _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
 _LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
 
+STALLED = 1e6
+"""A step that lessens the square of the error by no more than a part in so many is the last one."""
+
 NEWTON_STEPS = 8
 """Steps of Newton's method at most; it squares the error of an isolated solution at each."""
 
@@ -49,7 +52,7 @@ def descend(
     within: lower and upper limits that are kept, shape (n,); by default none are.
 
     Returns the joint positions reached, (m, n), and their weighted pose errors, (m, 6). A start is not followed further
-    once its error is below 1e-10.
+    once its error is below 1e-10, or where steps lessen its square by no more than a part in `STALLED`.
     """
     weights = np.repeat([1.0, turn_weight], 3)
     least_damping = _LEAST_DAMPING * max(1.0, turn_weight) ** 2  # above the rounding of the normal equations
@@ -57,13 +60,13 @@ def descend(
     q = starts if within is None else np.clip(starts, *within)
     q_all, e_all = q.copy(), np.empty((len(q), 6))
     rows = np.arange(len(q))
-    damping = np.full(len(q), _FIRST_DAMPING)
+    damping, going = np.full(len(q), _FIRST_DAMPING), np.ones(len(q), dtype=bool)
     X, J = model.tool_poses_and_jacobians(q)
     e, J = pose_errors(X, targets) * weights, J * weights[:, None]
     e_all[:] = e
     cost = (e**2).sum(axis=1)
     for _ in range(steps):
-        going = cost > 1e-20
+        going &= cost > 1e-20
         if not going.any():
             break
         if not going.all():
@@ -85,6 +88,7 @@ def descend(
         better = cost_next < cost
         q, e = np.where(better[:, None], q_next, q), np.where(better[:, None], e_next, e)
         J = np.where(better[:, None, None], J_next * weights[:, None], J)
+        going = ~better & (damping < _MOST_DAMPING) | (cost_next < cost * (1.0 - 1.0 / STALLED))
         cost = np.where(better, cost_next, cost)
         damping = np.clip(damping * np.where(better, 0.2, 4.0), least_damping, _MOST_DAMPING)
         q_all[rows], e_all[rows] = q, e
