@@ -70,9 +70,8 @@ def descend(
         if not going.any():
             break
         if not going.all():
-            rows, targets, q, e, J, cost, damping = (
-                values[going] for values in (rows, targets, q, e, J, cost, damping)
-            )
+            rows = rows[going]
+            targets, q, e, J, cost, damping = (values[going] for values in (targets, q, e, J, cost, damping))
         free = np.broadcast_to(moving, q.shape)
         pull = (np.swapaxes(J, 1, 2) @ e[:, :, None])[..., 0]
         if within is not None:

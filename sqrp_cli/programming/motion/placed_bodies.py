@@ -72,9 +72,11 @@ class PlacedBodies:
         gap: Array = (np.sqrt((outside * outside).sum(axis=-1)) - self.radii[covered]).min(axis=-1)
         return gap
 
-    def placement(self, X_WF: Array, body: int) -> Placement:
-        """Where a body's geometry is, for coal, with the frames at X_WF, (N + 1, 4, 4)."""
-        return placement_at(X_WF[self.frame[body]] @ self.X_FG[body])
+    def placements(self, X_WF: Array, at: Indices, body: Indices) -> dict[tuple[int, int], Placement]:
+        """Where geometries are, for coal, by row of X_WF, (m, N + 1, 4, 4), and body; both of shape (k,)."""
+        rows, which = np.divmod(np.unique(at * len(self.bodies) + body), len(self.bodies))
+        X_WG = X_WF[rows, self.frame[which]] @ self.X_FG[which]
+        return dict(zip(zip(rows.tolist(), which.tolist(), strict=True), map(placement_at, X_WG), strict=True))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision_body import Placement, body_distance
+from sqrp_cli.programming.motion.collision_body import body_distance
 from sqrp_cli.programming.motion.contact import Contact, Pairs, pair
 from sqrp_cli.programming.motion.finger_joints import finger_steps
 from sqrp_cli.programming.motion.motion_bound import MotionBound
@@ -144,17 +144,12 @@ class PlacedScene:
         close = close[
             bodies.gap(X_WF, stretch[close], self._boxed[pairs[close]], self._covered[pairs[close]]) < need[close]
         ]
-        placements: dict[tuple[int, int], Placement] = {}
-
-        def placement(body: int, stretch: int) -> Placement:
-            if (body, stretch) not in placements:
-                placements[body, stretch] = bodies.placement(X_WF[stretch], body)
-            return placements[body, stretch]
-
-        columns = (values[close].tolist() for values in (stretch, inner, outer, bound, clearance))
-        for k, at, i, j, moved, kept in zip(close.tolist(), *columns, strict=True):
+        stretch, inner, outer = stretch[close], inner[close], outer[close]
+        placements = bodies.placements(X_WF, np.tile(stretch, 2), np.concatenate([inner, outer]))
+        columns = (values.tolist() for values in (close, stretch, inner, outer, bound[close], clearance[close]))
+        for k, at, i, j, moved, kept in zip(*columns, strict=True):
             first, second = bodies.bodies[j], bodies.bodies[i]
-            distance = body_distance(first, placement(j, at), second, placement(i, at), kept, kept + moved)
+            distance = body_distance(first, placements[at, j], second, placements[at, i], kept, kept + moved)
             if distance is not None:
                 contact = Contact(first.name, second.name, float(stretches.s[at]), kept)
                 yield _Near(k, at, moved, distance <= kept or moved < resolution, contact)

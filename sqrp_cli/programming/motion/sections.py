@@ -121,6 +121,8 @@ class Failures:
         return tuple(dict.fromkeys(reason for _, reason in furthest_first))[:most]
 
 
+_LIMIT_SAMPLES = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
+
 _Begun = tuple[Array, tuple[Trajectory, ...]]
 """Where a branch begins, shape (n,), and the trajectories of its first primitives."""
 
@@ -151,8 +153,8 @@ class BranchFinder:
         followed = self._followed(section, begun)
         if begun and not followed:
             self._note_ends_out_of_reach(section)
-        turns = [self._turns(section, q, trajectories) for q, trajectories in followed]
-        return [Branch(*branch, turn) for branch, turn in zip(followed, turns, strict=True) if len(turn)]
+        branches = [Branch(*branch, self._turns(section, *branch)) for branch in followed]
+        return [branch for branch in branches if len(branch.turns)]
 
     def _ends(self, section: Section) -> Array:
         """Where a section's joint move may end, or where the arm stands if it has none, shape (b, n)."""
@@ -229,11 +231,13 @@ class BranchFinder:
 
         A joint without limits goes at most one turn beyond where it is at the start and at home.
         """
-        s = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
-        passed = np.concatenate([q[None], *(trajectory.path.positions(s) for trajectory in trajectories)])
+        low, high = q, q
+        for path in (trajectory.path for trajectory in trajectories if trajectory.path.coefficients.shape[1] > 1):
+            passed = path.positions(_LIMIT_SAMPLES)
+            low, high = np.minimum(low, passed.min(axis=0)), np.maximum(high, passed.max(axis=0))
         lower, upper = self._near_limits
-        fewest = np.ceil((lower - LIMIT_SLACK - passed.min(axis=0)) / (2 * np.pi))
-        most = np.floor((upper + LIMIT_SLACK - passed.max(axis=0)) / (2 * np.pi))
+        fewest = np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi))
+        most = np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
         if section.is_fixed:
             fewest, most = np.maximum(fewest, 0.0), np.minimum(most, 0.0)
         fewest[~self._model.turns], most[~self._model.turns] = 0.0, 0.0
