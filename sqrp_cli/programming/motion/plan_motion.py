@@ -9,17 +9,14 @@ from functools import cache
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import MotionValue, Skill
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDANCY_SAMPLES, REDUNDANCY_SAMPLES
-from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.branch_search import fastest_sequence
 from sqrp_cli.programming.motion.collision import CollisionScene
 from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
-from sqrp_cli.programming.motion.ground_primitives import GroundSkill, ground_primitives, start_configuration
+from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives, start_configuration
 from sqrp_cli.programming.motion.joint_moves import JointMoves, Move
 from sqrp_cli.programming.motion.sections import BranchFinder, Failures, Ways, cut_into_sections
 from sqrp_cli.trajectory import Trajectory
@@ -79,43 +76,31 @@ class Motion:
         return self.primitives[primitive].trajectory.positions(np.asarray(t) - self.primitives[primitive].start)
 
 
-def plan_motion(
-    skill: Skill,
-    binding: Mapping[str, str],
-    values: Mapping[str, MotionValue],
-    objects: Mapping[str, SceneObject],
-    world: World,
-    model: RobotModel,
-    scene: CollisionScene,
-    seed: int = 0,
-) -> Motion | Infeasible:
+def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion | Infeasible:
     """The fastest feasible motion of a skill among all branches of inverse kinematics, joint turns included.
 
-    binding: the object that each skill parameter stands for. values: of every motion parameter. world: before it.
     seed: of what is drawn at random: ways around, and redundant joints. Every move keeps its clearance at all times.
     Joint moves are straight in joint space; only where no combination of branches has direct joint moves alone are
     ways around looked for, most promising combination first. Of an arm with more than six axes, more positions of its
     redundant joints are tried where few do not do. Infeasible names, most useful first, what is out of reach, which
     joint is at its limit, or what hits what and where.
     """
-    grounded = ground_primitives(skill, binding, values, objects, world, model, scene)
+    grounded = ground_primitives(use, scene)
     if isinstance(grounded, Infeasible):
         return grounded
-    q_start = start_configuration(model, world)
-    planner = _Planner(model, scene, grounded, q_start, seed, REDUNDANCY_SAMPLES)
+    q_start = start_configuration(scene.model, use.world)
+    planner = _Planner(scene, grounded, q_start, seed, REDUNDANCY_SAMPLES)
     motion = planner.plan()
-    if len(model.arm) <= MOST_AXES_WITHOUT_REDUNDANCY or isinstance(motion, Motion) or planner.is_out_of_reach:
+    if len(scene.model.arm) <= MOST_AXES_WITHOUT_REDUNDANCY or isinstance(motion, Motion) or planner.is_out_of_reach:
         return motion
-    return _Planner(model, scene, grounded, q_start, seed, MORE_REDUNDANCY_SAMPLES).plan()
+    return _Planner(scene, grounded, q_start, seed, MORE_REDUNDANCY_SAMPLES).plan()
 
 
 class _Planner:
     """Plans one motion: sections, the branches of each, and the moves between them."""
 
-    def __init__(
-        self, model: RobotModel, scene: CollisionScene, skill: GroundSkill, q_start: Array, seed: int, samples: int
-    ) -> None:
-        self._model, self._skill, self._q_start, self._seed = model, skill, q_start, seed
+    def __init__(self, scene: CollisionScene, skill: GroundSkill, q_start: Array, seed: int, samples: int) -> None:
+        self._model, self._skill, self._q_start, self._seed = scene.model, skill, q_start, seed
         self._samples = samples
         placed = cache(scene.placed)
         self._scenes = [placed(primitive.world, primitive.allowed) for primitive in skill.primitives]
