@@ -89,6 +89,12 @@ class Path:
         start, end = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
         return cls(np.array([0.0, 1.0]), np.array([[0.5 * (end + start), 0.5 * (end - start)]]))
 
+    @property
+    def end(self) -> Array:
+        """Joint positions at s = 1 [rad or m], shape (n,): the sum of the coefficients, as T_k(1) = 1."""
+        end: Array = self.coefficients[-1].sum(axis=0)
+        return end
+
     def positions(self, s: ArrayLike) -> Array:
         """Joint positions [rad or m] at s of shape (m,), shape (m, n)."""
         return self.derivatives(s, 0)
@@ -98,13 +104,13 @@ class Path:
 
         An s outside [0, 1] counts as the nearest end. At a break the piece that begins there is evaluated.
         """
-        inside = np.clip(np.asarray(s, dtype=float), 0.0, 1.0)
+        inside = np.minimum(np.maximum(np.asarray(s, dtype=float), 0.0), 1.0)
         piece = _piece(self.breaks, inside)
-        width = np.diff(self.breaks)
-        coefficients = np.moveaxis(self.coefficients, 1, 0)
+        start, width = self.breaks[:-1], self.breaks[1:] - self.breaks[:-1]
+        coefficients = self.coefficients.swapaxes(0, 1)
         if order:
             coefficients = np.polynomial.chebyshev.chebder(coefficients, order) * (2.0 / width[:, None]) ** order
-        x = 2.0 * (inside - self.breaks[piece]) / width[piece] - 1.0
+        x = 2.0 * (inside - start[piece]) / width[piece] - 1.0
         values: Array = np.polynomial.chebyshev.chebval(x[:, None], coefficients[:, piece], tensor=False)
         return values
 
@@ -210,4 +216,6 @@ def chain_rule(law: Array, path: Sequence[Array]) -> Array:
 
 def _piece(breaks: Array, values: Array) -> NDArray[np.intp]:
     """Index of the piece that each value lies in; the later one at a break, the last one at the end."""
+    if len(breaks) == 2:
+        return np.zeros(values.shape, dtype=np.intp)
     return np.clip(np.searchsorted(breaks, values, side="right") - 1, 0, len(breaks) - 2)

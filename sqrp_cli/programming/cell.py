@@ -10,7 +10,9 @@ from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.mesh_sizes import doubtful_meshes
-from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, finger_positions
+from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.contact import Pairs
+from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.motion.self_contacts import SelfContacts, find_self_contacts
 from sqrp_cli.programming.sensing.observer import Observer

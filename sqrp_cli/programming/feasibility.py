@@ -6,7 +6,7 @@ from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.conditions import failing_literals
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.ground_primitives import start_configuration
+from sqrp_cli.programming.motion.ground_primitives import SkillUse, start_configuration
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.programming.task import Candidate
 
@@ -22,10 +22,8 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
     contact = cell.collision.placed(world).check(start_configuration(cell.model, world))
     if contact is not None:
         return Infeasible((f"{contact} before anything moves",))
-    workspace, skill = cell.workspace, candidate.skill
-    return plan_motion(
-        skill, candidate.objects, candidate.motion, workspace.objects, world, cell.model, cell.collision, cell.seed
-    )
+    use = SkillUse(candidate.skill, candidate.objects, candidate.motion, cell.workspace.objects, world)
+    return plan_motion(use, cell.collision, cell.seed)
 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:

@@ -11,17 +11,15 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.programming.arm.analytic_ik import approximate_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.arm.pose_search import descend, halton, pose_errors, spread_starts
+from sqrp_cli.programming.arm.pose_search import descend, halton, newton, pose_errors, spread_starts
 from sqrp_cli.programming.arm.reach import Unreachable, closest_turns, limit_excess, why_unreachable
+from sqrp_cli.programming.arm.reach_bound import beyond_reach
 
 SOLVED = 1e-11
 """Largest pose error of a solution, in m and rad; most are a thousand times better."""
 
 POLISHED = 1e-13
 """Pose error at which Newton's method stops before its last step."""
-
-NEWTON_STEPS = 8
-"""Steps of Newton's method at most; it squares the error of an isolated solution at each."""
 
 NEARLY_SOLVED = 1e-6
 """Largest pose error from which Newton's method starts."""
@@ -96,6 +94,8 @@ def all_solutions(
     Fewer than six: solutions exist only for the few poses, with their full orientation, that such an arm can take.
     The result does not depend on whether EAIK is installed; it only saves time, for arms with six joints.
     """
+    if beyond_reach(model, X_WT) > 0.0:
+        return IkResult(np.empty((0, len(model.arm))), why_unreachable(model, X_WT))
     held, samples = _redundancy(model, seed, redundancy_samples)
     branches = _branches(model, X_WT, held, samples)
     inside = _within_limits(model, branches)
@@ -177,7 +177,7 @@ def _solutions_from(
 ) -> Array:
     """The solutions to which the search leads from starting points (m, n), some perhaps several times, (k, n)."""
     reached, errors = descend(model, X_WT, starts, moving, steps, within=within)
-    solutions, solved = _newton(model, X_WT, reached[np.abs(errors).max(axis=1) < NEARLY_SOLVED], moving)
+    solutions, solved = _polished(model, X_WT, reached[np.abs(errors).max(axis=1) < NEARLY_SOLVED], moving)
     return solutions[solved]
 
 
@@ -202,19 +202,10 @@ def _variations(model: RobotModel, q: Array) -> Array:
     return np.concatenate(variations)
 
 
-def _newton(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def _polished(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
     """Where Newton's method leads from positions q (m, n), and whether that is a solution, (m,)."""
-    for _ in range(NEWTON_STEPS):
-        X, J = model.tool_poses_and_jacobians(q)
-        errors = pose_errors(X, X_WT)
-        if np.abs(errors).max(initial=0.0) < POLISHED:
-            break
-        J = J * moving
-        normal = np.swapaxes(J, 1, 2) @ J + 1e-12 * np.eye(q.shape[1])
-        q = q + np.linalg.solve(normal, np.swapaxes(J, 1, 2) @ errors[:, :, None])[..., 0]
-    else:
-        errors = pose_errors(model.tool_poses_and_jacobians(q)[0], X_WT)
-    return q, np.abs(errors).max(axis=1) < SOLVED
+    q, errors = newton(model, X_WT, q, POLISHED, moving)
+    return q, errors < SOLVED
 
 
 def _settled(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> Array:
@@ -237,7 +228,7 @@ def _settled(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]
         length = np.linalg.norm(slides, axis=1)
         longest = np.where((slides * previous).sum(axis=1) < 0.0, 0.5 * np.minimum(longest, length), longest)
         steps = slides * np.minimum(1.0, longest / np.maximum(length, 1e-12))[:, None]
-        reached, solved = _newton(model, X_WT, points + steps, moving)
+        reached, solved = _polished(model, X_WT, points + steps, moving)
         went = ((reached - points) * steps).sum(axis=1) > 0.5 * (steps**2).sum(axis=1)
         going = solved & went & (np.linalg.norm(steps, axis=1) > 1e-9)
         settled[rows[going]] = reached[going]

@@ -155,6 +155,14 @@ class RobotModel:
             for link, mount in self._tree.mounts.items()
         }
 
+    def frame_poses(self, q: Array) -> Array:
+        """World poses X_WF of the frames of all joints of `tree`, and of the world as the last (or index -1).
+
+        Shape (m, N + 1, 4, 4), at m positions of the driven joints, shape (m, n + f).
+        """
+        X_WJ = self._tree.poses(self._couplings.positions(q))
+        return np.concatenate([X_WJ, np.broadcast_to(np.eye(4), (len(q), 1, 4, 4))], axis=1)
+
     def tool_pose(self, q: Array) -> Array:
         """World pose X_WT of the tool frame, shape (4, 4), at arm positions of shape (n,)."""
         return self._pinocchio.tool_pose(q)
@@ -162,6 +170,12 @@ class RobotModel:
     def jacobian(self, q: Array) -> Array:
         """Velocity of the tool frame's origin over its angular velocity, in world axes, per joint velocity; (6, n)."""
         return self._pinocchio.jacobian(q)
+
+    def tool_poses(self, q: Array) -> Array:
+        """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""
+        X_WJ = self._chain.poses(self._chain_couplings.positions(q))
+        X_WT: Array = X_WJ[:, -1] @ self._tree.mounts[self.tool_frame].X_JL
+        return X_WT
 
     def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
         """As `tool_pose` and `jacobian` at m positions of shape (m, n): shapes (m, 4, 4) and (m, 6, n)."""
@@ -177,6 +191,12 @@ class RobotModel:
     def tree(self) -> JointTree:
         """Every joint and link of robot and tool."""
         return self._tree
+
+    @property
+    def followers(self) -> tuple[str, ...]:
+        """The joints that mimic one of the arm's."""
+        led = np.flatnonzero((self._couplings.ratios[:, : len(self.arm)] != 0.0).any(axis=1))
+        return tuple(joint.name for joint in (self._tree.joints[row] for row in led) if joint.mimic is not None)
 
     @property
     def joints_move_alone(self) -> bool:

@@ -18,6 +18,12 @@ _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
 _LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
 
+STALLED = 1e6
+"""A step that lessens the square of the error by no more than a part in so many is the last one."""
+
+NEWTON_STEPS = 8
+"""Steps of Newton's method at most; it squares the error of an isolated solution at each."""
+
 
 def pose_errors(X_WT: Array, X_target: Array) -> Array:
     """Position error [m] over rotation vector [rad] from poses to targets, in world axes, shape (m, 6).
@@ -46,7 +52,7 @@ def descend(
     within: lower and upper limits that are kept, shape (n,); by default none are.
 
     Returns the joint positions reached, (m, n), and their weighted pose errors, (m, 6). A start is not followed further
-    once its error is below 1e-10.
+    once its error is below 1e-10, or where steps lessen its square by no more than a part in `STALLED`.
     """
     weights = np.repeat([1.0, turn_weight], 3)
     least_damping = _LEAST_DAMPING * max(1.0, turn_weight) ** 2  # above the rounding of the normal equations
@@ -54,19 +60,18 @@ def descend(
     q = starts if within is None else np.clip(starts, *within)
     q_all, e_all = q.copy(), np.empty((len(q), 6))
     rows = np.arange(len(q))
-    damping = np.full(len(q), _FIRST_DAMPING)
+    damping, going = np.full(len(q), _FIRST_DAMPING), np.ones(len(q), dtype=bool)
     X, J = model.tool_poses_and_jacobians(q)
     e, J = pose_errors(X, targets) * weights, J * weights[:, None]
     e_all[:] = e
     cost = (e**2).sum(axis=1)
     for _ in range(steps):
-        going = cost > 1e-20
+        going &= cost > 1e-20
         if not going.any():
             break
         if not going.all():
-            rows, targets, q, e, J, cost, damping = (
-                values[going] for values in (rows, targets, q, e, J, cost, damping)
-            )
+            rows = rows[going]
+            targets, q, e, J, cost, damping = (values[going] for values in (targets, q, e, J, cost, damping))
         free = np.broadcast_to(moving, q.shape)
         pull = (np.swapaxes(J, 1, 2) @ e[:, :, None])[..., 0]
         if within is not None:
@@ -82,10 +87,50 @@ def descend(
         better = cost_next < cost
         q, e = np.where(better[:, None], q_next, q), np.where(better[:, None], e_next, e)
         J = np.where(better[:, None, None], J_next * weights[:, None], J)
+        going = ~better & (damping < _MOST_DAMPING) | (cost_next < cost * (1.0 - 1.0 / STALLED))
         cost = np.where(better, cost_next, cost)
         damping = np.clip(damping * np.where(better, 0.2, 4.0), least_damping, _MOST_DAMPING)
         q_all[rows], e_all[rows] = q, e
     return q_all, e_all
+
+
+def newton(
+    model: RobotModel, X_target: Array, q: Array, tolerance: float, moving: NDArray[np.bool_] | None = None
+) -> tuple[Array, Array]:
+    """Where Newton's method leads from each of m joint positions, shape (m, n), with the least motion of the joints.
+
+    X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each row, (m, 4, 4). tolerance: largest pose
+    error, in m and rad, from which a row takes no further step. moving: which joints may move, (n,); by default all.
+
+    Returns the joint positions, (m, n), and the magnitude of their largest pose error, (m,).
+    """
+    targets = np.broadcast_to(X_target, (len(q), 4, 4))
+    q, largest = q.copy(), np.zeros(len(q))
+    rows = np.arange(len(q))
+    for step in range(NEWTON_STEPS + 1):
+        X, J = model.tool_poses_and_jacobians(q[rows])
+        errors = pose_errors(X, targets[rows])
+        largest[rows] = np.abs(errors).max(axis=1, initial=0.0)
+        off = largest[rows] > tolerance
+        rows = rows[off]
+        if step == NEWTON_STEPS or not len(rows):
+            break
+        J = J[off] if moving is None else J[off] * moving
+        q[rows] += least_steps(J, errors[off])
+    return q, largest
+
+
+def least_steps(J: Array, errors: Array) -> Array:
+    """The shortest steps (m, n) with J @ step = error, where there are any; of Jacobians (m, 6, n), errors (m, 6).
+
+    The damping keeps steps finite at singularities: J^T (J J^T + d)^-1 = (J^T J + d)^-1 J^T, the smaller is inverted.
+    """
+    J_T, damping = np.swapaxes(J, 1, 2), _LEAST_DAMPING * np.eye(min(J.shape[1:]))
+    if J.shape[2] < J.shape[1]:
+        steps = np.asarray(np.linalg.solve(J_T @ J + damping, J_T @ errors[:, :, None]), dtype=float)
+    else:
+        steps = J_T @ np.linalg.solve(J @ J_T + damping, errors[:, :, None])
+    return steps[..., 0]
 
 
 def spread_starts(model: RobotModel, count: int) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.pose_search import descend, spread_starts
+from sqrp_cli.programming.arm.reach_bound import beyond_reach
 
 STARTS = 64
 """Starting points of the search for the closest pose that can be reached."""
@@ -67,13 +68,13 @@ class PastLimit:
 Unreachable = OutOfReach | WrongWayRound | PastLimit
 
 
-def why_unreachable(model: RobotModel, X_WT: Array, branches: Array) -> Unreachable:
+def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = None) -> Unreachable:
     """Why no position within the limits brings the tool frame to X_WT, shape (4, 4).
 
     branches: the solutions that there are whatever the limits, shape (k, n), perhaps none. With some, the limit that is
     in the way is named for the branch that exceeds the limits least (the sum over its joints), at its worst joint.
     """
-    if len(branches):
+    if branches is not None and len(branches):
         excess = limit_excess(model, closest_turns(model, branches))
         least = excess[excess.sum(axis=1).argmin()]
         joint = int(least.argmax())
@@ -113,7 +114,8 @@ def _out_of_reach(model: RobotModel, X_WT: Array) -> OutOfReach | WrongWayRound:
     if not held.any():
         return WrongWayRound(float(angles.min()))
     best = int(np.where(held, distances, np.inf).argmin())
-    return OutOfReach(float(distances[best]), _is_in_hole(model, X_WT, q[best], errors[best, :3]))
+    outside = beyond_reach(model, X_WT) > 0.0
+    return OutOfReach(float(distances[best]), not outside and _is_in_hole(model, X_WT, q[best], errors[best, :3]))
 
 
 def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> bool:

@@ -46,55 +46,33 @@ def fastest_sequence(
     A* search: the time still to go, ignoring what does not work, is exact by dynamic programming, so that sequences are
     completed in the order of their total times.
     """
-    to_go = [station.duration for station in stations]
-    for i in reversed(range(len(stations) - 1)):
-        to_go[i] = to_go[i] + (move_durations[i] + to_go[i + 1]).min(axis=1, initial=np.inf)
-    keys = [np.round(station.q_start, TIE_DECIMALS).tolist() for station in stations]
-    asked: dict[Question, bool] = {}
-    ways_asked: dict[Question, bool] = {}
+    sequences = _Sequences(stations, move_durations)
+    answers: dict[tuple[Question, bool], bool] = {}
+    heap: list[tuple[_Sequence, Iterator[_Sequence]]] = []
 
-    def successors(spent: float, chosen: tuple[int, ...], key: tuple[float, ...]) -> Iterator[_Entry]:
-        """The sequences that go one station further, in the order of their bounds."""
-        i = len(chosen)
-        begun = np.full(len(to_go[i]), spent) if i == 0 else spent + move_durations[i - 1][chosen[-1]]
-        bounds = np.round(begun + to_go[i], TIE_DECIMALS)
-        durations = stations[i].duration
-        entries = [
-            _Entry(float(bounds[k]), (*key, *keys[i][k]), (*chosen, int(k)), float(begun[k] + durations[k]), False)
-            for k in np.flatnonzero(np.isfinite(bounds))
-        ]
-        return iter(sorted(entries, key=lambda entry: (entry.bound, entry.key)))
+    def push_next(siblings: Iterator[_Sequence]) -> None:
+        if (sequence := next(siblings, None)) is not None:
+            heapq.heappush(heap, (sequence, siblings))
 
-    heap: list[tuple[float, tuple[float, ...], tuple[int, ...], bool, _Entry, Iterator[_Entry]]] = []
-
-    def push_next(siblings: Iterator[_Entry]) -> None:
-        entry = next(siblings, None)
-        if entry is not None:
-            heapq.heappush(heap, (entry.bound, entry.key, entry.chosen, entry.around, entry, siblings))
-
-    push_next(successors(0.0, (), ()))
+    push_next(sequences.beginning())
     while heap:
-        *_, entry, siblings = heapq.heappop(heap)
+        sequence, siblings = heapq.heappop(heap)
         push_next(siblings)
-        i = len(entry.chosen) - 1
-        question = (i, entry.chosen[-2] if i else -1, entry.chosen[-1])
-        answers = ways_asked if entry.around else asked
-        if question not in answers:
-            answers[question] = (way_works if entry.around and way_works else works)(*question)
-        if not answers[question]:
-            if way_works is not None and i > 0 and not entry.around:
-                again = float(move_durations[i - 1][question[1], question[2]])
-                bound = round(entry.bound + again, TIE_DECIMALS)
-                push_next(iter([replace(entry, bound=bound, spent=entry.spent + again, around=True)]))
-            continue
-        if len(entry.chosen) == len(stations):
-            return entry.chosen
-        push_next(successors(entry.spent, entry.chosen, entry.key))
+        question, ask = sequence.question, way_works if sequence.around and way_works else works
+        if (question, sequence.around) not in answers:
+            answers[question, sequence.around] = ask(*question)
+        if not answers[question, sequence.around]:
+            if way_works is not None and len(sequence.chosen) > 1 and not sequence.around:
+                push_next(iter([sequences.going_around(sequence)]))
+        elif len(sequence.chosen) == len(stations):
+            return sequence.chosen
+        else:
+            push_next(sequences.longer(sequence))
     return None
 
 
-@dataclass(frozen=True)
-class _Entry:
+@dataclass(frozen=True, order=True)
+class _Sequence:
     """A sequence of branches so far: a bound of the total time, its joint values, and the time spent until its end.
 
     around: whether the last move is to be a way around.
@@ -103,5 +81,49 @@ class _Entry:
     bound: float
     key: tuple[float, ...]
     chosen: tuple[int, ...]
-    spent: float
     around: bool
+    spent: float
+
+    @property
+    def question(self) -> Question:
+        """What has to work for its last branch."""
+        return len(self.chosen) - 1, self.chosen[-2] if len(self.chosen) > 1 else -1, self.chosen[-1]
+
+
+class _Sequences:
+    """Makes sequences longer, the most promising first."""
+
+    def __init__(self, stations: Sequence[Station], move_durations: Sequence[Array]) -> None:
+        self._stations, self._moves = stations, move_durations
+        self._to_go = [station.duration for station in stations]
+        for i in reversed(range(len(stations) - 1)):
+            still_to_go = (move_durations[i] + self._to_go[i + 1]).min(axis=1, initial=np.inf)
+            self._to_go[i] = self._to_go[i] + still_to_go
+        self._keys = [np.round(station.q_start, TIE_DECIMALS) for station in stations]
+
+    def beginning(self) -> Iterator[_Sequence]:
+        """The sequences of one branch, in the order of their bounds."""
+        return self._one_further((), (), np.zeros(len(self._to_go[0])))
+
+    def longer(self, sequence: _Sequence) -> Iterator[_Sequence]:
+        """The sequences that go one station further, in the order of their bounds."""
+        moves = self._moves[len(sequence.chosen) - 1][sequence.chosen[-1]]
+        return self._one_further(sequence.chosen, sequence.key, sequence.spent + moves)
+
+    def going_around(self, sequence: _Sequence) -> _Sequence:
+        """The same sequence with a way around for its last move."""
+        i, previous, branch = sequence.question
+        again = float(self._moves[i - 1][previous, branch])
+        bound = round(sequence.bound + again, TIE_DECIMALS)
+        return replace(sequence, bound=bound, spent=sequence.spent + again, around=True)
+
+    def _one_further(self, chosen: tuple[int, ...], key: tuple[float, ...], begun: Array) -> Iterator[_Sequence]:
+        """begun: when each branch of the next station would begin [s]."""
+        i = len(chosen)
+        bounds = np.round(begun + self._to_go[i], TIE_DECIMALS)
+        spent = begun + self._stations[i].duration
+        for k in np.lexsort((*self._keys[i].T[::-1], bounds)).tolist():
+            if np.isinf(bounds[k]):
+                return
+            joints = tuple(self._keys[i][k].tolist())
+            yield _Sequence(float(bounds[k]), (*key, *joints), (*chosen, k), False, float(spent[k]))

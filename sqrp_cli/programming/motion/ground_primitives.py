@@ -24,10 +24,27 @@ from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.branches import BranchChoice
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, finger_positions, pair
+from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.contact import Pairs, pair
+from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number, setting_value
 from sqrp_cli.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class SkillUse:
+    """A skill with all that it leaves open.
+
+    binding: the object that each skill parameter stands for. values: of every motion parameter. objects: of the
+    workspace. world: before it.
+    """
+
+    skill: Skill
+    binding: Mapping[str, str]
+    values: Mapping[str, MotionValue]
+    objects: Mapping[str, SceneObject]
+    world: World
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,35 +85,29 @@ class GroundSkill:
     final: World
 
 
-def ground_primitives(
-    skill: Skill,
-    binding: Mapping[str, str],
-    values: Mapping[str, MotionValue],
-    objects: Mapping[str, SceneObject],
-    world: World,
-    model: RobotModel,
-    scene: CollisionScene,
-) -> GroundSkill | Infeasible:
+def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Infeasible:
     """Follow tool and objects through the skill; infeasible where it is not known where an object is."""
+    model, world = scene.model, use.world
     X_home = model.tool_pose(model.home)
     X_WT = model.tool_pose(start_configuration(model, world))
     X_TO: dict[str, Array] = {}
     grounded: list[GroundPrimitive] = []
-    for primitive in skill.primitives:
+    for primitive in use.skill.primitives:
         X_start, during = X_WT, world
         if world.held is not None and world.X_TO is not None:
             X_TO[world.held] = world.X_TO
         to = primitive.to if isinstance(primitive, JointMove | StraightMove) else None
         if to is not None:
-            waypoints = WaypointGrounder(skill.waypoints, binding, values, objects, X_home, world.X_WO, X_TO)
+            known = (use.skill.waypoints, use.binding, use.values, use.objects)
+            waypoints = WaypointGrounder(*known, X_home, world.X_WO, X_TO)
             if (missing := waypoints.missing(to)) is not None:
                 return Infeasible((missing,))
             X_WT = waypoints.pose(to)
-        changed = _after(primitive, binding, X_WT, world, scene)
+        changed = _after(primitive, use.binding, X_WT, world, scene)
         if isinstance(changed, Infeasible):
             return changed
         world = changed
-        ground = _ground(primitive, to, X_start, X_WT, values, during)
+        ground = _ground(primitive, to, X_start, X_WT, use.values, during)
         grounded.append(_with_fingers(ground, model, finger_positions(model, during), finger_positions(model, world)))
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
 

@@ -9,19 +9,16 @@ from functools import cache
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import MotionValue, Skill
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDANCY_SAMPLES, REDUNDANCY_SAMPLES
-from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.branch_search import Question, Station, fastest_sequence
-from sqrp_cli.programming.motion.collision import CollisionScene, Contact, finger_positions
+from sqrp_cli.programming.motion.branch_search import fastest_sequence
+from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
-from sqrp_cli.programming.motion.ground_primitives import GroundSkill, ground_primitives, start_configuration
-from sqrp_cli.programming.motion.sections import Branch, BranchFinder, Failures, cut_into_sections, end_of, near_limits
-from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration
-from sqrp_cli.programming.motion.way_around import find_way
+from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives, start_configuration
+from sqrp_cli.programming.motion.joint_moves import JointMoves, Move
+from sqrp_cli.programming.motion.sections import BranchFinder, Failures, Ways, cut_into_sections
 from sqrp_cli.trajectory import Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
@@ -29,12 +26,6 @@ MOST_AXES_WITHOUT_REDUNDANCY = 6
 
 MAX_REASONS = 5
 """Reasons given for an infeasible motion."""
-
-TRIES_PER_WAY = 250
-"""Straight pieces that the search for one way around may look at."""
-
-MOST_TRIES = 1500
-"""Those that all searches for one motion may look at together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,196 +76,87 @@ class Motion:
         return self.primitives[primitive].trajectory.positions(np.asarray(t) - self.primitives[primitive].start)
 
 
-def plan_motion(
-    skill: Skill,
-    binding: Mapping[str, str],
-    values: Mapping[str, MotionValue],
-    objects: Mapping[str, SceneObject],
-    world: World,
-    model: RobotModel,
-    scene: CollisionScene,
-    seed: int = 0,
-) -> Motion | Infeasible:
+def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion | Infeasible:
     """The fastest feasible motion of a skill among all branches of inverse kinematics, joint turns included.
 
-    binding: the object that each skill parameter stands for. values: of every motion parameter. world: before it.
     seed: of what is drawn at random: ways around, and redundant joints. Every move keeps its clearance at all times.
     Joint moves are straight in joint space; only where no combination of branches has direct joint moves alone are
     ways around looked for, most promising combination first. Of an arm with more than six axes, more positions of its
     redundant joints are tried where few do not do. Infeasible names, most useful first, what is out of reach, which
     joint is at its limit, or what hits what and where.
     """
-    grounded = ground_primitives(skill, binding, values, objects, world, model, scene)
+    grounded = ground_primitives(use, scene)
     if isinstance(grounded, Infeasible):
         return grounded
-    q_start = start_configuration(model, world)
-    planner = _Planner(model, scene, grounded, q_start, seed, REDUNDANCY_SAMPLES)
+    q_start = start_configuration(scene.model, use.world)
+    planner = _Planner(scene, grounded, q_start, seed, REDUNDANCY_SAMPLES)
     motion = planner.plan()
-    if len(model.arm) <= MOST_AXES_WITHOUT_REDUNDANCY or isinstance(motion, Motion) or planner.is_out_of_reach:
+    if len(scene.model.arm) <= MOST_AXES_WITHOUT_REDUNDANCY or isinstance(motion, Motion) or planner.is_out_of_reach:
         return motion
-    return _Planner(model, scene, grounded, q_start, seed, MORE_REDUNDANCY_SAMPLES).plan()
-
-
-@dataclass(frozen=True, eq=False)
-class _Move:
-    """A joint move between two branches, with what it goes around if it does."""
-
-    trajectory: Trajectory
-    around: str | None = None
+    return _Planner(scene, grounded, q_start, seed, MORE_REDUNDANCY_SAMPLES).plan()
 
 
 class _Planner:
     """Plans one motion: sections, the branches of each, and the moves between them."""
 
-    def __init__(
-        self, model: RobotModel, scene: CollisionScene, skill: GroundSkill, q_start: Array, seed: int, samples: int
-    ) -> None:
-        self._model, self._skill, self._q_start, self._seed = model, skill, q_start, seed
+    def __init__(self, scene: CollisionScene, skill: GroundSkill, q_start: Array, seed: int, samples: int) -> None:
+        self._model, self._skill, self._q_start, self._seed = scene.model, skill, q_start, seed
         self._samples = samples
-        self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
-        self._radii = scene.bound.radii
         placed = cache(scene.placed)
         self._scenes = [placed(primitive.world, primitive.allowed) for primitive in skill.primitives]
         self._failures = Failures()
-        self._tries_left = MOST_TRIES
 
     def plan(self) -> Motion | Infeasible:
+        model, scenes, failures = self._model, self._scenes, self._failures
         sections = cut_into_sections(self._skill.primitives)
-        finder = BranchFinder(self._model, self._scenes, self._q_start, self._failures, self._seed, self._samples)
-        options: list[list[tuple[Branch, Array]]] = []
+        finder = BranchFinder(model, scenes, self._q_start, failures, self._seed, self._samples)
+        ways: list[Ways] = []
         for section in sections:
-            options.append([(branch, turn) for branch in finder.branches(section) for turn in branch.turns])
-            if not options[-1]:
+            branches = finder.branches(section)
+            if not branches:
                 return self._infeasible()
-        stations = [_station(ways) for ways in options]
-        durations = [
-            self._move_durations(section.first - 1, before.q_end[:, None], after.q_start[None])
-            for before, after, section in zip(stations[:-1], stations[1:], sections[1:], strict=True)
-        ]
-
-        @cache
-        def tied_is_free(i: int, branch: Branch) -> bool:
-            tied = [(sections[i].first + k, t) for k, t in enumerate(branch.trajectories)]
-            return all(self._contact(k, t) is None and self._fingers_are_free(k, t) for k, t in tied)
-
-        moves: dict[Question, _Move] = {}
-        blocked: dict[Question, Contact] = {}
-
-        def ends(i: int, previous: int, chosen: int) -> tuple[Array, Array]:
-            return stations[i - 1].q_end[previous], stations[i].q_start[chosen]
-
-        @cache
-        def direct_works(i: int, previous: int, chosen: int) -> bool:
-            if not tied_is_free(i, options[i][chosen][0]):
-                return False
-            if sections[i].move is None:
-                return True
-            index = sections[i].first - 1
-            direct = self._move(index, *ends(i, previous, chosen))
-            contact = self._contact(index, direct)
-            if contact is None:
-                moves[i, previous, chosen] = _Move(direct)
-            else:
-                blocked[i, previous, chosen] = contact
-            return contact is None
-
-        def way_works(i: int, previous: int, chosen: int) -> bool:
-            contact = blocked.get((i, previous, chosen))
-            if contact is None:
-                return False  # What is tied to the branch is blocked, not the way to it.
-            way = self._way_around(sections[i].first - 1, *ends(i, previous, chosen))
-            if way is not None:
-                moves[i, previous, chosen] = _Move(way, contact.second)
-            return way is not None
-
-        chosen = fastest_sequence(stations, durations, direct_works)
+            ways.append(Ways.through(branches))
+        moves = JointMoves(model, self._skill.primitives, scenes, sections, ways, self._q_start, failures, self._seed)
+        durations = moves.durations()
+        chosen = fastest_sequence(ways, durations, moves.direct_works)
         if chosen is None:
-            chosen = fastest_sequence(stations, durations, direct_works, way_works)
+            chosen = fastest_sequence(ways, durations, moves.direct_works, moves.way_works)
         if chosen is None:
-            return self._infeasible()
-        branches = [ways[k] for ways, k in zip(options, chosen, strict=True)]
-        return self._motion(branches, [moves[i, chosen[i - 1], chosen[i]] for i in range(1, len(chosen))])
+            return self._infeasible(moves.tries)
+        done: list[Move] = []
+        for through, k, move in zip(ways, chosen, [None, *moves.along(chosen)], strict=True):
+            done += [move] if move is not None else []
+            done += map(Move, through.trajectories(k))
+        return self._motion(done, ways[-1].q_end[chosen[-1]])
 
     @property
     def is_out_of_reach(self) -> bool:
         """Whether a waypoint is out of reach, whatever is in the way."""
         return self._failures.out_of_reach
 
-    def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:
-        """The first contact during a primitive; notes what touches, and when."""
-        contact = self._scenes[index].check_motion(trajectory)
-        if contact is not None:
-            share = trajectory.law.time_at(contact.s) / trajectory.duration if trajectory.duration > 0 else 0.0
-            self._failures.note(index, f"{contact} at {100 * share:.0f} % of {self._skill.primitives[index].name}")
-        return contact
-
-    def _fingers_are_free(self, index: int, trajectory: Trajectory) -> bool:
-        """Whether the fingers touch nothing as they move during a primitive; notes what they do."""
-        primitive = self._skill.primitives[index]
-        if primitive.fingers is None:
-            return True
-        contact = self._scenes[index].check_fingers(end_of(trajectory), end_of(primitive.fingers))
-        if contact is not None:
-            self._failures.note(index, f"{contact} as the fingers move in {primitive.name}")
-        return contact is None
-
-    def _way_around(self, index: int, q0: Array, q1: Array) -> Trajectory | None:
-        """A joint move from q0 to q1 whose direct one is blocked; none where it has to be by home."""
-        tries = min(TRIES_PER_WAY, self._tries_left)
-        if tries == 0 or self._skill.primitives[index].via_home:
-            return None
-        bounds = near_limits(self._model, np.stack([self._q_start, self._model.home]))
-        limits = self._move_limits(index)
-        found = find_way(self._scenes[index], q0, q1, bounds, self._radii, limits, tries, self._seed)
-        self._tries_left -= found.tries
-        return found.trajectory
-
-    def _move_durations(self, index: int, q0: Array, q1: Array) -> Array:
-        """Durations [s] of direct joint moves from q0 to q1, or by home, shapes (..., n) that broadcast."""
-        limits = self._move_limits(index)
-        if not self._skill.primitives[index].via_home:
-            return joint_move_duration(q0, q1, limits)
-        home = self._model.home
-        return joint_move_duration(q0, home, limits) + joint_move_duration(home, q1, limits)
-
-    def _move(self, index: int, q0: Array, q1: Array) -> Trajectory:
-        """The direct joint move from q0 to q1, or the one by home."""
-        limits = self._move_limits(index)
-        if not self._skill.primitives[index].via_home:
-            return joint_move(q0, q1, limits)
-        return joint_move(q0, self._model.home, limits).followed_by(joint_move(self._model.home, q1, limits))
-
-    def _move_limits(self, index: int) -> MotionLimits:
-        return replace(self._limits, velocity=self._skill.primitives[index].speed * self._limits.velocity)
-
-    def _infeasible(self) -> Infeasible:
-        """The reasons collected, and whether a way around was looked for."""
+    def _infeasible(self, tries: int = 0) -> Infeasible:
+        """The reasons collected, and in how many tries a way around was looked for."""
         reasons = self._failures.reasons(MAX_REASONS)
         if self._samples > REDUNDANCY_SAMPLES:
             joint = self._model.arm[FIRST_HELD]
             reasons = (f"{reasons[0]}, with {self._samples} positions of `{joint}` tried", *reasons[1:])
-        if (tries := MOST_TRIES - self._tries_left) > 0:
+        if tries > 0:
             reasons = (f"{reasons[0]}, and no way around was found in {tries:,} tries", *reasons[1:])
         return Infeasible(reasons)
 
-    def _motion(self, branches: Sequence[tuple[Branch, Array]], moves: Sequence[_Move]) -> Motion:
-        """The motion of a branch for each section, with its turn, and the moves between them."""
-        done: list[_Move] = []
-        for i, (branch, turn) in enumerate(branches):
-            done += moves[i - 1 : i] if i else []
-            done += [_Move(Trajectory(t.path.shifted(turn), t.law)) for t in branch.trajectories]
-        q = branches[-1][0].q_end + branches[-1][1]
+    def _motion(self, moves: Sequence[Move], q_end: Array) -> Motion:
+        """The motion that a move for each primitive makes, which ends at q_end, shape (n,)."""
         primitives, start = [], 0.0
-        for primitive, move in zip(self._skill.primitives, done, strict=True):
+        for primitive, move in zip(self._skill.primitives, moves, strict=True):
             world, end = primitive.world, start + move.trajectory.duration
-            fingers = primitive.fingers
-            moving = with_fingers(self._model, move.trajectory, fingers, finger_positions(self._model, world))
+            resting_fingers = finger_positions(self._model, world)
+            moving = with_fingers(self._model, move.trajectory, primitive.fingers, resting_fingers)
             resting = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
             primitives.append(
                 TimedPrimitive(primitive.name, start, end, moving, world.held, world.X_TO, resting, move.around)
             )
             start = end
-        return Motion(self._model.joints, tuple(primitives), self._final(q))
+        return Motion(self._model.joints, tuple(primitives), self._final(q_end))
 
     def _final(self, q: Array) -> World:
         world = self._skill.final
@@ -282,11 +164,3 @@ class _Planner:
         if world.held is not None and world.X_TO is not None:
             X_WO[world.held] = self._model.tool_pose(q) @ world.X_TO
         return replace(world, X_WO=X_WO, joints={**world.joints, **dict(zip(self._model.arm, q.tolist(), strict=True))})
-
-
-def _station(ways: Sequence[tuple[Branch, Array]]) -> Station:
-    return Station(
-        np.stack([branch.q + turn for branch, turn in ways]),
-        np.stack([branch.q_end + turn for branch, turn in ways]),
-        np.array([branch.duration for branch, _ in ways]),
-    )

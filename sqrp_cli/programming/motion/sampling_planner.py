@@ -6,6 +6,7 @@ The planner: J. J. Kuffner, S. M. LaValle, RRT-Connect: An efficient approach to
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -38,38 +39,21 @@ def plan_polyline(
 
     util.noOutputHandler()
     util.RNG.setSeed(seed + 1)  # OMPL takes 0 for no seed; what is made from here on is seeded by it
-    n, asked = len(q0), 0
-    lower = np.maximum(bounds[0], np.minimum(q0, q1) - MARGIN) * scale
-    upper = np.minimum(bounds[1], np.maximum(q0, q1) + MARGIN) * scale
+    asked = 0
 
-    def joints(state: base.State) -> Array:
-        return np.array([state[j] for j in range(n)]) / scale
+    def asked_is_free(first: Array, second: Array) -> bool:
+        nonlocal asked
+        asked += 1
+        return is_free(first / scale, second / scale)
 
-    class Validator(base.MotionValidator):  # type: ignore[misc]
-        def checkMotion(self, first: base.State, second: base.State) -> bool:
-            nonlocal asked
-            if asked >= tries:
-                return False
-            asked += 1
-            return is_free(joints(first), joints(second))
-
-    space = base.RealVectorStateSpace(n)
-    limits = base.RealVectorBounds(n)
-    for j in range(n):
-        limits.setLow(j, float(min(lower[j], q0[j] * scale[j], q1[j] * scale[j])))
-        limits.setHigh(j, float(max(upper[j], q0[j] * scale[j], q1[j] * scale[j])))
-    space.setBounds(limits)
+    space = _space(q0 * scale, q1 * scale, bounds[0] * scale, bounds[1] * scale, MARGIN * scale)
     information = base.SpaceInformation(space)
     information.setStateValidityChecker(lambda _: True)
-    validator = Validator(information)
+    validator = _validator(information, lambda first, second: asked < tries and asked_is_free(first, second), len(q0))
     information.setMotionValidator(validator)
     information.setup()
     problem = base.ProblemDefinition(information)
-    ends = [space.allocState(), space.allocState()]
-    for state, q in zip(ends, (q0, q1), strict=True):
-        for j in range(n):
-            state[j] = float(q[j] * scale[j])
-    problem.setStartAndGoalStates(*ends)
+    problem.setStartAndGoalStates(_state(space, q0 * scale), _state(space, q1 * scale))
     planner = geometric.RRTConnect(information)
     planner.setRange(LONGEST_EDGE)
     planner.setProblemDefinition(problem)
@@ -77,6 +61,45 @@ def plan_polyline(
     planner.solve(base.PlannerTerminationCondition(lambda: asked >= tries))
     if not problem.hasExactSolution():
         return None
-    corners = np.array([joints(state) for state in problem.getSolutionPath().getStates()])
+    corners = np.stack([_values(state, len(q0)) for state in problem.getSolutionPath().getStates()]) / scale
     corners[0], corners[-1] = q0, q1
     return corners
+
+
+def _space(start: Array, goal: Array, lower: Array, upper: Array, margin: Array) -> Any:  # noqa: ANN401
+    """The box of scaled joint positions within the limits, up to a margin around start and goal, which it contains."""
+    from ompl import base
+
+    low = np.minimum(np.maximum(lower, np.minimum(start, goal) - margin), np.minimum(start, goal))
+    high = np.maximum(np.minimum(upper, np.maximum(start, goal) + margin), np.maximum(start, goal))
+    space = base.RealVectorStateSpace(len(start))
+    limits = base.RealVectorBounds(len(start))
+    for j, (least, most) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
+        limits.setLow(j, least)
+        limits.setHigh(j, most)
+    space.setBounds(limits)
+    return space
+
+
+def _validator(information: Any, is_free: Callable[[Array, Array], bool], n: int) -> Any:  # noqa: ANN401
+    """What tells OMPL whether a straight line between two states of n values can be taken."""
+    from ompl import base
+
+    class Validator(base.MotionValidator):  # type: ignore[misc]
+        def checkMotion(self, first: base.State, second: base.State) -> bool:
+            return is_free(_values(first, n), _values(second, n))
+
+    return Validator(information)
+
+
+def _state(space: Any, values: Array) -> Any:  # noqa: ANN401
+    """A state of OMPL with these values, shape (n,)."""
+    state = space.allocState()
+    for j, value in enumerate(values.tolist()):
+        state[j] = value
+    return state
+
+
+def _values(state: Any, n: int) -> Array:  # noqa: ANN401
+    """The values of a state of OMPL, shape (n,)."""
+    return np.array([state[j] for j in range(n)])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill import JointMove, StraightMove
@@ -15,10 +15,11 @@ from sqrp_cli.programming.arm.branches import chosen_branches
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.collision import PlacedScene
+from sqrp_cli.programming.motion.branch_search import Station
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
+from sqrp_cli.programming.motion.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.straight_line import LIMIT_SAMPLES, LIMIT_SLACK, ToolLine, follow, limit_reason
-from sqrp_cli.programming.motion.timing import MotionLimits, time_path
+from sqrp_cli.programming.motion.timing import MotionLimits, time_path, time_paths
 from sqrp_cli.trajectory import Path, Trajectory
 
 
@@ -50,15 +51,45 @@ class Branch:
     trajectories: tuple[Trajectory, ...]
     turns: Array
 
-    @cached_property
+    @property
     def q_end(self) -> Array:
         """Where the last of its trajectories ends, shape (n,)."""
-        return end_of(self.trajectories[-1]) if self.trajectories else self.q
+        return self.trajectories[-1].path.end if self.trajectories else self.q
 
-    @cached_property
+    @property
     def duration(self) -> float:
         """Duration of its trajectories [s]."""
         return sum(trajectory.duration for trajectory in self.trajectories)
+
+
+@dataclass(frozen=True, eq=False)
+class Ways(Station):
+    """All k ways through a section: its branches, with each of their turns.
+
+    branches: some of one or more ways. of: index of the branch of each way, shape (k,). turns: of each, shape (k, n).
+    """
+
+    branches: tuple[Branch, ...]
+    of: NDArray[np.intp]
+    turns: Array
+
+    @staticmethod
+    def through(branches: Sequence[Branch]) -> Ways:
+        """All ways of the branches of a section, of which there is at least one."""
+        of = np.repeat(np.arange(len(branches)), [len(branch.turns) for branch in branches])
+        turns = np.concatenate([branch.turns for branch in branches])
+        q_start = np.stack([branch.q for branch in branches])[of] + turns
+        q_end = np.stack([branch.q_end for branch in branches])[of] + turns
+        duration = np.array([branch.duration for branch in branches])[of]
+        return Ways(q_start, q_end, duration, tuple(branches), of, turns)
+
+    def branch(self, k: int) -> Branch:
+        """The branch of a way."""
+        return self.branches[int(self.of[k])]
+
+    def trajectories(self, k: int) -> list[Trajectory]:
+        """Those of a way, in its turns."""
+        return [Trajectory(t.path.shifted(self.turns[k]), t.law) for t in self.branch(k).trajectories]
 
 
 def cut_into_sections(primitives: Sequence[GroundPrimitive]) -> list[Section]:
@@ -90,6 +121,12 @@ class Failures:
         return tuple(dict.fromkeys(reason for _, reason in furthest_first))[:most]
 
 
+_LIMIT_SAMPLES = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
+
+_Begun = tuple[Array, tuple[Trajectory, ...]]
+"""Where a branch begins, shape (n,), and the trajectories of its first primitives."""
+
+
 class BranchFinder:
     """Finds the branches of sections, and notes why there are none.
 
@@ -108,35 +145,77 @@ class BranchFinder:
         self._model, self._scenes, self._q_start, self._failures = model, scenes, q_start, failures
         self._seed, self._samples = seed, redundancy_samples
         self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+        self._near_limits = near_limits(model, np.stack([q_start, model.home]))
 
     def branches(self, section: Section) -> list[Branch]:
         """The branches of a section that can be followed, and that are free of contacts where its joint move ends."""
+        begun: list[_Begun] = [(q, ()) for q in self._clear_ends(section, self._ends(section))]
+        followed = self._followed(section, begun)
+        if begun and not followed:
+            self._note_ends_out_of_reach(section)
+        branches = [Branch(*branch, self._turns(section, *branch)) for branch in followed]
+        return [branch for branch in branches if len(branch.turns)]
+
+    def _ends(self, section: Section) -> Array:
+        """Where a section's joint move may end, or where the arm stands if it has none, shape (b, n)."""
         move = section.move
         if move is None:
-            configurations = [self._q_start]
-        elif move.home:
-            configurations = [self._model.home]
+            return self._q_start[None]
+        if move.home:
+            return self._model.home[None]
+        solutions = all_solutions(self._model, move.X_end, self._seed, self._samples)
+        ends: Array = solutions.solutions[chosen_branches(self._model, solutions.solutions, move.branches)]
+        self._failures.out_of_reach |= not len(solutions.solutions)
+        if not len(ends):
+            reason = solutions.reason or f"cannot be reached with {move.branches}"
+            self._failures.note(section.first - 1, f"{move.name} to `{move.to}`: {reason}")
+        return ends
+
+    def _clear_ends(self, section: Section, ends: Array) -> Array:
+        """Those of the joint positions (b, n) in which a section's joint move may end without touching anything."""
+        if section.move is None or not len(ends):
+            return ends
+        contacts = self._scenes[section.first - 1].check_all(ends)
+        for contact in contacts:
+            if contact is not None:
+                self._failures.note(section.first - 1, f"{contact} at the end of {section.move.name}")
+        clear: Array = ends[[contact is None for contact in contacts]]
+        return clear
+
+    def _followed(self, section: Section, begun: list[_Begun]) -> list[_Begun]:
+        """The branches that have begun, with the trajectories of all that is tied to where; without those that fail."""
+        for index, primitive in enumerate(section.tied, section.first):
+            q = [trajectories[-1].path.end if trajectories else q for q, trajectories in begun]
+            if not q:
+                break
+            if primitive.kind is StraightMove:
+                moves = self._straight_moves(index, primitive, np.stack(q))
+            else:
+                moves = [Trajectory.standstill(at, primitive.hold) for at in q]
+            begun = [(q0, (*done, move)) for (q0, done), move in zip(begun, moves, strict=True) if move is not None]
+        return begun
+
+    def _straight_moves(self, index: int, primitive: GroundPrimitive, q: Array) -> list[Trajectory | None]:
+        """Straight moves from joint positions (b, n) at the primitive's speed, or slower where joints cannot keep up.
+
+        A line on which the tool only turns has no speed; the joints alone limit it.
+        """
+        line = ToolLine(primitive.X_start, primitive.X_end)
+        followed = follow(self._model, q, line)
+        for path in followed:
+            if isinstance(path, Infeasible):
+                for reason in path.reasons:
+                    self._failures.note(index, f"{primitive.name}: {reason}")
+        paths = [path for path in followed if isinstance(path, Path)]
+        tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
+        if line.length > 1e-9:
+            timed = time_paths(paths, self._limits, MotionLimits(*(tool / line.length)))
+        elif line.turn.any():
+            timed = [time_path(path, self._limits) for path in paths]
         else:
-            solutions = all_solutions(self._model, move.X_end, self._seed, self._samples)
-            wanted = chosen_branches(self._model, solutions.solutions, move.branches)
-            configurations = list(solutions.solutions[wanted])
-            self._failures.out_of_reach |= not len(solutions.solutions)
-            if not configurations:
-                reason = solutions.reason or f"cannot be reached with {move.branches}"
-                self._failures.note(section.first - 1, f"{move.name} to `{move.to}`: {reason}")
-        branches = []
-        lost = False
-        for q in self._clear_ends(section, configurations):
-            trajectories = self._tied_trajectories(section, q)
-            if trajectories is None:
-                lost = True
-                continue
-            turns = self._turns(section, q, trajectories)
-            if len(turns):
-                branches.append(Branch(q, trajectories, turns))
-        if lost and not branches:
-            self._note_ends_out_of_reach(section)
-        return branches
+            timed = [Trajectory.standstill(path.end, 0.0) for path in paths]
+        moves = iter(timed)
+        return [next(moves) if isinstance(path, Path) else None for path in followed]
 
     def _note_ends_out_of_reach(self, section: Section) -> None:
         """Where a line could not be followed because its very end is out of reach, that is the most useful reason."""
@@ -147,48 +226,23 @@ class BranchFinder:
                     reason = f"{primitive.name} to `{primitive.to}`: {solutions.reason}"
                     self._failures.note(len(self._scenes), reason)
 
-    def _clear_ends(self, section: Section, configurations: Sequence[Array]) -> list[Array]:
-        """The configurations that a section's joint move may end in without touching anything."""
-        if section.move is None or not configurations:
-            return list(configurations)
-        contacts = self._scenes[section.first - 1].check_all(np.stack(configurations))
-        ends = f"at the end of {section.move.name}"
-        for contact in contacts:
-            if contact is not None:
-                self._failures.note(section.first - 1, f"{contact} {ends}")
-        return [q for q, contact in zip(configurations, contacts, strict=True) if contact is None]
-
-    def _tied_trajectories(self, section: Section, q: Array) -> tuple[Trajectory, ...] | None:
-        trajectories: list[Trajectory] = []
-        for k, primitive in enumerate(section.tied):
-            if primitive.kind is StraightMove:
-                line = ToolLine(primitive.X_start, primitive.X_end)
-                path = follow(self._model, q, line)
-                if isinstance(path, Infeasible):
-                    for reason in path.reasons:
-                        self._failures.note(section.first + k, f"{primitive.name}: {reason}")
-                    return None
-                trajectories.append(_straight_move(path, line, primitive, self._limits))
-                q = end_of(trajectories[-1])
-            else:
-                trajectories.append(Trajectory.standstill(q, primitive.hold))
-        return tuple(trajectories)
-
     def _turns(self, section: Section, q: Array, trajectories: Sequence[Trajectory]) -> Array:
         """Offsets by whole turns that keep a branch within the joints' limits, shape (k, n); only 0 if q is given.
 
         A joint without limits goes at most one turn beyond where it is at the start and at home.
         """
-        s = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
-        passed = np.concatenate([q[None], *(trajectory.path.positions(s) for trajectory in trajectories)])
-        lower, upper = near_limits(self._model, np.stack([self._q_start, self._model.home]))
-        fewest = np.ceil((lower - LIMIT_SLACK - passed.min(axis=0)) / (2 * np.pi))
-        most = np.floor((upper + LIMIT_SLACK - passed.max(axis=0)) / (2 * np.pi))
+        low, high = q, q
+        for path in (trajectory.path for trajectory in trajectories if trajectory.path.coefficients.shape[1] > 1):
+            passed = path.positions(_LIMIT_SAMPLES)
+            low, high = np.minimum(low, passed.min(axis=0)), np.maximum(high, passed.max(axis=0))
+        lower, upper = self._near_limits
+        fewest = np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi))
+        most = np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
         if section.is_fixed:
             fewest, most = np.maximum(fewest, 0.0), np.minimum(most, 0.0)
         fewest[~self._model.turns], most[~self._model.turns] = 0.0, 0.0
-        ranges = [np.arange(low, high + 1) for low, high in zip(fewest, most, strict=True)]
-        turns = 2 * np.pi * np.array(list(product(*ranges))).reshape(-1, len(q))
+        counts = np.maximum(most - fewest + 1, 0).astype(int)
+        turns: Array = 2 * np.pi * (fewest + np.indices(counts).reshape(len(q), -1).T)
         if not len(turns):
             for k, (primitive, trajectory) in enumerate(zip(section.tied, trajectories, strict=True)):
                 reason = limit_reason(self._model, trajectory.path, ToolLine(primitive.X_start, primitive.X_end))
@@ -203,22 +257,3 @@ def near_limits(model: RobotModel, near: Array) -> tuple[Array, Array]:
     lower = np.where(np.isinf(model.lower), near.min(axis=0) - 2 * np.pi, model.lower)
     upper = np.where(np.isinf(model.upper), near.max(axis=0) + 2 * np.pi, model.upper)
     return lower, upper
-
-
-def _straight_move(path: Path, line: ToolLine, primitive: GroundPrimitive, limits: MotionLimits) -> Trajectory:
-    """The motion along a tool line at the primitive's speed, or slower where the joints cannot keep up.
-
-    A line on which the tool only turns has no speed; the joints alone limit it.
-    """
-    tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
-    if line.length > 1e-9:
-        return time_path(path, limits, MotionLimits(*(tool / line.length)))
-    if line.turn.any():
-        return time_path(path, limits)
-    return Trajectory.standstill(path.positions([0.0])[0], 0.0)
-
-
-def end_of(trajectory: Trajectory) -> Array:
-    """Joint positions at the end of a trajectory, shape (n,)."""
-    q: Array = trajectory.path.positions([1.0])[0]
-    return q

@@ -8,7 +8,8 @@ import numpy as np
 
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision import CollisionScene, Pairs, pair
+from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.contact import Pairs, pair
 
 SAMPLES = 200
 """Joint positions that are tried, spread over the limits of the joints."""

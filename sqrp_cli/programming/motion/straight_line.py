@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.pose_search import least_steps, newton, pose_errors
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.trajectory import Path
 
@@ -17,9 +20,6 @@ TOLERANCE = 1e-6
 
 NEWTON_TOLERANCE = 1e-11
 """Largest error of the tool's pose where the line is met exactly, in m and rad."""
-
-NEWTON_STEPS = 8
-"""Newton steps within which a neighbouring point of the line must be met."""
 
 LARGEST_STEP = 0.3
 """Largest motion of a joint between neighbouring points of the line [rad or m]: beyond it, the step is halved."""
@@ -57,12 +57,12 @@ class ToolLine:
         """Rotation vector of the whole turn, in world axes [rad], shape (3,)."""
         return rotation_vector(self.X_end[:3, :3] @ self.X_start[:3, :3].T)
 
-    def pose(self, s: float) -> Array:
-        """The pose X_WT at s in [0, 1], shape (4, 4)."""
-        X_WT = self.X_start.copy()
-        X_WT[:3, 3] += s * (self.X_end[:3, 3] - self.X_start[:3, 3])
+    def poses(self, s: Array) -> Array:
+        """The poses X_WT at s in [0, 1], shape (m,), shape (m, 4, 4)."""
+        X_WT = np.tile(self.X_start, (len(s), 1, 1))
+        X_WT[:, :3, 3] += s[:, None] * (self.X_end[:3, 3] - self.X_start[:3, 3])
         if self.turn.any():
-            X_WT[:3, :3] = rotation_matrix(s * self.turn) @ X_WT[:3, :3]
+            X_WT[:, :3, :3] = [rotation_matrix(turn) @ self.X_start[:3, :3] for turn in s[:, None] * self.turn]
         return X_WT
 
     def progress(self, s: float) -> str:
@@ -79,45 +79,92 @@ def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> Path | Infeas
     The path is one polynomial per joint, met exactly at Chebyshev points and within `TOLERANCE` between them.
     Infeasible where the arm becomes singular or a joint reaches its limit on the way, saying where.
     """
-    path = follow(model, q0, line)
+    (path,) = follow(model, q0[None], line)
     if isinstance(path, Path) and (reason := limit_reason(model, path, line)) is not None:
         return Infeasible((reason,))
     return path
 
 
-def follow(model: RobotModel, q0: Array, line: ToolLine) -> Path | Infeasible:
-    """As `straight_line`, whatever the joints' limits.
+def follow(model: RobotModel, q0: Array, line: ToolLine) -> list[Path | Infeasible]:
+    """As `straight_line` from each of b joint positions, shape (b, n), whatever the joints' limits.
 
-    The points of each degree are among those of twice the degree: those in between first check the fit, then refine it.
+    All branches are followed at once; the points of each degree are among those of twice the degree: those in between
+    first check the fit, then refine it.
     """
-    degree = FIRST_DEGREE
-    s = _points(degree)
-    q = np.empty((degree + 1, len(q0)))
-    q[0] = q0
-    for k in range(degree):
-        step = _advance(model, line, q[k], s[k], s[k + 1])
-        if isinstance(step, Infeasible):
-            return step
-        q[k + 1] = step
-    while True:
-        path = Path(np.array([0.0, 1.0]), (_fit_matrix(degree) @ q)[None])
-        between = _points(2 * degree)[1::2]
-        guesses = path.positions(between)
-        errors = np.array([_pose_error(model, q_s, line.pose(at)) for q_s, at in zip(guesses, between, strict=True)])
-        if np.linalg.norm(errors.reshape(-1, 2, 3), axis=-1).max() <= TOLERANCE:
-            return path
-        if degree == LAST_DEGREE:
-            at = float(between[np.abs(errors).max(axis=1).argmax()])
-            return Infeasible((f"the arm is close to singular after {line.progress(at)} of the straight line",))
-        refined = np.empty((2 * degree + 1, len(q0)))
-        refined[::2] = q
-        for k, at in enumerate(between):
-            start = guesses[k] if np.abs(guesses[k] - q[k]).max() <= LARGEST_STEP else q[k]
-            step = _advance(model, line, start, s[k], at)
-            if isinstance(step, Infeasible):
-                return step
-            refined[2 * k + 1] = step
-        degree, q, s = 2 * degree, refined, _points(2 * degree)
+    return _through(model, line, _first_points(model, line, q0))
+
+
+def _through(model: RobotModel, line: ToolLine, points: Sequence[Array | Infeasible]) -> list[Path | Infeasible]:
+    """For each branch, the path through its points on the line, shape (degree + 1, n), or why it has none."""
+    met = [q for q in points if not isinstance(q, Infeasible)]
+    fitted = iter(_fitted(model, line, np.stack(met)) if met else ())
+    return [q if isinstance(q, Infeasible) else next(fitted) for q in points]
+
+
+def _fitted(model: RobotModel, line: ToolLine, q: Array) -> list[Path | Infeasible]:
+    """For each branch, the path through q (b, degree + 1, n), of that degree if it fits in between, or a higher one."""
+    degree = q.shape[1] - 1
+    between = _points(2 * degree)[1::2]
+    guesses = _refine_matrix(degree) @ q
+    X_WT = model.tool_poses(guesses.reshape(-1, q.shape[2]))
+    errors = pose_errors(X_WT, np.tile(line.poses(between), (len(q), 1, 1)))
+    deviations = np.linalg.norm(errors.reshape(len(q), degree, 2, 3), axis=-1).max(axis=-1)
+    paths: list[Path | Infeasible] = [Path(np.array([0.0, 1.0]), fit[None]) for fit in _fit_matrix(degree) @ q]
+    misfits = np.flatnonzero(deviations.max(axis=1) > TOLERANCE)
+    if degree == LAST_DEGREE:
+        for row in misfits:
+            at = line.progress(float(between[deviations[row].argmax()]))
+            paths[row] = Infeasible((f"the arm is close to singular after {at} of the straight line",))
+    elif len(misfits):
+        finer = _through(model, line, _refined_points(model, line, q[misfits], guesses[misfits]))
+        for row, path in zip(misfits, finer, strict=True):
+            paths[row] = path
+    return paths
+
+
+def _first_points(model: RobotModel, line: ToolLine, q0: Array) -> list[Array | Infeasible]:
+    """For each branch that begins at q0 (b, n), its points at the Chebyshev points of the first degree.
+
+    Newton's method starts on the tangent; where that leads too far away, the line is followed from point to point.
+    """
+    s = _points(FIRST_DEGREE)
+    twist = np.concatenate([line.X_end[:3, 3] - line.X_start[:3, 3], line.turn])
+    tangents = least_steps(model.tool_poses_and_jacobians(q0)[1], np.tile(twist, (len(q0), 1)))
+    guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, q0.shape[1])
+    reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)))
+    q = np.concatenate([q0[:, None], reached.reshape(len(q0), FIRST_DEGREE, -1)], axis=1)
+    near = np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP
+    far = np.flatnonzero(~(near & met.reshape(near.shape)).all(axis=1))
+    stuck = np.full(len(q0), np.inf)
+    for k in range(FIRST_DEGREE if len(far) else 0):
+        going = far[np.isinf(stuck[far])]
+        from_to = (np.full(len(going), at) for at in s[k : k + 2])
+        q[going, k + 1], stuck[going] = _advance(model, line, q[going, k], *from_to)
+    return _unless_stuck(line, q, stuck)
+
+
+def _refined_points(model: RobotModel, line: ToolLine, q: Array, guesses: Array) -> list[Array | Infeasible]:
+    """For each branch with points q (b, degree + 1, n) and guesses in between (b, degree, n), the points of both."""
+    count, degree, n = guesses.shape
+    s, between = _points(degree), _points(2 * degree)[1::2]
+    reached, met = _meet(model, guesses.reshape(-1, n), np.tile(line.poses(between), (count, 1, 1)))
+    reached = reached.reshape(guesses.shape)
+    near = np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP
+    rows, k = np.nonzero(~(near & met.reshape(near.shape)))
+    stuck = np.full((count, degree), np.inf)
+    reached[rows, k], stuck[rows, k] = _advance(model, line, q[rows, k], s[k], between[k])
+    refined = np.empty((count, 2 * degree + 1, n))
+    refined[:, ::2], refined[:, 1::2] = q, reached
+    return _unless_stuck(line, refined, stuck.min(axis=1))
+
+
+def _unless_stuck(line: ToolLine, points: Array, stuck: Array) -> list[Array | Infeasible]:
+    """The points of each of b branches, shape (b, k, n), or where it is stuck if that is finite, shape (b,)."""
+    reason = "the arm cannot follow the straight line beyond {}: it is singular there"
+    return [
+        q if np.isinf(at) else Infeasible((reason.format(line.progress(float(at))),))
+        for q, at in zip(points, stuck, strict=True)
+    ]
 
 
 def limit_reason(model: RobotModel, path: Path, line: ToolLine) -> str | None:
@@ -132,32 +179,30 @@ def limit_reason(model: RobotModel, path: Path, line: ToolLine) -> str | None:
     return f"the arm reaches its limit of `{joint}` after {line.progress(float(s[first]))} of the straight line"
 
 
-def _advance(model: RobotModel, line: ToolLine, q: Array, s: float, to: float) -> Array | Infeasible:
-    """Joint positions that meet the line at `to`, on the branch of q, which is near the line at `s`."""
-    reached = _newton(model, q, line.pose(to))
-    if reached is not None and np.abs(reached - q).max() <= LARGEST_STEP:
-        return reached
-    if to - s < SMALLEST_STEP:
-        return Infeasible((f"the arm cannot follow the straight line beyond {line.progress(s)}: it is singular there",))
+def _advance(model: RobotModel, line: ToolLine, q: Array, s: Array, to: Array) -> tuple[Array, Array]:
+    """Joint positions that meet the line at `to`, each on the branch of a row of q that meets it at `s`.
+
+    Shapes: q (m, n), s and to (m,). Returns them, shape (m, n), and where the arm cannot go on, infinite where it can,
+    shape (m,). Steps of which the next point is not found are halved.
+    """
+    stuck = np.full(len(q), np.inf)
+    if not len(q):
+        return q, stuck
+    reached, met = _meet(model, q, line.poses(to))
+    shortest = to - s < SMALLEST_STEP
+    stuck[~met & shortest] = s[~met & shortest]
+    halved = np.flatnonzero(~met & ~shortest)
     middle = 0.5 * (s + to)
-    half_way = _advance(model, line, q, s, middle)
-    return half_way if isinstance(half_way, Infeasible) else _advance(model, line, half_way, middle, to)
+    reached[halved], stuck[halved] = _advance(model, line, q[halved], s[halved], middle[halved])
+    on = halved[np.isinf(stuck[halved])]
+    reached[on], stuck[on] = _advance(model, line, reached[on], middle[on], to[on])
+    return reached, stuck
 
 
-def _newton(model: RobotModel, q: Array, X_WT: Array) -> Array | None:
-    """Joint positions near q that bring the tool to X_WT, or None when Newton's method does not get there."""
-    for _ in range(NEWTON_STEPS):
-        error = _pose_error(model, q, X_WT)
-        if np.abs(error).max() <= NEWTON_TOLERANCE:
-            return q
-        q = q + np.linalg.lstsq(model.jacobian(q), error, rcond=1e-9)[0]
-    return None
-
-
-def _pose_error(model: RobotModel, q: Array, X_WT: Array) -> Array:
-    """Position error over rotation vector from the tool's pose at q to X_WT, in world axes, shape (6,)."""
-    reached = model.tool_pose(q)
-    return np.concatenate([X_WT[:3, 3] - reached[:3, 3], rotation_vector(X_WT[:3, :3] @ reached[:3, :3].T)])
+def _meet(model: RobotModel, guesses: Array, X_WT: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Joint positions near guesses (m, n) that bring the tool to poses (m, 4, 4), and which of them do, (m,)."""
+    q, errors = newton(model, X_WT, guesses, NEWTON_TOLERANCE)
+    return q, (errors <= NEWTON_TOLERANCE) & (np.abs(q - guesses).max(axis=1, initial=0.0) <= LARGEST_STEP)
 
 
 def rotation_vector(R: Array) -> Array:
@@ -196,5 +241,14 @@ def _points(degree: int) -> Array:
 def _fit_matrix(degree: int) -> Array:
     """Maps values at the Chebyshev points to the coefficients of the polynomial through them."""
     matrix = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _points(degree) - 1, degree)).astype(np.float64)
+    matrix.setflags(write=False)
+    return matrix
+
+
+@cache
+def _refine_matrix(degree: int) -> Array:
+    """Maps values at the Chebyshev points to those of the polynomial through them in between."""
+    between = np.polynomial.chebyshev.chebvander(2 * _points(2 * degree)[1::2] - 1, degree)
+    matrix: Array = between @ _fit_matrix(degree)
     matrix.setflags(write=False)
     return matrix

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,20 +129,41 @@ def time_path(path: Path, limits: MotionLimits, along: MotionLimits | None = Non
     `phase_samples` gives, and k gets a margin of `STRETCH_MARGIN`; where bounds of the derivatives already show that no
     limit is met, none are taken.
     """
-    law = rest_to_rest(along if along is not None else limits.along(path.derivative_bounds().max(axis=0)))
-    trajectory = Trajectory(path, law)
-    every = np.stack([limits.velocity, limits.acceleration, limits.jerk])
+    (trajectory,) = time_paths([path], limits, along or limits.along(path.derivative_bounds().max(axis=0)))
+    return trajectory
+
+
+def time_paths(paths: Sequence[Path], limits: MotionLimits, along: MotionLimits) -> list[Trajectory]:
+    """As `time_path` of each of several paths that have the same breaks."""
+    law = rest_to_rest(along)
+    factors = np.ones(len(paths))
+    degrees = np.array([path.coefficients.shape[1] for path in paths])
+    for degree in np.unique(degrees):
+        rows = np.flatnonzero(degrees == degree)
+        side_by_side = np.concatenate([paths[row].coefficients for row in rows.tolist()], axis=2)
+        factors[rows] = _stretches(Trajectory(Path(paths[0].breaks, side_by_side), law), limits)
+    return [
+        Trajectory(path, law.stretched(factor) if factor > 1.0 else law)
+        for path, factor in zip(paths, factors.tolist(), strict=True)
+    ]
+
+
+def _stretches(trajectory: Trajectory, limits: MotionLimits) -> Array:
+    """By how much b motions of n joints each, as one of b n joints, have to be slowed down, shape (b,); at least 1."""
+    path, law = trajectory.path, trajectory.law
+    n = len(limits.velocity)
+    every = np.tile(np.stack([limits.velocity, limits.acceleration, limits.jerk]), path.coefficients.shape[2] // n)
     ends = np.concatenate([law.breaks[:-1], np.nextafter(law.breaks[1:], 0.0)])
     peaks = np.abs(law.derivatives(ends)[1:]).max(axis=1)
     bounds = [path.derivative_bounds(order).max(axis=0) for order in (1, 2, 3)]
     if all((chain_rule(peaks, bounds[:order]) <= every[order - 1]).all() for order in (1, 2, 3)):
-        return trajectory
+        return np.ones(every.shape[1] // n)
     sampled = law.derivatives(phase_samples(trajectory, LEAST_SAMPLES, SAMPLES_PER_DEGREE * path.coefficients.shape[1]))
     slopes = [path.derivatives(sampled[0], order) for order in (1, 2, 3)]
-    motion = [chain_rule(sampled[1:, :, None], slopes[:order]) for order in (1, 2, 3)]
-    ratios = [np.abs(values).max(axis=0) / limit for values, limit in zip(motion, every, strict=True)]
-    factor = max(float(ratio.max()) ** (1.0 / order) for order, ratio in enumerate(ratios, 1)) * (1.0 + STRETCH_MARGIN)
-    return Trajectory(path, law.stretched(factor)) if factor > 1.0 else trajectory
+    motion = [np.abs(chain_rule(sampled[1:, :, None], slopes[:order])).max(axis=0) for order in (1, 2, 3)]
+    ratios = (np.stack(motion) / every).reshape(3, -1, n).max(axis=2)
+    factors: Array = (ratios ** (1.0 / np.array([[1], [2], [3]]))).max(axis=0) * (1.0 + STRETCH_MARGIN)
+    return np.maximum(factors, 1.0)
 
 
 def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.motion.collision import PlacedScene
 from sqrp_cli.programming.motion.corner_blend import blended_path, corner_curve
+from sqrp_cli.programming.motion.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.sampling_planner import plan_polyline
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path
 from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory

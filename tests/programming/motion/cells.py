@@ -15,7 +15,9 @@ from sqrp_cli.knowledge.skill import Skill
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.collision import CollisionScene, pair
+from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.contact import pair
+from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 
 VALUES = {
@@ -49,11 +51,8 @@ class Cell:
     def plan(
         self, skill: Skill | None = None, world: World | None = None, seed: int = 0, **values: float
     ) -> Motion | Infeasible:
-        binding = {"object": "cube"}
-        all_values = {**VALUES, **values}
-        return plan_motion(
-            skill or self.skill, binding, all_values, self.objects, world or self.world, self.model, self.scene, seed
-        )
+        use = SkillUse(skill or self.skill, {"object": "cube"}, {**VALUES, **values}, self.objects, world or self.world)
+        return plan_motion(use, self.scene, seed)
 
 
 class PinocchioCell:

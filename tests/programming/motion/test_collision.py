@@ -13,9 +13,11 @@ from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Part, SceneObject, Shape, Sphere
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision import CLEARANCE, RESOLUTION, CollisionScene, Contact, PlacedScene, pair
+from sqrp_cli.programming.motion.collision import CollisionScene
 from sqrp_cli.programming.motion.collision_body import Body
+from sqrp_cli.programming.motion.contact import CLEARANCE, Contact, pair
 from sqrp_cli.programming.motion.motion_bound import MotionBound
+from sqrp_cli.programming.motion.placed_scene import RESOLUTION, PlacedScene
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.trajectory import Path
 

@@ -16,6 +16,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
+from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.programming.task import read_task
 
@@ -140,10 +141,9 @@ def test_a_move_by_home_stops_there_and_takes_as_long_as_both_parts(cell: Cell) 
     values = {parameter.name: parameter.values[0] for parameter in place.motion_parameters}
     times = {}
     for via in ("direct", "home"):
-        motion = plan_motion(
-            place, {"object": "cube", "onto": "table"}, {**values, "via": via}, cell.workspace.objects, away,
-            cell.model, cell.collision, 0,
-        )  # fmt: skip
+        binding = {"object": "cube", "onto": "table"}
+        use = SkillUse(place, binding, {**values, "via": via}, cell.workspace.objects, away)
+        motion = plan_motion(use, cell.collision)
         assert isinstance(motion, Motion)
         move = motion.primitives[0]
         t = np.linspace(move.start, move.end, 2001)

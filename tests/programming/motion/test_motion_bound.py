@@ -34,8 +34,8 @@ def test_no_point_moves_further_than_its_bound_against_the_world_or_against_any_
     for _ in range(40):
         q, variation = rng.uniform(-3, 3, 6), rng.uniform(0, size, 6)
         poses = ur5.link_poses(q[None])
-        centers = np.stack([poses[link][:, :3, 3] for link in links])
-        motion = bound.between(poses, variation[None], centers, np.full(3, radius), depth)[:, 0]
+        centers = np.stack([poses[link][:, :3, 3] for link in links], axis=1)
+        motion = bound.between(ur5.frame_poses(q[None]), variation[None], centers, np.full(3, radius), depth)[0]
         moved = ur5.link_poses(q + rng.choice([-1.0, 1.0], (50, 6)) * variation)
         directions = rng.normal(size=(30, 3))
         points = radius * directions / np.linalg.norm(directions, axis=1)[:, None]

@@ -8,9 +8,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array, axis_rotation, pose
+from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.straight_line import ToolLine, rotation_matrix, rotation_vector, straight_line
+from sqrp_cli.programming.motion.straight_line import ToolLine, follow, rotation_matrix, rotation_vector, straight_line
 from sqrp_cli.trajectory import Path
 
 READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])
@@ -39,7 +40,7 @@ def test_the_tool_follows_position_and_orientation_of_the_line_everywhere(
     np.testing.assert_allclose(path.positions([0.0])[0], READY, atol=1e-12)
     s = np.linspace(0, 1, 173)
     for at, q in zip(s, path.positions(s), strict=True):
-        reached, wanted = ur5.tool_pose(q), line.pose(at)
+        reached, wanted = ur5.tool_pose(q), line.poses(np.array([at]))[0]
         assert np.linalg.norm(reached[:3, 3] - wanted[:3, 3]) < 2e-6
         assert np.linalg.norm(rotation_vector(reached[:3, :3] @ wanted[:3, :3].T)) < 2e-6
 
@@ -73,6 +74,25 @@ def test_a_joint_limit_on_the_way_is_named_with_the_distance(ur5: RobotModel) ->
     assert isinstance(result, Infeasible)
     assert "limit of `shoulder_pan_joint` after" in result.reasons[0]
     assert "mm of 200 mm" in result.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("shift", "some_are_stuck"), [([0.0, 0.1, 0.0], False), ([-0.5, 0.0, 0.0], False), ([-0.3, 0.3, 0.3], True)]
+)
+def test_branches_followed_at_once_are_each_as_alone(ur5: RobotModel, shift: list[float], some_are_stuck: bool) -> None:
+    X = ur5.tool_pose(READY)
+    line = ToolLine(X, pose(X[:3, :3], X[:3, 3] + shift))
+    q0 = all_solutions(ur5, X).solutions
+    assert len(q0) > 4
+    together = follow(ur5, q0, line)
+    for q, path in zip(q0, together, strict=True):
+        (alone,) = follow(ur5, q[None], line)
+        if isinstance(alone, Path):
+            assert isinstance(path, Path)
+            np.testing.assert_allclose(path.coefficients, alone.coefficients, atol=1e-9)
+        else:
+            assert path == alone
+    assert {type(path) for path in together} == ({Path, Infeasible} if some_are_stuck else {Path})
 
 
 @given(vectors(1.7))

@@ -18,6 +18,7 @@ from sqrp_cli.programming.motion.timing import (
     rest_to_rest,
     rest_to_rest_duration,
     time_path,
+    time_paths,
 )
 from sqrp_cli.trajectory import Path, Trajectory
 
@@ -134,3 +135,13 @@ def test_a_path_with_limits_along_it_keeps_both_and_is_slowed_down_only_as_neede
     assert not slowed_down or ratio > 0.99
     peaks = np.abs(trajectory.law.derivatives(phase_samples(trajectory, 50))).max(axis=1)[1:]
     assert (peaks <= np.array([speed, 2 * speed, 20 * speed]) * (1 + 1e-9)).all()
+
+
+def test_many_paths_at_once_are_timed_like_each_alone() -> None:
+    rng = np.random.default_rng(2)
+    limits, along = random_limits(rng), MotionLimits(*(np.array(x) for x in (0.3, 0.6, 6.0)))
+    paths = [random_path(rng) for _ in range(5)]
+    paths[2:2] = [Path(path.breaks, path.coefficients[:, :4]) for path in paths[:2]]
+    durations = [trajectory.duration for trajectory in time_paths(paths, limits, along)]
+    assert durations == pytest.approx([time_path(path, limits, along).duration for path in paths], rel=1e-12)
+    assert len(set(durations)) > 3

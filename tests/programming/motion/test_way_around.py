@@ -16,8 +16,8 @@ from sqrp_cli.knowledge.skill import Skill
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion import plan_motion as planning
-from sqrp_cli.programming.motion.collision import CLEARANCE
+from sqrp_cli.programming.motion import joint_moves
+from sqrp_cli.programming.motion.contact import CLEARANCE
 from sqrp_cli.programming.motion.corner_blend import blended_path
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.recovery import recovery_over
@@ -80,7 +80,7 @@ def test_a_way_around_touches_nothing_at_steps_of_a_millimetre_in_pinocchios_own
 def test_the_direct_move_does_touch_the_wall(motion: Motion, walled: Cell, ur5: RobotModel) -> None:
     ends = motion.primitives[4].trajectory.path.positions([0.0, 1.0])
     limits = MotionLimits(ur5.velocity, ur5.acceleration, ur5.jerk)
-    direct = replace(motion.primitives[4], trajectory=planning.joint_move(*ends, limits))
+    direct = replace(motion.primitives[4], trajectory=joint_moves.joint_move(*ends, limits))
     blocked = replace(motion, primitives=(*motion.primitives[:4], direct))
     t = millimetre_steps(direct.trajectory)
     found = PinocchioCell(walled, 0.0).contacts(blocked, 4, set(), t)
@@ -127,14 +127,14 @@ def test_the_same_seed_gives_the_same_way_whatever_was_planned_before(walled: Ce
 def test_the_planner_is_asked_only_where_no_combination_of_branches_is_direct(
     tabletop: Workspace, ur5: RobotModel, pickup: Skill, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(planning, "find_way", lambda *_: pytest.fail("a way around was looked for"))
+    monkeypatch.setattr(joint_moves, "find_way", lambda *_: pytest.fail("a way around was looked for"))
     motion = Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, WALL)).plan()
     assert isinstance(motion, Motion)
     assert motion.ways_around == ()
 
 
 def test_where_no_way_is_found_the_pair_that_touches_is_named(walled: Cell, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(planning, "MOST_TRIES", 2)
+    monkeypatch.setattr(joint_moves, "MOST_TRIES", 2)
     result = walled.plan()
     assert isinstance(result, Infeasible)
     assert " hits wall at " in result.reasons[0]

@@ -1,0 +1,155 @@
+"""Whether the arm, its tool and what it holds stay clear of themselves and of the cell, also between samples.
+
+Two solids are proven apart over a stretch of a path when their distance in the middle of the stretch exceeds how far
+they can move against each other within it. Stretches over which they are not are halved, until a contact is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.collision_body import body_distance
+from sqrp_cli.programming.motion.contact import Contact, Pairs, pair
+from sqrp_cli.programming.motion.finger_joints import finger_steps
+from sqrp_cli.programming.motion.motion_bound import MotionBound
+from sqrp_cli.programming.motion.placed_bodies import BodyPairs, PlacedBodies
+from sqrp_cli.programming.motion.stretches import Stretches
+from sqrp_cli.trajectory import Path, Trajectory
+
+RESOLUTION = 0.5e-3
+"""Two solids that may come closer than the clearance while they move by less than this [m] count as touching."""
+
+FIRST_LOOK = 9
+"""Places along a path that `PlacedScene.is_free` looks at before it proves anything."""
+
+
+@dataclass(frozen=True)
+class _Near:
+    """A combination of stretch and pair that is not proven apart.
+
+    combination: its index. bound: how far the pair can move against each other from the middle of the stretch [m].
+    touches: whether that counts as the contact. contact: what it would be.
+    """
+
+    combination: int
+    stretch: int
+    bound: float
+    touches: bool
+    contact: Contact
+
+
+class PlacedScene:
+    """A collision scene with every object in its place."""
+
+    def __init__(
+        self, model: RobotModel, bound: MotionBound, bodies: PlacedBodies, pairs: BodyPairs, fingers: Array
+    ) -> None:
+        """pairs: those that must not touch. fingers: positions of the joints that drive them, shape (f,)."""
+        self.bound = bound
+        self._model, self._bodies, self._pairs, self._fingers = model, bodies, pairs, fingers
+        size = bodies.radii.max(axis=1)
+        inner_is_larger = size[pairs.inner] >= size[pairs.outer]
+        self._boxed = np.where(inner_is_larger, pairs.inner, pairs.outer)
+        self._covered = np.where(inner_is_larger, pairs.outer, pairs.inner)
+
+    def allowing(self, allowed: Pairs) -> PlacedScene:
+        """The same scene, in which contacts of these pairs of names do not count."""
+        pairs = self._pairs.without(allowed, self._bodies)
+        return PlacedScene(self._model, self.bound, self._bodies, pairs, self._fingers)
+
+    def check(self, q: Array) -> Contact | None:
+        """A contact at joint positions q, shape (n,), or None when everything keeps its clearance."""
+        return self.check_all(q[None])[0]
+
+    def check_all(self, q: Array) -> tuple[Contact | None, ...]:
+        """A contact, or None, at each of m joint positions, shape (m, n)."""
+        found = {near.stretch: near.contact for near in self._near(self._still(q))}
+        return tuple(found.get(k) for k in range(len(q)))
+
+    def touching_pairs(self, q: Array) -> tuple[Pairs, ...]:
+        """All pairs of names that touch at each of m joint positions, shape (m, n)."""
+        found: list[set[tuple[str, str]]] = [set() for _ in q]
+        for near in self._near(self._still(q)):
+            found[near.stretch].add(pair(near.contact.first, near.contact.second))
+        return tuple(map(frozenset, found))
+
+    def is_free(self, path: Path, spare: float = RESOLUTION) -> bool:
+        """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are told sooner.
+
+        spare: what the proof may ask for beyond the clearance [m]; more is told sooner.
+        """
+        samples = np.linspace(0.0, 1.0, FIRST_LOOK)
+        touching = next(self._near(self._still(path.positions(samples), samples)), None)
+        return touching is None and self.check_path(path, spare) is None
+
+    def check_fingers(self, q: Array, fingers: Array) -> Contact | None:
+        """The first contact while the fingers move evenly to positions (f,) and the arm stands at q, shape (n,).
+
+        The fingers are tried so often that they move by at most `RESOLUTION` in between.
+        """
+        share = np.linspace(0.0, 1.0, 1 + finger_steps(self._model, self._fingers, fingers, RESOLUTION))
+        positions = self._fingers + share[:, None] * (fingers - self._fingers)
+        near = self._near(self._still(np.concatenate([np.tile(q, (len(share), 1)), positions], axis=1), share))
+        return next((found.contact for found in near), None)
+
+    def check_motion(self, trajectory: Trajectory) -> Contact | None:
+        """The first contact along a motion; None proves that there is none at any time. See `check_path`."""
+        return self.check_path(trajectory.path)
+
+    def check_path(self, path: Path, resolution: float = RESOLUTION) -> Contact | None:
+        """The first contact along a path; None proves that there is none, not only at samples.
+
+        None: all pairs keep their clearance everywhere. A contact: there a pair is closer than its clearance plus
+        `resolution` [m]; the path keeps the clearance up to there.
+        """
+        slopes = path.derivative_bounds()
+        first: Contact | None = None
+        stretches = Stretches.along(path, slopes, self.bound.radii, len(self._pairs.inner))
+        while len(stretches.stretch):
+            open_ones, seen = [], -1
+            for near in self._near(stretches, resolution):
+                if first is not None and near.stretch > seen and near.contact.s >= first.s:
+                    break
+                seen = near.stretch
+                if near.bound >= resolution:
+                    open_ones.append(near.combination)
+                if near.touches and (first is None or near.contact.s < first.s):
+                    first = near.contact
+            if not open_ones:
+                break
+            stretches = stretches.halved(path, slopes, np.array(open_ones), np.inf if first is None else first.s)
+        return first
+
+    def _still(self, q: Array, s: Array | None = None) -> Stretches:
+        return Stretches.still(q, len(self._pairs.inner), s)
+
+    def _near(self, stretches: Stretches, resolution: float = RESOLUTION) -> Iterator[_Near]:
+        """The combinations that are not proven apart over their stretch, in order."""
+        bodies, stretch, pairs = self._bodies, stretches.stretch, stretches.pairs
+        inner, outer, clearance = self._pairs.inner[pairs], self._pairs.outer[pairs], self._pairs.clearance[pairs]
+        q = self._model.with_fingers(stretches.q, self._fingers)
+        X_WF = self._model.frame_poses(q)
+        centers = bodies.world_centers(X_WF)
+        motion = self.bound.between(X_WF, stretches.variation, centers, bodies.radius, bodies.depth)
+        bound = motion[stretch, outer, bodies.depth[inner]]
+        need = bound + clearance
+        between = centers[stretch, inner] - centers[stretch, outer]
+        reach = bodies.radius[inner] + bodies.radius[outer] + need
+        close = np.flatnonzero((between * between).sum(axis=1) < reach * reach)
+        close = close[
+            bodies.gap(X_WF, stretch[close], self._boxed[pairs[close]], self._covered[pairs[close]]) < need[close]
+        ]
+        stretch, inner, outer = stretch[close], inner[close], outer[close]
+        placements = bodies.placements(X_WF, np.tile(stretch, 2), np.concatenate([inner, outer]))
+        columns = (values.tolist() for values in (close, stretch, inner, outer, bound[close], clearance[close]))
+        for k, at, i, j, moved, kept in zip(*columns, strict=True):
+            first, second = bodies.bodies[j], bodies.bodies[i]
+            distance = body_distance(first, placements[at, j], second, placements[at, i], kept, kept + moved)
+            if distance is not None:
+                contact = Contact(first.name, second.name, float(stretches.s[at]), kept)
+                yield _Near(k, at, moved, distance <= kept or moved < resolution, contact)
