@@ -167,10 +167,12 @@ class Observer:
 
     def _camera_poses(self, states: SceneStates, views: Views) -> Array:
         """World poses of the optical frame of each view, shape (v, 4, 4)."""
-        X_WC = np.empty((len(views.camera), 4, 4))
-        for index in np.unique(views.camera).tolist():
-            here = np.flatnonzero(views.camera == index)
-            X_WC[here] = rows_of(states.camera_poses(self.cameras[index]), views.state[here])
+        poses = [states.camera_poses(camera) for camera in self.cameras]
+        X_WC = np.stack([X[0] for X in poses])[views.camera]
+        for index, X in enumerate(poses):
+            if len(X) > 1:
+                here = np.flatnonzero(views.camera == index)
+                X_WC[here] = X[views.state[here]]
         return X_WC
 
     def _opaque(self, box: TargetBox) -> list[int]:

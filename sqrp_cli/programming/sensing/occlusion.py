@@ -137,7 +137,9 @@ class _Bounds:
 
     @classmethod
     def of(cls, poses: SolidPoses, solids: Sequence[int], count: int) -> _Bounds:
-        X_WP = np.stack([np.broadcast_to(poses.pose(index)[:count, :3], (count, 3, 4)) for index in solids])
+        X_WP = np.empty((len(solids), count, 3, 4))
+        for number, index in enumerate(solids):
+            X_WP[number] = poses.pose(index)[:count, :3]
         centers_P = np.stack([poses.solids[index].center for index in solids])
         centers = (X_WP[..., :3] @ centers_P[:, None, :, None])[..., 0] + X_WP[..., 3]
         return cls(X_WP[..., :3], centers, np.stack([poses.solids[index].half_axes for index in solids]))

@@ -12,11 +12,12 @@ silhouette; far less for others, of which every row measures another place.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, inverse, transform
+from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, transform
 from sqrp_cli.programming.sensing.occlusion import Pairs, SolidPoses
 from sqrp_cli.programming.sensing.ray_grid import TURN, Outline, RayGrid, first_row
 from sqrp_cli.programming.sensing.surface import Surface
@@ -44,7 +45,7 @@ def visible_shares(
     solid) that reach into the view hulls; nothing else can block. All corners must lie in front of the camera.
     """
     shares = np.empty(len(state))
-    largest = max((len(poses.solids[index].triangles) for index in np.unique(pairs[1]).tolist()), default=0)
+    largest = max((len(poses.solids[index].triangles) for index in set(pairs[1].tolist())), default=0)
     size = max(1, min(_CHUNK, _MEMORY // max(1, largest)))
     for start in range(0, len(state), size):
         chunk = slice(start, start + size)
@@ -57,7 +58,7 @@ def visible_shares(
 def _shares(view: _View, X_WB: Array, state: NDArray[np.int64], poses: SolidPoses, pairs: Pairs) -> Array:
     X_BW = inverse(X_WB)
     outlines, blocked = [], np.zeros(view.silhouette.shape, dtype=bool)
-    for index in np.unique(pairs[1]).tolist():
+    for index in sorted(set(pairs[1].tolist())):
         lines = pairs[0][pairs[1] == index]
         X_WP = poses.pose(index)
         X_BP = X_BW[lines] @ (X_WP[state[lines]] if len(X_WP) > 1 else X_WP)
@@ -74,6 +75,13 @@ def _shares(view: _View, X_WB: Array, state: NDArray[np.int64], poses: SolidPose
         outlines.append(_outline(lines, view.grid.maps(lines, view.X_CB[lines] @ X_BP), surface, facing))
     blocked |= view.grid.inside(Outline.joined(outlines))
     return _count(view.silhouette & ~blocked) / np.maximum(_count(view.silhouette), 1)
+
+
+@lru_cache(maxsize=256)
+def _box_surface(*bounds: float) -> Surface:
+    """The surface of a box from its least x, y, z to its greatest."""
+    low, high = np.split(np.array(bounds), 2)
+    return Surface.of_triangles(np.where(BOX_SIGNS < 0, low, high), BOX_TRIANGLES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +111,7 @@ class _View:
         eye_B = inverse(X_CB)[:, :3, 3]
         low, high = corners_B.min(axis=0), corners_B.max(axis=0)
         far = np.where(eye_B > low, low, -np.inf), np.where(eye_B < high, high, np.inf)
-        box, lines = Surface.of_triangles(corners_B, BOX_TRIANGLES), np.arange(len(X_CB))
+        box, lines = _box_surface(*low.tolist(), *high.tolist()), np.arange(len(X_CB))
         outline = _outline(lines, grid.maps(lines, X_CB), box, _facing(box, eye_B))
         return cls(X_CB, eye_B, corners_C[2].min(axis=-1), *far, grid, grid.inside(outline))
 
