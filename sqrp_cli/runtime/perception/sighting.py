@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
@@ -59,6 +61,10 @@ class Posture:
     joints: Mapping[str, float]
     holding: bool
     X_WO: Mapping[str, Array]
+
+
+NO_OUTLINE: Array = np.zeros((0, 2))
+"""The outline of a box that is not in the image."""
 
 
 @dataclass(frozen=True, eq=False)
