@@ -102,7 +102,8 @@ class Disagreement:
     """An image in which a prediction was wrong.
 
     t: of the step [s]. predicted: whether the camera was predicted to see the atom. seen: what the image gave, true the
-    value. share: of the boxes that could be judged in the image.
+    value. share: of the boxes that could be judged in the image. because: why it was not seen if it was predicted to
+    be: mask border, lighting or detector limit (see `perception.sighting.Weakness`).
     """
 
     step: int
@@ -113,6 +114,7 @@ class Disagreement:
     seen: str
     true: bool
     share: float
+    because: str
 
 
 Prediction = dict[str, dict[str, Confusion]]

@@ -12,8 +12,8 @@ from sqrp_cli.knowledge.robot import JointLimits, StopLimits
 from sqrp_cli.program import ProgramPrimitive
 from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
 
-LEAST_STOP, LONGER = 0.05, 1.05
-"""The first duration of a stop that is tried [s], and the factor to the next one."""
+LEAST_STOP, FINENESS = 0.05, 1.02
+"""The shortest duration of a stop [s], and the factor to one that is too short at which the search for it ends."""
 
 LIMIT_SLACK = 1.01
 """Factor by which a stop may exceed the limits between its samples."""
@@ -161,12 +161,18 @@ class Playback:
         if begin < 0.0 or begin >= self._ends[-1]:
             return _Stop(t, 0.0, max(begin, 0.0))
         last = self._ends[int(np.searchsorted(self._ends, begin, side="right"))]
-        duration = LEAST_STOP
-        while duration < last - begin:
-            if self._within_limits(begin, duration, acceleration, jerk):
-                return _Stop(t, duration, last)
-            duration *= LONGER
-        return _Stop(t, 0.0, last)
+        too_short, duration = 0.0, LEAST_STOP
+        while not self._within_limits(begin, duration, acceleration, jerk):
+            too_short, duration = duration, 2.0 * duration
+            if too_short >= last - begin:
+                return _Stop(t, 0.0, last)
+        while duration > FINENESS * too_short and too_short > 0.0:
+            between = 0.5 * (too_short + duration)
+            if self._within_limits(begin, between, acceleration, jerk):
+                duration = between
+            else:
+                too_short = between
+        return _Stop(t, duration if duration < last - begin else 0.0, last)
 
     def _within_limits(self, begin: float, duration: float, most_acceleration: Array, most_jerk: Array) -> bool:
         """Whether a stop that begins at a time of the step's clock [s] keeps the limits."""

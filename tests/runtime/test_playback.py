@@ -40,7 +40,7 @@ def test_a_stop_stays_on_the_path_and_keeps_the_limits(at: float) -> None:
     reference = playback()
     stands = reference.stop(at)
     t = np.arange(1.0, stands + 0.2, 0.001)
-    q, velocity, acceleration = (np.array(values) for values in zip(*map(reference.state, t), strict=True))
+    q, velocity, acceleration = reference.states(t)
     along = (q - Q0) / (Q1 - Q0)
     assert np.allclose(along[:, 0], along[:, 1])
     assert np.all(np.diff(along[:, 0]) >= -1e-12)
@@ -62,7 +62,7 @@ def test_a_protective_stop_is_faster_and_keeps_its_own_limits() -> None:
     reference, other = playback(), playback()
     stands = reference.stop(2.0, protective=True)
     assert stands - 2.0 < 0.6 * (other.stop(2.0) - 2.0)
-    acceleration = np.array([reference.state(t)[2] for t in np.arange(2.0, stands, 0.001)])
+    acceleration = reference.states(np.arange(2.0, stands, 0.001))[2]
     assert ACCELERATION < np.abs(acceleration).max() <= 1.02 * STOP.acceleration
     assert np.abs(np.diff(acceleration, axis=0)).max() / 0.001 <= 1.1 * STOP.jerk + JERK
 

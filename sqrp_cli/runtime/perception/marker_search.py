@@ -9,7 +9,7 @@ from sqrp_cli.program import ProgramBox
 from sqrp_cli.runtime.perception.backdrop import Backdrop
 from sqrp_cli.runtime.perception.glance import Glance, extent
 from sqrp_cli.runtime.perception.outlines import Outline
-from sqrp_cli.runtime.perception.sighting import NO_OUTLINE, BoxSight, Evidence
+from sqrp_cli.runtime.perception.sighting import NO_OUTLINE, BoxSight, Evidence, Weakness
 from sqrp_cli.runtime.perception.vision import FoundMarker, dilated, filled
 from sqrp_cli.runtime.twin import OPEN_SHARE
 
@@ -39,7 +39,20 @@ class MarkerSearch:
         else:
             share = self._background_share(outline)
             evidence = Evidence.ABSENT if share >= ABSENT_SHARE else Evidence.BLIND
-        return BoxSight(box.name, evidence, share, outline.polygon)
+        because = Weakness.DETECTOR
+        if found is None and self._is_cut_off(box, outline):
+            because = Weakness.MASK
+        return BoxSight(box.name, evidence, share, outline.polygon, because)
+
+    def _is_cut_off(self, box: ProgramBox, outline: Outline) -> bool:
+        """Whether the robot is taken to hide some of a box, other than by what carries the marker."""
+        crop = self._glance.crop(outline.polygon, 2)
+        if crop is None:
+            return False
+        shape, origin = extent(crop)
+        others = {surface.link for surface in self._glance.cell.twin.surfaces} - {box.frame, *box.encloses}
+        hiding = dilated(self._glance.robot.mask(shape, origin, outline.depth, links=others), 1)
+        return bool((hiding & filled(shape, origin, [outline.corners])).any())
 
     def _on_finger(self, atom: str, box: ProgramBox, marker: FoundMarker) -> Evidence:
         """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""

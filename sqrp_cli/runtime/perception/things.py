@@ -18,7 +18,7 @@ from sqrp_cli.program import ProgramBox
 from sqrp_cli.runtime.perception.backdrop import Backdrop
 from sqrp_cli.runtime.perception.glance import Crop, Glance, extent
 from sqrp_cli.runtime.perception.outlines import Outline
-from sqrp_cli.runtime.perception.sighting import NO_OUTLINE, BoxSight, Evidence
+from sqrp_cli.runtime.perception.sighting import NO_OUTLINE, BoxSight, Evidence, Weakness
 from sqrp_cli.runtime.perception.vision import Mask, blobs, color_mask, dilated, direction, filled
 
 NEEDED_SHARE = 0.35
@@ -38,13 +38,15 @@ LEAST_PIXELS = 4.0
 class _Place:
     """A box in which an object may be, with what the image shows there.
 
-    share: of the outline that was judged, without what parts that the box encloses hide of it. filled: share of its
+    share: of the outline that was judged, without what parts that the box encloses hide of it. hidden: share of it that
+    is taken to be behind the robot or another object. filled: share of its
     visible part that has the object's colour, without what has that colour anyway behind it. shift: of the patch of
     colour from where it would be if the object were there [pixels]; None without a patch.
     """
 
     outline: Outline | None
     share: float
+    hidden: float
     filled: float
     shift: Array | None
 
@@ -57,12 +59,17 @@ class _Place:
 
     def sight(self, box: ProgramBox, evidence: Evidence) -> BoxSight:
         """The sight of a box for which this is what the image shows."""
-        if self.outline is None or self.share < NEEDED_SHARE or self.outline.area < LEAST_PIXELS**2:
-            evidence = Evidence.BLIND
-        return BoxSight(box.name, evidence, self.share, NO_OUTLINE if self.outline is None else self.outline.polygon)
+        because = Weakness.DETECTOR
+        if self.share < NEEDED_SHARE:
+            unlike = 1.0 - self.share - self.hidden
+            evidence, because = Evidence.BLIND, Weakness.MASK if self.hidden >= unlike else Weakness.LIGHTING
+        if self.outline is None or self.outline.area < LEAST_PIXELS**2:
+            evidence, because = Evidence.BLIND, Weakness.DETECTOR
+        outline = NO_OUTLINE if self.outline is None else self.outline.polygon
+        return BoxSight(box.name, evidence, self.share, outline, because)
 
 
-_NOWHERE = _Place(None, 0.0, 0.0, None)
+_NOWHERE = _Place(None, 0.0, 0.0, 0.0, None)
 
 
 class ThingSearch:
@@ -109,7 +116,7 @@ class ThingSearch:
         margin = max(6, round(0.6 * outline.area**0.5))
         crop = self._glance.crop(outline.polygon, margin)
         if crop is None:
-            return _Place(outline, 0.0, 0.0, None)
+            return _Place(outline, 0.0, 0.0, 0.0, None)
         shape, origin = extent(crop)
         colored, robot = self._colored[crop], self._glance.robot
         silhouette = filled(shape, origin, [outline.corners])
@@ -121,15 +128,16 @@ class ThingSearch:
         visible = silhouette & ~front
         # Where the background has the object's own colour, the image cannot tell the one from the other.
         decided = visible & ~(background & colored)
+        hidden = min(float((silhouette & front).sum()) / outline.area, 1.0)
         if not decided.any():
-            return _Place(outline, 0.0, 0.0, None)
+            return _Place(outline, 0.0, hidden, 0.0, None)
         judged = decided & (own | background)
         enclosed = silhouette & dilated(robot.mask(shape, origin, outline.depth, links=box.encloses), 1)
         askable = max(outline.area - float(enclosed.sum()), LEAST_PIXELS**2)
         share = min(float(judged.sum()) / askable, 1.0)
         patch = dilated(silhouette, margin // 2) & ~front & own
         shift = _mean_pixel(patch) - _mean_pixel(decided) if patch.any() else None
-        return _Place(outline, share, float((decided & own).sum() / decided.sum()), shift)
+        return _Place(outline, share, hidden, float((decided & own).sum() / decided.sum()), shift)
 
     def _in_front(self, X_WO: Array, outline: Outline, crop: Crop) -> Mask:
         """What of the robot and of other objects is before the object at a pose, in a crop."""
