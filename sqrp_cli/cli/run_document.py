@@ -53,6 +53,8 @@ def sweep_document(workspace: str, text: str, runs: Sequence[SweepRun], summary:
         "predictable": summary.predictable,
         "seen": summary.seen,
         "as_predicted": summary.as_predicted,
+        "sooner": summary.sooner,
+        "later": summary.later,
         "runs": [
             {"x": run.x, "outcome": run.report.outcome, "time": run.report.time, **_fault(run.fault)} for run in runs
         ],

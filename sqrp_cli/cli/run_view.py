@@ -220,13 +220,13 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
     _print_stops(runs)
     say()
     say(
-        f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen, "
-        f"{summary.as_predicted} of them within {1000 * summary.tolerance:.0f} ms of the predicted delay: one frame "
-        "period and what it takes to look at an image."
+        f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen: "
+        f"{summary.as_predicted} as predicted, to {1000 * summary.tolerance:.0f} ms (one frame period and what it takes "
+        f"to look at an image), {summary.sooner} sooner and {summary.later} later."
     )
     if summary.lateness:
         sooner, worse = max(0.0, -min(summary.lateness)), max(0.0, max(summary.lateness))
-        say(f"They were seen up to {sooner:.2f} s sooner and up to {worse:.2f} s later than predicted.")
+        say(f"They were seen at most {sooner:.2f} s sooner and {worse:.2f} s later than predicted.")
     if summary.delays:
         done = f"; done after {sum(summary.ends) / len(summary.ends):.1f} s on average" if summary.ends else ""
         mean = sum(summary.delays) / len(summary.delays)

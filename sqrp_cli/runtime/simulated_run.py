@@ -119,7 +119,17 @@ class SweepSummary:
     @property
     def as_predicted(self) -> int:
         """How many of those were seen as predicted."""
-        return sum(abs(late) <= self.tolerance + 1e-9 for late in self.lateness)
+        return self.seen - self.sooner - self.later
+
+    @property
+    def sooner(self) -> int:
+        """How many were seen sooner than predicted, because images showed more than they were predicted to."""
+        return sum(late < -self.tolerance - 1e-9 for late in self.lateness)
+
+    @property
+    def later(self) -> int:
+        """How many were seen later than predicted."""
+        return sum(late > self.tolerance + 1e-9 for late in self.lateness)
 
 
 def sweep(simulation: Simulation, text: str, count: int, step_done: Callable[[], None]) -> Iterator[SweepRun]:

@@ -41,3 +41,29 @@ def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on: Any) -> N
     assert moved_on.document["steps"][0]["attempts"] == 2
     assert fault["moved_on"] > 0.3
     assert fault["detected"] + fault["moved_on"] < fault["acted"] < fault["recovered"]
+
+
+@pytest.fixture(scope="module")
+def from_the_hand(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A run of g2 that a fixed camera and one beside the suction cup watch, with a slip."""
+    folder = tmp_path_factory.mktemp("hand")
+    cell = workspace_of("tabletop")
+    hand = {"frame": "tool0", "pose": {"position": [0.0, -0.2, -0.1], "look_at": [0.0, 0.0, 0.2]}}
+    seen = {"image": {"width": 640, "height": 480, "horizontal_fov": "60 deg"}, "near": "2 cm"}
+    cell["cameras"] = {
+        "cam3": {**cell["cameras"]["cam3"], "rate": "8 Hz"},
+        "hand": {**hand, **seen, "rate": "8 Hz", "latency": "50 ms"},
+    }
+    cell["robot"]["limits"] = {"velocity": "120 deg/s", "acceleration": "400 deg/s^2", "jerk": "3000 deg/s^3"}
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    program = folder / "pick.yaml"
+    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
+    return sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", "--log", folder / "run.jsonl")
+
+
+def test_a_camera_on_the_arm_sees_what_it_was_predicted_to_see(from_the_hand: Any) -> None:
+    assert from_the_hand.code == 0, from_the_hand.document["reason"]
+    counts = [cameras["hand"] for step in from_the_hand.document["prediction"] for cameras in step.values()]
+    right, wrong = sum(found["tp"] for found in counts), sum(found["fp"] for found in counts)
+    assert right > 20
+    assert right >= 0.97 * (right + wrong), from_the_hand.document["disagreements"]

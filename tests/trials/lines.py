@@ -47,7 +47,7 @@ def sweep_lines(done: Sequence[Done], names: Sequence[str], period: float) -> It
     for name in (names[0], names[-1]):
         runs = [_sweep_run(job, kept) for job, kept in done if job.name == name and "faults" in kept]
         summary = SweepSummary.of(runs, period)
-        if not summary.predictable:
+        if not summary.seen:
             continue
         share = summary.as_predicted / max(summary.seen, 1)
         within = f"{1000 * summary.tolerance:.0f} ms"
@@ -60,7 +60,8 @@ def sweep_lines(done: Sequence[Done], names: Sequence[str], period: float) -> It
         yield Line(
             f"{name}: seen within {within} of the prediction",
             f">= {100 * AS_PREDICTED:.0f} %",
-            f"{100 * share:.0f} %, {min(summary.lateness):+.2f} to {max(summary.lateness):+.2f} s",
+            f"{100 * share:.0f} %, {summary.sooner} sooner, {summary.later} later "
+            f"({min(summary.lateness):+.2f} to {max(summary.lateness):+.2f} s)",
             share >= AS_PREDICTED - 1e-9,
         )
         mean = sum(summary.delays) / max(len(summary.delays), 1)

@@ -92,6 +92,12 @@ class Glance:
         """The pixels that the objects which are looked for may cover, wherever they may be."""
         return filled(self.view.shape, (0, 0), self._thing_polygons())
 
+    def movables_mask(self) -> Mask:
+        """The pixels that movable objects cover where they are believed to be."""
+        objects = ((self.cell.objects[name], X) for name, X in self.posture.X_WO.items())
+        outlines = (self.view.outline(X, thing.size) for thing, X in objects if not thing.fixed)
+        return filled(self.view.shape, (0, 0), [outline.corners for outline in outlines if outline is not None])
+
     def covered(self, margin: int) -> Mask:
         """What the robot and the watched objects may cover, with a margin [pixels]."""
         return dilated(self.robot.cover(self.view.shape) | self.things_mask(), margin)
