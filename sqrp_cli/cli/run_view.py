@@ -219,10 +219,10 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
     say("t_f it happened, t_r it was seen, t_e the step was done, all in s", "dim")
     _print_stops(runs)
     say()
+    within = f"within {1000 * summary.tolerance:.0f} ms (a frame period and the time to look at an image)"
     say(
         f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen: "
-        f"{summary.as_predicted} as predicted, to {1000 * summary.tolerance:.0f} ms (one frame period and what it takes "
-        f"to look at an image), {summary.sooner} sooner and {summary.later} later."
+        f"{summary.as_predicted} as predicted, {within}, {summary.sooner} sooner and {summary.later} later."
     )
     if summary.lateness:
         sooner, worse = max(0.0, -min(summary.lateness)), max(0.0, max(summary.lateness))
