@@ -36,7 +36,7 @@ def eyes() -> Eyes:
     return Eyes([SimpleNamespace(name="cam", rate=RATE, latency=LATENCY)], Looker())
 
 
-def failure(found: Eyes, until: float, at: float = -1.0, fail=lambda found: None) -> tuple[float, str] | None:
+def failure(found: Eyes, until: float, at: float = -1.0, fail=lambda _: None) -> tuple[float, str] | None:
     """When a stream fails by a time, and how; at a time `fail` is done to the eyes."""
     t = 0.0
     while t <= until:
