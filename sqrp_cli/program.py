@@ -170,7 +170,7 @@ class ProgramWorld(Entry):
     def world(self) -> World:
         """The world."""
         return World(
-            facts=frozenset(_atom(fact) for fact in self.facts),
+            facts=frozenset(Atom.of(fact) for fact in self.facts),
             X_WO={name: read_only(np.array(rows)) for name, rows in self.objects.items()},
             held=self.held,
             X_TO=None if self.held_pose is None else read_only(np.array(self.held_pose)),
@@ -303,12 +303,6 @@ def stale(program: Program, path: Path, workspace: Workspace) -> Problem:
 
 def _quoted(word: object) -> str:
     return shlex.quote(str(word))
-
-
-def _atom(text: str) -> Atom:
-    name, _, rest = text.partition("(")
-    arguments = rest.rstrip(")")
-    return Atom(name, tuple(part.strip() for part in arguments.split(",")) if arguments else ())
 
 
 class _Dumper(yaml.SafeDumper):

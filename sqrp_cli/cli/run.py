@@ -27,7 +27,10 @@ NAME = "run"
 DEFAULT_RUNS = 20
 """Runs of a sweep."""
 
-_FORMS = "slip@a4+0.4, slip@a4:random, miss-pick, camera-loss:cam2@5, frozen:cam1@3, latency:cam3=0.5"
+_FORMS = (
+    "slip@a4+0.4, slip@a4:random, slip@7.2, miss-pick, camera-loss:cam2@5, frozen:cam1@3, latency:cam3=0.5, "
+    "perception-crash:cam1@4"
+)
 
 
 def command(
@@ -197,15 +200,15 @@ def _sweep(simulation: Simulation, text: str, count: int, *, as_json: bool) -> E
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.run_document import sweep_document
     from sqrp_cli.cli.run_view import print_sweep
-    from sqrp_cli.runtime.simulated_run import sweep
+    from sqrp_cli.runtime.simulated_run import SweepSummary, sweep
 
     with progress(f"Sweeping {text}", count) as advance:
         runs = list(sweep(simulation, text, count, advance))
-    periods = [1.0 / camera.rate for camera in simulation.workspace.cameras.values()]
+    summary = SweepSummary.of(runs, max(1.0 / camera.rate for camera in simulation.workspace.cameras.values()))
     if as_json:
-        say_raw(as_text(sweep_document(simulation.workspace.name, text, runs, max(periods))))
+        say_raw(as_text(sweep_document(simulation.workspace.name, text, runs, summary)))
     else:
-        print_sweep(simulation.program.steps[0], simulation.workspace.name, text, runs, max(periods))
+        print_sweep(simulation.program.steps[0], simulation.workspace.name, text, runs, summary)
     return ExitCode.OK if all(run.report.outcome == "done" for run in runs) else ExitCode.STOPPED_ON_FAULT
 
 

@@ -11,7 +11,7 @@ from sqrp_cli.runtime.outcome import FaultRecord, Prediction, RunReport
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.audit import AuditReport
-    from sqrp_cli.runtime.simulated_run import SweepRun
+    from sqrp_cli.runtime.simulated_run import SweepRun, SweepSummary
 
 
 def run_document(workspace: str, report: RunReport) -> Document:
@@ -43,13 +43,18 @@ def _fault(fault: FaultRecord) -> Document:
     return {**asdict(fault), "delay": fault.delay}
 
 
-def sweep_document(workspace: str, text: str, runs: Sequence[SweepRun], period: float) -> Document:
-    """The runs of a sweep; period: of the slowest camera [s]."""
+def sweep_document(workspace: str, text: str, runs: Sequence[SweepRun], summary: SweepSummary) -> Document:
+    """The runs of a sweep."""
     return {
         "schema": SCHEMA,
         "workspace": workspace,
         "sweep": text,
-        "period": period,
+        "tolerance": summary.tolerance,
+        "predictable": summary.predictable,
+        "seen": summary.seen,
+        "as_predicted": summary.as_predicted,
+        "sooner": summary.sooner,
+        "later": summary.later,
         "runs": [
             {"x": run.x, "outcome": run.report.outcome, "time": run.report.time, **_fault(run.fault)} for run in runs
         ],

@@ -14,7 +14,7 @@ from sqrp_cli.runtime.outcome import Confusion, Disagreement, Event, FaultRecord
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.audit import AuditReport
-    from sqrp_cli.runtime.simulated_run import SweepRun
+    from sqrp_cli.runtime.simulated_run import SweepRun, SweepSummary
 
 MOST_DISAGREEMENTS = 8
 """Groups of disagreements that a table lists."""
@@ -59,6 +59,8 @@ class LiveView:
                 self._literals = event.fields["literals"]
             case "stopping":
                 self._doing = "stops"
+            case "moving on":
+                self._doing, self._last = "moves on to look", f"{event.t:.2f} s: {_line(event)}"
             case "injected" | "happened" | "fault" | "retry":
                 self._last = f"{event.t:.2f} s: {_line(event)}"
         self._show(self._text())
@@ -84,6 +86,8 @@ def _line(event: Event) -> str:
             return f"{event.fields['fault']} has happened"
         case "fault":
             return f"{event.fields['name']} is seen"
+        case "moving on":
+            return f"moves on to where `{event.fields['to_see']}` can be seen"
     return f"tries again ({event.fields['attempt']} of {event.fields['of']})"
 
 
@@ -123,6 +127,12 @@ def _print_faults(faults: Sequence[FaultRecord]) -> None:
     ]
     print_table([Column("fault [s]"), *(Column(title, right=True) for title in columns)], rows)
     say("t_f happened, t_r seen, t_redo the robot responded, t_e the step was done", "dim")
+    for fault in faults:
+        if fault.moved_on is not None:
+            say(
+                f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s: where it was, "
+                "the cameras could not judge whether to try again."
+            )
 
 
 def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
@@ -159,7 +169,7 @@ def _print_disagreements(found: Sequence[Disagreement]) -> None:
     say()
     rows = []
     for (_, atom, camera, seen), entries in sorted(groups.items())[:MOST_DISAGREEMENTS]:
-        what = f"blind, not {'true' if entries[0].true else 'false'}" if seen == "blind" else seen
+        what = f"{seen} ({', '.join(sorted({e.because for e in entries}))})" if entries[0].predicted else seen
         shares = [entry.share for entry in entries]
         rows.append(
             [
@@ -188,8 +198,8 @@ def _print_disagreements(found: Sequence[Disagreement]) -> None:
         say(f"and {len(groups) - MOST_DISAGREEMENTS} more; --json lists every image", "dim")
 
 
-def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun], period: float) -> None:
-    """The runs of a sweep, and how predicted and measured delays compare; period: of the slowest camera [s]."""
+def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun], summary: SweepSummary) -> None:
+    """The runs of a sweep, and how predicted and measured delays compare."""
     say(f"{step.short_task} in {workspace}: {text} at {len(runs)} instants")
     say()
     columns = ("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e")
@@ -208,25 +218,19 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
     )
     say("t_f it happened, t_r it was seen, t_e the step was done, all in s", "dim")
     _print_stops(runs)
-    predictable = [
-        run.fault for run in runs if run.fault.predicted_delay is not None and run.fault.happened is not None
-    ]
-    seen = [fault for fault in predictable if fault.delay is not None]
-    later = [(f.delay or 0.0) - (f.predicted_delay or 0.0) for f in seen]
-    close = sum(abs(difference) <= period + 1e-9 for difference in later)
     say()
+    within = f"within {1000 * summary.tolerance:.0f} ms (a frame period and the time to look at an image)"
     say(
-        f"{len(seen)} of {len(predictable)} slips that the prediction says can be seen were seen, "
-        f"{close} of them within one frame period ({1000 * period:.0f} ms) of the predicted delay."
+        f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen: "
+        f"{summary.as_predicted} as predicted, {within}, {summary.sooner} sooner and {summary.later} later."
     )
-    if later:
-        sooner, worse = max(0.0, -min(later)), max(0.0, max(later))
-        say(f"They were seen up to {sooner:.2f} s sooner and up to {worse:.2f} s later than predicted.")
-    delays = [fault.delay for fault in seen if fault.delay is not None]
-    ends = [run.fault.recovered for run in runs if run.fault.recovered is not None]
-    if delays:
-        done = f"; done after {sum(ends) / len(ends):.1f} s on average" if ends else ""
-        say(f"Seen after {sum(delays) / len(delays):.2f} s on average, {max(delays):.2f} s at worst{done}.")
+    if summary.lateness:
+        sooner, worse = max(0.0, -min(summary.lateness)), max(0.0, max(summary.lateness))
+        say(f"They were seen at most {sooner:.2f} s sooner and {worse:.2f} s later than predicted.")
+    if summary.delays:
+        done = f"; done after {sum(summary.ends) / len(summary.ends):.1f} s on average" if summary.ends else ""
+        mean = sum(summary.delays) / len(summary.delays)
+        say(f"Seen after {mean:.2f} s on average, {max(summary.delays):.2f} s at worst{done}.")
 
 
 def _print_stops(runs: Sequence[SweepRun]) -> None:

@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.entries import Pose
 from sqrp_cli.knowledge.read_cell import add_mesh
-from sqrp_cli.knowledge.robot import Fingers, JointLimits, Marker, Robot, Tool
+from sqrp_cli.knowledge.robot import Fingers, JointLimits, Marker, Robot, StopLimits, Tool
 from sqrp_cli.knowledge.scene import Mesh, Part
 from sqrp_cli.knowledge.source import Document, KeyPath
 from sqrp_cli.knowledge.srdf import SrdfModel, read_srdf
@@ -34,6 +34,8 @@ _LIMIT_DIMENSIONS: Mapping[str, tuple[Dimension, Dimension]] = {
     "velocity": (units.ANGULAR_SPEED, units.SPEED),
     "acceleration": (units.ANGULAR_ACCELERATION, units.ACCELERATION),
     "jerk": (units.ANGULAR_JERK, units.JERK),
+    "stop_acceleration": (units.ANGULAR_ACCELERATION, units.ACCELERATION),
+    "stop_jerk": (units.ANGULAR_JERK, units.JERK),
 }
 """Dimension of each limit of a joint that turns, and of one that slides."""
 
@@ -81,6 +83,7 @@ class RobotReader:
         tool = self._tool()
         arm = self._arm()
         joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
+        limits = self._limits(joints)
         return Robot(
             urdf=self.urdf.path,
             srdf=self.srdf_path if self.srdf is not None else None,
@@ -89,7 +92,8 @@ class RobotReader:
             tool=tool,
             tool_frame=self.tool_frame,
             home=self._home(arm),
-            limits=self._limits(joints),
+            limits=limits,
+            stop_limits=self._stop_limits(limits, joints),
             geometry=self.entry.geometry,
             parts=tuple(self._parts),
             disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
@@ -257,6 +261,13 @@ class RobotReader:
                 jerk.get(joint.name, DEFAULT_JERK),
             )
             for joint in joints
+        }
+
+    def _stop_limits(self, limits: Mapping[str, JointLimits], joints: Sequence[UrdfJoint]) -> dict[str, StopLimits]:
+        acceleration, jerk = self._values("stop_acceleration", joints), self._values("stop_jerk", joints)
+        return {
+            name: StopLimits(acceleration.get(name, usual.acceleration), jerk.get(name, usual.jerk))
+            for name, usual in limits.items()
         }
 
     def _warn_of_assumed_limits(

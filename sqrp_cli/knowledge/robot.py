@@ -27,6 +27,14 @@ class JointLimits:
     jerk: float
 
 
+@dataclass(frozen=True)
+class StopLimits:
+    """Limits of one joint during a protective stop, in rad (or m for a prismatic joint) and seconds."""
+
+    acceleration: float
+    jerk: float
+
+
 @dataclass(frozen=True, eq=False)
 class Tool:
     """A tool, whose root link is fixed to a link of the robot.
@@ -70,6 +78,7 @@ class Robot:
     home: position of each arm joint at the start of a program [rad or m]. Other joints rest at 0, or at the nearest
     limit.
     limits: of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say).
+    stop_limits: of the same joints while the robot stops to protect itself and others.
     geometry: which geometry of the links is solid and opaque; a link without collision geometry uses its visual one.
     parts: that geometry, of the robot's links and then of the tool's.
     disabled_pairs: pairs of links whose contact is not checked, each pair in alphabetical order.
@@ -84,6 +93,7 @@ class Robot:
     tool_frame: str
     home: Mapping[str, float]
     limits: Mapping[str, JointLimits]
+    stop_limits: Mapping[str, StopLimits]
     geometry: Geometry
     parts: tuple[Part, ...]
     disabled_pairs: frozenset[tuple[str, str]]

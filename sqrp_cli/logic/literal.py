@@ -15,6 +15,13 @@ class Atom:
     def __str__(self) -> str:
         return f"{self.predicate}({', '.join(self.arguments)})" if self.arguments else self.predicate
 
+    @classmethod
+    def of(cls, text: str) -> Atom:
+        """The atom that `str` writes as `text`."""
+        predicate, _, rest = text.partition("(")
+        arguments = rest.rstrip(")")
+        return cls(predicate, tuple(part.strip() for part in arguments.split(",")) if arguments else ())
+
 
 @dataclass(frozen=True, order=True)
 class Literal:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.program import ProgramBox, ProgramTarget, Step
-from sqrp_cli.runtime.twin import START, Twin
+from sqrp_cli.runtime.box_object import START, object_of
+from sqrp_cli.runtime.twin import Twin
 
 SPACING = 0.02
 """Time between the instants at which the nominal motion is looked at [s]."""
@@ -37,7 +38,7 @@ def holds(atom: str, target: ProgramTarget, situation: Situation, *, when_open: 
     In a box that moves with the robot it is if the tool holds it, in any other if its centre is inside. An atom that is
     about no object is about the gripper's fingers. when_open: the value of such an atom while they are open.
     """
-    things = [(_object_of(atom, box, situation.X_WO), box) for box in target.boxes]
+    things = [(object_of(atom, box, situation.X_WO), box) for box in target.boxes]
     if all(name is None for name, _ in things):
         return when_open == situation.open
     return all(_is_in(name, box, situation) for name, box in things if name is not None)
@@ -46,13 +47,6 @@ def holds(atom: str, target: ProgramTarget, situation: Situation, *, when_open: 
 def values_when_open(step: Step) -> dict[str, bool]:
     """The value of each atom at the start of a step if the fingers are open then, else the opposite."""
     return {atom: (atom in step.before.facts) == (step.before.held is None) for atom in step.targets}
-
-
-def _object_of(atom: str, box: ProgramBox, objects: Mapping[str, Array]) -> str | None:
-    """The object that a box is for: what it encloses, else, if that is nothing at all, what the atom is about."""
-    inside = atom.partition("(")[2].rstrip(")").split(", ")
-    names = (*box.encloses, box.frame.removesuffix(START), *(() if box.encloses else inside))
-    return next((name for name in names if name in objects), None)
 
 
 def _is_in(name: str | None, box: ProgramBox, situation: Situation) -> bool:

@@ -14,8 +14,8 @@ from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Sighting
 
-OVERDUE_PERIODS = 1.5
-"""A stream has failed if its newest image is older than its latency and this many frame periods."""
+OVERDUE_PERIODS = 1.2
+"""A stream has failed if its newest image is older than its latency and this many frame periods: one is missing."""
 
 Expose = Callable[[Sequence[str]], Mapping[str, Frame]]
 """Takes an image with each of some cameras, now."""

@@ -129,7 +129,7 @@ class Judge:
             return None
         entry = watch.entry
         if entry.fault is not None:
-            known = {_atom(name): value for name, value in values.items()} if watch.applies(t) else {}
+            known = {Atom.of(name): value for name, value in values.items()} if watch.applies(t) else {}
             seen = watch.monitor.observe(t, known).truth == Truth.TRUE or self._seen_late(watch, t, values)
             if not seen:
                 return None
@@ -177,7 +177,7 @@ class Judge:
         """
         if not watch.applies(t):
             return {}
-        known = {_atom(name): value for name, value in values.items()}
+        known = {Atom.of(name): value for name, value in values.items()}
         for literal in _active(watch.operators, t):
             value = _value(literal, values)
             if value == Truth.TRUE:
@@ -223,8 +223,20 @@ def condition_value(text: str, values: Mapping[str, Truth]) -> Truth:
     """The value of a formula without temporal operators, such as the condition of a retry."""
     from sqrp_cli.logic.evaluation import Sample, Trace, evaluate
 
-    known = {_atom(name): value for name, value in values.items()}
+    known = {Atom.of(name): value for name, value in values.items()}
     return evaluate(read_formula(text), Trace((Sample(0.0, known),), 0.0, 0.0)).truth
+
+
+def condition_atoms(text: str) -> tuple[str, ...]:
+    """The atoms of a formula without temporal operators."""
+    found: dict[str, None] = {}
+    waiting = [read_formula(text)]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, Predicate):
+            found[str(Atom(part.name, tuple(map(str, part.arguments or ()))))] = None
+        waiting += children(part)
+    return tuple(found)
 
 
 def _grounded(formula: Formula) -> Formula:
@@ -246,9 +258,3 @@ def _active(operators: tuple[GroundOperator, ...], t: float) -> list[Literal]:
 def _value(literal: Literal, values: Mapping[str, Truth]) -> Truth:
     value = values.get(str(literal.atom), Truth.UNKNOWN)
     return value if literal.positive else ~value
-
-
-def _atom(text: str) -> Atom:
-    name, _, rest = text.partition("(")
-    arguments = rest.rstrip(")")
-    return Atom(name, tuple(part.strip() for part in arguments.split(",")) if arguments else ())

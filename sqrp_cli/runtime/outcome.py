@@ -7,6 +7,14 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 
+class Stopped(Exception):  # noqa: N818
+    """The run cannot go on; the message is the reason."""
+
+
+class Unwatched(Stopped):
+    """The run cannot go on because a camera or a process behind it fails."""
+
+
 @dataclass(frozen=True)
 class Event:
     """Something that happened in a run, as the log holds it; t: simulated time [s]."""
@@ -30,7 +38,8 @@ class FaultRecord:
     name: as the skill calls it, or what was injected. injected: when it was made to happen. happened: when the fault's
     formula became true in the cell. detected: when the images showed it. acted: when the robot began to do something
     about it: to try again, or to stop. recovered: when the step was done after all.
-    predicted_delay: from `happened` to `detected` as the program predicts it [s].
+    predicted_delay: from `happened` to `detected` as the program predicts it [s]. moved_on: for how long the robot went
+    on with its motion after `detected`, to where the condition of a retry can be seen [s]; None if it did not.
     """
 
     name: str
@@ -40,6 +49,7 @@ class FaultRecord:
     acted: float | None = None
     recovered: float | None = None
     predicted_delay: float | None = None
+    moved_on: float | None = None
 
     @property
     def delay(self) -> float | None:
@@ -92,7 +102,8 @@ class Disagreement:
     """An image in which a prediction was wrong.
 
     t: of the step [s]. predicted: whether the camera was predicted to see the atom. seen: what the image gave, true the
-    value. share: of the boxes that could be judged in the image.
+    value. share: of the boxes that could be judged in the image. because: why it was not seen if it was predicted to
+    be: mask border, lighting or detector limit (see `perception.sighting.Weakness`).
     """
 
     step: int
@@ -103,6 +114,7 @@ class Disagreement:
     seen: str
     true: bool
     share: float
+    because: str
 
 
 Prediction = dict[str, dict[str, Confusion]]
@@ -114,7 +126,7 @@ class RunReport:
     """A whole run.
 
     reason: why it stopped, None if it is done. time: simulated [s]. tracking: rms distance of the tool from where it
-    should have been [m]. unseen: atoms that a formula asks about and nobody saw, with the share of time.
+    should have been [m]. stop_told, stop_done: when the robot was last told to stop, and stood [s].
     """
 
     outcome: Literal["done", "stopped"] = "done"

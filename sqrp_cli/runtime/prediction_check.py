@@ -39,6 +39,7 @@ class PredictionCheck:
                         seen=word(seen),
                         true=truths[atom],
                         share=round(sighting.share(atom), 3),
+                        because=sighting.weakness(atom).value if predicted else "",
                     )
                 )
 

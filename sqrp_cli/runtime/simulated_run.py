@@ -20,6 +20,9 @@ from sqrp_cli.runtime.twin import Twin
 SWEPT = ("slip",)
 """Faults whose instant can be swept."""
 
+PROCESSING = 0.02
+"""What it may take to look at an image [s]: measured, 15 ms for one of 640x480 pixels."""
+
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
@@ -36,19 +39,27 @@ class Simulation:
         """One run. Raises InputError where the simulator cannot be used."""
         twin = Twin.load(self.workspace.robot)
         with PerceptionPool(knowledge_of(self.workspace, twin)) as pool, self.cell() as cell:
-            execution = Execution(
-                self.program, self.workspace, twin, cell, pool, self.replanner, faults, listeners, gallery
-            )
-            return execution.run()
+            return self._execution(twin, cell, pool, faults, listeners, gallery).run()
 
-    def runs(self, faults: Iterable[InjectedFault]) -> Iterator[RunReport]:
-        """One run for each fault, as `run` but in the same cell, which saves the time to make it."""
+    def run_in(
+        self, cell: SimulatedCell, faults: Sequence[InjectedFault] = (), listeners: Sequence[Listener] = ()
+    ) -> RunReport:
+        """One run, as `run` but in a cell that `cell` made, which saves the time to make it."""
         twin = Twin.load(self.workspace.robot)
-        with self.cell() as cell:
-            for fault in faults:
-                cell.reset(self.program.steps[0].before.world)
-                with PerceptionPool(knowledge_of(self.workspace, twin)) as pool:
-                    yield Execution(self.program, self.workspace, twin, cell, pool, self.replanner, [fault]).run()
+        cell.reset(self.program.steps[0].before.world)
+        with PerceptionPool(knowledge_of(self.workspace, twin)) as pool:
+            return self._execution(twin, cell, pool, faults, listeners, None).run()
+
+    def _execution(
+        self,
+        twin: Twin,
+        cell: SimulatedCell,
+        pool: PerceptionPool,
+        faults: Sequence[InjectedFault],
+        listeners: Sequence[Listener],
+        gallery: Gallery | None,
+    ) -> Execution:
+        return Execution(self.program, self.workspace, twin, cell, pool, self.replanner, faults, listeners, gallery)
 
     def cell(self) -> SimulatedCell:
         """A cell at the start of the program."""
@@ -69,6 +80,58 @@ class SweepRun:
     report: RunReport
 
 
+@dataclass(frozen=True)
+class SweepSummary:
+    """How the delays of a sweep compare with their predictions.
+
+    A delay is as predicted if it is within `tolerance` [s] of the prediction: one frame period plus what it takes to
+    look at an image. predictable: runs whose fault came true and that the prediction says is seen. lateness: of each of
+    those that were seen, measured delay minus predicted [s]. delays: measured, of the same [s]. ends: when steps were
+    done after all [s].
+    """
+
+    tolerance: float
+    predictable: int
+    lateness: tuple[float, ...]
+    delays: tuple[float, ...]
+    ends: tuple[float, ...]
+
+    @classmethod
+    def of(cls, runs: Iterable[SweepRun], period: float) -> SweepSummary:
+        """The summary of a sweep; period: of the slowest camera [s]."""
+        faults = [run.fault for run in runs]
+        able = [fault for fault in faults if fault.predicted_delay is not None and fault.happened is not None]
+        pairs = [(fault.delay, fault.predicted_delay) for fault in able]
+        seen = [(delay, predicted) for delay, predicted in pairs if delay is not None and predicted is not None]
+        return cls(
+            period + PROCESSING,
+            len(able),
+            tuple(delay - predicted for delay, predicted in seen),
+            tuple(delay for delay, _ in seen),
+            tuple(fault.recovered for fault in faults if fault.recovered is not None),
+        )
+
+    @property
+    def seen(self) -> int:
+        """How many of the predictable faults were seen."""
+        return len(self.delays)
+
+    @property
+    def as_predicted(self) -> int:
+        """How many of those were seen as predicted."""
+        return self.seen - self.sooner - self.later
+
+    @property
+    def sooner(self) -> int:
+        """How many were seen sooner than predicted, because images showed more than they were predicted to."""
+        return sum(late < -self.tolerance - 1e-9 for late in self.lateness)
+
+    @property
+    def later(self) -> int:
+        """How many were seen later than predicted."""
+        return sum(late > self.tolerance + 1e-9 for late in self.lateness)
+
+
 def sweep(simulation: Simulation, text: str, count: int, step_done: Callable[[], None]) -> Iterator[SweepRun]:
     """Runs with a fault such as `slip@a4` at `count` instants, in the middle of as many equal parts of the primitive.
 
@@ -80,12 +143,21 @@ def sweep(simulation: Simulation, text: str, count: int, step_done: Callable[[],
     if kind not in SWEPT or name not in spans:
         hint = f"; {expected_names(name, spans)}" if kind in SWEPT else ""
         raise InputError(Problem("bad-fault", f"--sweep {text}: expected `slip@` and a primitive of the program{hint}"))
-    start, end = spans[name]
-    instants = [start + (index + 0.5) / count * (end - start) for index in range(count)]
-    reports = simulation.runs(InjectedFault("slip", f"slip@{x:.3f}", x) for x in instants)
-    for x, report in zip(instants, reports, strict=True):
-        step_done()
-        yield SweepRun(x, report.faults[0], report)
+    with simulation.cell() as cell:
+        for x in instants(*spans[name], count):
+            report = simulation.run_in(cell, [slip_at(x)])
+            step_done()
+            yield SweepRun(x, report.faults[0], report)
+
+
+def instants(start: float, end: float, count: int) -> list[float]:
+    """The middles of `count` equal parts of a time [s]."""
+    return [start + (index + 0.5) / count * (end - start) for index in range(count)]
+
+
+def slip_at(x: float) -> InjectedFault:
+    """A slip at time x [s] of the step."""
+    return InjectedFault("slip", f"slip@{x:.3f}", x)
 
 
 def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[InjectedFault]) -> Event:

@@ -17,9 +17,6 @@ from sqrp_cli.knowledge.robot import Fingers, Robot
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from sqrp_cli.knowledge.urdf import UrdfModel, link_parts, read_urdf
 
-START = "@start"
-"""Suffix of a frame that stays where an object was when a step began."""
-
 OPEN_SHARE = 0.25
 """Fingers count as open while they are closed by no more than this share of their way."""
 

@@ -64,6 +64,7 @@ def robot(
         limits={
             name: JointLimits(*ends, velocity=1.0, acceleration=2.0, jerk=10.0) for name, ends in positions.items()
         },
+        stop_limits={},
         geometry="collision",
         parts=tuple(parts),
         disabled_pairs=frozenset(),

@@ -5,14 +5,16 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.reproduction.findings import Finding
+from tests.reproduction.paper import RETRY_EARLIER
 from tests.reproduction.screws import TASK, WORKSPACE
 
 SLIP = "slip@a4+1.7"
 """Half way up."""
-
 
 STOPPED = 3
 """Exit code of a run that stopped on a fault."""
@@ -22,14 +24,16 @@ STOPPED = 3
 class Run:
     """When the object slipped, that was seen, the robot acted on it, and all was done [s]; None for what never was.
 
-    reason: why the robot stopped, if it did. prediction: per literal and camera how many images were predicted to show
-    it, how many of them did, how many were not predicted to, and how many of those did.
+    moved_on: for how long the robot moved on to look, before it could judge whether to try again [s]. reason: why the
+    robot stopped, if it did. prediction: per literal and camera how many images were predicted to show it, how many of
+    them did, how many were not predicted to, and how many of those did.
     """
 
     t_f: float | None
     t_r: float | None
     t_redo: float | None
     t_e: float | None
+    moved_on: float | None
     reason: str | None
     prediction: tuple[tuple[str, ...], ...]
 
@@ -49,8 +53,23 @@ def run_with_slip(name: str, folder: Path) -> Run:
         for literal, cameras in step.items()
         for camera, n in cameras.items()
     )
-    times = (fault[key] for key in ("happened", "detected", "acted", "recovered"))
+    times = (fault[key] for key in ("happened", "detected", "acted", "recovered", "moved_on"))
     return Run(*times, document["reason"], tuple(row for row in counts if row[2] != "0"))
+
+
+def earlier(runs: Mapping[str, Run]) -> float | None:
+    """By how much red1 is done before red2 [s]; None where one of them never is."""
+    one, two = runs["red1"].t_e, runs["red2"].t_e
+    return None if one is None or two is None else two - one
+
+
+AFTER_A_SLIP: tuple[Finding[Mapping[str, Run]], ...] = (
+    Finding("after a slip both screws are picked up by a retry", lambda runs: earlier(runs) is not None),
+    Finding(
+        f"red1 finishes the retry earlier than red2 by about {RETRY_EARLIER:g} s",
+        lambda runs: abs((earlier(runs) or 0.0) - RETRY_EARLIER) <= 3.0,
+    ),
+)
 
 
 def _sqrp(*arguments: str) -> str:

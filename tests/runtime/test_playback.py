@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sqrp_cli.knowledge.robot import JointLimits
+from sqrp_cli.knowledge.robot import JointLimits, StopLimits
 from sqrp_cli.program import ProgramPrimitive, TrajectoryNumbers
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.playback import Playback
 
 VELOCITY, ACCELERATION, JERK = 0.6, 1.5, 8.0
 LIMITS = JointLimits(-7, 7, VELOCITY, ACCELERATION, JERK)
+STOP = StopLimits(5 * ACCELERATION, 10 * JERK)
 Q0, Q1 = np.array([0.0, 0.5]), np.array([1.2, -0.4])
 
 
@@ -22,7 +23,7 @@ def playback() -> Playback:
     primitive = ProgramPrimitive(
         name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=numbers
     )
-    found = Playback(("a", "b"), (LIMITS, LIMITS), Q0)
+    found = Playback(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
     found.play([primitive], 1.0)
     return found
 
@@ -39,7 +40,7 @@ def test_a_stop_stays_on_the_path_and_keeps_the_limits(at: float) -> None:
     reference = playback()
     stands = reference.stop(at)
     t = np.arange(1.0, stands + 0.2, 0.001)
-    q, velocity, acceleration = (np.array(values) for values in zip(*map(reference.state, t), strict=True))
+    q, velocity, acceleration = reference.states(t)
     along = (q - Q0) / (Q1 - Q0)
     assert np.allclose(along[:, 0], along[:, 1])
     assert np.all(np.diff(along[:, 0]) >= -1e-12)
@@ -51,12 +52,34 @@ def test_a_stop_stays_on_the_path_and_keeps_the_limits(at: float) -> None:
 
 def test_after_a_stop_it_stands_where_the_stop_ended() -> None:
     reference = playback()
+    expected = reference.state(1.0 + reference.standing_time(1.0))[0]
     stands = reference.stop(2.0)
-    q = reference.state(stands)[0]
-    reference.stand()
-    assert np.allclose(reference.state(stands + 5)[0], q)
+    assert np.allclose(reference.state(stands)[0], expected)
+    assert np.allclose(reference.state(stands + 5)[0], expected)
+
+
+def test_a_protective_stop_is_faster_and_keeps_its_own_limits() -> None:
+    reference, other = playback(), playback()
+    stands = reference.stop(2.0, protective=True)
+    assert stands - 2.0 < 0.6 * (other.stop(2.0) - 2.0)
+    acceleration = reference.states(np.arange(2.0, stands, 0.001))[2]
+    assert ACCELERATION < np.abs(acceleration).max() <= 1.02 * STOP.acceleration
+    assert np.abs(np.diff(acceleration, axis=0)).max() / 0.001 <= 1.1 * STOP.jerk + JERK
+
+
+def test_a_joint_that_is_kept_stays_while_the_others_move_until_the_next_step() -> None:
+    reference = playback()
+    kept = reference.state(1.5)[0][1]
+    reference.keep(["b", "not of this arm"], 1.5)
+    q, velocity, acceleration = reference.state(2.5)
+    assert (q[1], velocity[1], acceleration[1]) == (kept, 0.0, 0.0)
+    assert q[0] > reference.state(1.5)[0][0]
+    reference.place({"b": 0.25})
+    assert reference.state(9.0)[0][1] == 0.25
+    reference.play([], 10.0)
+    assert np.allclose(reference.state(11.0)[0], Q0)
 
 
 def test_a_stop_while_standing_takes_no_time() -> None:
-    reference = Playback(("a", "b"), (LIMITS, LIMITS), Q0)
+    reference = Playback(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
     assert reference.stop(3.0) == 3.0

@@ -1,170 +1,110 @@
-"""Long trials of running programs in the tabletop cell; `python -m tests.trials NAME [COUNT]`.
+"""Long trials of running programs in the tabletop cell: `python -m tests.trials [TRIAL ...]`.
 
 precision: every feasible candidate without a fault: what was predicted to be seen must be seen.
-sweep:     slips at COUNT instants of the lift, in the best and in the worst candidate: delays against predictions.
-calm:      COUNT runs of the best candidate without a fault and with other seeds: none may raise an alarm.
-failures:  COUNT runs in which, at a random time, a camera is lost, frozen or late or perception killed: each must stop.
+sweep:     20 slips in the lift of the best and of the worst candidate: delays against predictions.
+calm:      20 runs of the best candidate without a fault, each with other noise: none may raise an alarm.
+failures:  50 runs in which, at a random time, a camera is lost, frozen or late or perception is killed.
+repeat:    the same run twice: the logs must be the same, byte for byte.
+
+Two runs at a time. What is done is kept in build/trials, so that an interrupted trial goes on where it was, as long as
+neither program nor code changes.
 """
 
 from __future__ import annotations
 
-import random
+import multiprocessing
 import sys
-from collections import Counter
-from collections.abc import Callable
-from dataclasses import replace
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-from sqrp_cli.cli.run import LazyReplanner
+from sqrp_cli.cli.console import Column, print_table
 from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.program import Program, new_program
-from sqrp_cli.programming.assessment import study
-from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.program_update import make_step
-from sqrp_cli.programming.sampling import Adaptive
-from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.verdict import verdict
-from sqrp_cli.runtime.faults import InjectedFault
-from sqrp_cli.runtime.outcome import Confusion
-from sqrp_cli.runtime.simulated_run import Simulation, sweep
+from sqrp_cli.program import load_program
 from sqrp_cli.runtime.simulation.requirements import check_simulator
+from tests.trials.jobs import WORKSPACE, Counts, Job, Results, fingerprint, jobs_of, run, write_programs
+from tests.trials.lines import (
+    Line,
+    calm_lines,
+    failure_lines,
+    precision_lines,
+    repeat_lines,
+    sweep_lines,
+)
 
-ROOT = Path(__file__).parent.parent.parent
-TASK = "pickup green"
-BEST, WORST = "g2", "g1"
-
-PERIOD, PROCESSING = 0.1, 0.02
-"""Of the cameras, and time that it takes to look at an image [s]."""
-
-
-def simulations(names: tuple[str, ...] = ()) -> dict[str, Simulation]:
-    """The feasible candidates of the task, ready to run."""
-    workspace = load_workspace(ROOT / "workspaces" / "tabletop")
-    cell = Cell.load(workspace)
-    found = {}
-    for candidate in read_task(TASK, workspace).candidates:
-        if names and candidate.name not in names:
-            continue
-        result = study(cell, candidate, workspace.initial_world, Adaptive(), full=True)
-        if not isinstance(result, Infeasible):
-            step = make_step(TASK, result, result.assessment(verdict(cell, result)), tuple(workspace.cameras))
-            program: Program = new_program(workspace, cell.model.arm, ROOT / "program.yaml").with_step(step)
-            found[candidate.name] = Simulation(program, workspace, LazyReplanner(workspace), 0)
-    return found
+FOLDER = Path("build/trials")
+TRIALS = ("precision", "sweep", "calm", "failures", "repeat")
+AT_A_TIME = 2
 
 
-def precision(_: int) -> bool:
-    """Prints the counts of every candidate; whether at least 97 % of what was predicted was seen in each."""
-    print("candidate  outcome  predicted  and seen         not predicted  but seen")
-    overall = Confusion()
-    kinds: Counter[str] = Counter()
-    fine = True
-    for name, simulation in simulations().items():
-        report = simulation.run()
-        total = report.total
-        overall += total
-        share = total.precision or 0.0
-        fine &= report.outcome == "done" and share >= 0.97
-        row = f"{total.tp + total.fp:9}  {total.tp:8} {100 * share:5.1f} %  {total.tn + total.fn:13}  {total.fn:8}"
-        print(f"{name:9}  {report.outcome:7}  {row}", flush=True)
-        for found in report.disagreements:
-            if found.predicted:
-                border = "mask border" if 0.0 < found.share < 0.6 else "detector limit" if found.share else "lighting"
-                kinds[border] += 1
-    print(f"all: {overall.tp} of {overall.tp + overall.fp} = {100 * (overall.precision or 0.0):.2f} %")
-    print("predicted but not seen, by what could be judged of the box:", dict(kinds) or "none")
-    return fine
-
-
-def sweeps(count: int) -> bool:
-    """Prints delays; whether all that can be seen was seen, and 90 % in the predicted time."""
-    fine = True
-    ends = {}
-    for name, simulation in simulations((BEST, WORST)).items():
-        faults = []
-        for run in sweep(simulation, "slip@a4", count, lambda: None):
-            f = run.fault
-            faults.append(f)
-            times = (
-                f"t_f {_s(f.happened)}  t_r {_s(f.detected)}  delay {_s(f.delay)}  predicted {_s(f.predicted_delay)}"
-            )
-            print(f"  {name} {run.x:6.2f}  {times}  t_e {_s(f.recovered)}  {run.report.reason or ''}", flush=True)
-        able = [f for f in faults if f.predicted_delay is not None and f.happened is not None]
-        seen = [f for f in able if f.delay is not None]
-        later = [(f.delay or 0.0) - (f.predicted_delay or 0.0) for f in seen]
-        close = [difference for difference in later if abs(difference) <= PERIOD + PROCESSING]
-        done = [f.recovered for f in faults if f.recovered is not None]
-        ends[name] = sum(done) / len(done) if done else float("nan")
-        delay = sum(f.delay or 0.0 for f in seen) / max(len(seen), 1)
-        print(
-            f"{name}: {len(seen)} of {len(able)} seen, {len(close)} within one frame and processing of the prediction, "
-            f"{min(later, default=0.0):+.2f} to {max(later, default=0.0):+.2f} s off it, "
-            f"mean delay {delay:.2f} s, {len(done)} done after {ends[name]:.1f} s",
-            flush=True,
-        )
-        fine &= len(seen) == len(able) and len(close) >= 0.9 * len(seen)
-    print(f"after a slip, {BEST} is done {ends[WORST] - ends[BEST]:.1f} s before {WORST}")
-    return fine
-
-
-def _s(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
-
-
-def calm(count: int) -> bool:
-    """Prints alarms; whether there were none."""
-    simulation = simulations((BEST,))[BEST]
-    alarms = 0
-    for seed in range(count):
-        report = replace(simulation, seed=seed).run()
-        alarms += report.outcome != "done" or bool(report.faults)
-        print(f"seed {seed}: {report.outcome} {report.reason or ''}", flush=True)
-    print(f"{alarms} false alarms in {count} runs")
-    return alarms == 0
-
-
-def failures(count: int) -> bool:
-    """Prints when each run stopped; whether all did, for the right reason, told to within 0.5 s."""
-    simulation = simulations((BEST,))[BEST]
-    rng = random.Random(0)  # noqa: S311
-    step = simulation.program.steps[0]
-    fine = 0
-    latest = standing = 0.0
-    for _ in range(count):
-        kind = rng.choice(("camera-loss", "frozen", "latency", "perception-crash"))
-        camera, t = rng.choice(list(simulation.workspace.cameras)), rng.uniform(0.0, step.time - 1.0)
-        fault = InjectedFault(kind, f"{kind}:{camera}@{t:.2f}", t, camera, 0.6 if kind == "latency" else 0.0)
-        report = simulation.run([fault])
-        injected = report.faults[0].injected or 0.0
-        told, stood = (report.stop_told or 1e9) - injected, (report.stop_done or 1e9) - injected
-        good = report.outcome == "stopped" and told <= 0.5
-        fine += good
-        latest, standing = max(latest, told), max(standing, stood)
-        print(f"{fault.text:26} {report.outcome} told {told:.2f} s, stood {stood:.2f} s: {report.reason}", flush=True)
-    print(f"{fine} of {count} stopped: told so at most {latest:.2f} s after the failure, standing {standing:.2f} s")
-    return fine == count
-
-
-TRIALS: dict[str, tuple[Callable[[int], bool], int]] = {
-    "precision": (precision, 1),
-    "sweep": (sweeps, 20),
-    "calm": (calm, 20),
-    "failures": (failures, 50),
-}
-
-
-def main() -> int:
-    """Run the trials that are named, or all."""
+def main(wanted: Sequence[str]) -> int:
+    """Run the trials that are named, or all; exit code 0 if all that is asked holds."""
     check_simulator()
-    names = sys.argv[1:2] or list(TRIALS)
-    fine = True
-    for name in names:
-        trial, count = TRIALS[name]
-        print(f"== {name}", flush=True)
-        fine &= trial(int(sys.argv[2]) if len(sys.argv) > 2 else count)
-    return 0 if fine else 1
+    if unknown := set(wanted) - set(TRIALS):
+        print(f"there is no trial {', '.join(sorted(unknown))}; expected {', '.join(TRIALS)}", file=sys.stderr)
+        return 2
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    names = write_programs(FOLDER)
+    cameras = load_workspace(WORKSPACE).cameras
+    first, last = (load_program(FOLDER / f"{name}.yaml").steps[0] for name in (names[0], names[-1]))
+    jobs = [job for job in jobs_of(first, list(cameras), names, last, Counts()) if job.trial in (wanted or TRIALS)]
+    results = Results(FOLDER / "results.jsonl", {name: fingerprint(FOLDER, name) for name in names})
+    try:
+        _run_all(jobs, results)
+    except KeyboardInterrupt:
+        print("interrupted; this is what is done so far", file=sys.stderr)
+    lines = list(_lines(jobs, results, names, max(1.0 / camera.rate for camera in cameras.values())))
+    print_table(
+        [Column("what"), Column("asked", right=True), Column("found"), Column("holds")],
+        [
+            [line.what, line.asked, line.found, "" if line.holds is None else "yes" if line.holds else "NO"]
+            for line in lines
+        ],
+    )
+    complete = all(job in results for job in jobs)
+    return 0 if complete and all(line.holds is not False for line in lines) else 1
+
+
+def _run_all(jobs: Sequence[Job], results: Results) -> None:
+    """Run what is not done yet, and tell how far it is."""
+    left = [job for job in jobs if job not in results]
+    began = time.perf_counter()
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(AT_A_TIME, context) as pool:
+        running = {pool.submit(run, job, FOLDER): job for job in left}
+        try:
+            for number, future in enumerate(as_completed(running), 1):
+                job, result = running[future], future.result()
+                results.add(job, result)
+                ended = result.get("crash") or result.get("reason") or result.get("outcome") or "logged"
+                elapsed = time.perf_counter() - began
+                print(f"{number:4} of {len(left)}  {elapsed:6.0f} s  {job.key}: {ended}", file=sys.stderr, flush=True)
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _lines(jobs: Sequence[Job], results: Results, names: Sequence[str], period: float) -> Iterator[Line]:
+    for trial in TRIALS:
+        asked = [job for job in jobs if job.trial == trial]
+        done = [(job, results[job]) for job in asked if job in results]
+        missing = len(asked) - len(done)
+        if missing:
+            yield Line(f"{trial}: runs that are not done yet", "0", str(missing), False)
+        if not done:
+            continue
+        match trial:
+            case "precision":
+                yield from precision_lines(done, missing)
+            case "sweep":
+                yield from sweep_lines(done, names, period)
+            case "calm":
+                yield from calm_lines(done, missing)
+            case "failures":
+                yield from failure_lines(done, missing)
+            case _:
+                yield from repeat_lines(done)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(sys.argv[1:]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sqrp_cli.runtime.perception.vision import Image, Mask, dilated, inpainted
+from sqrp_cli.runtime.perception.vision import Image, Mask, alike, dilated, inpainted
 
 TOLERANCE = 24
 """Largest difference of a colour channel (of 255) from the background; covers noise and mild changes of light."""
@@ -49,9 +49,7 @@ class Backdrop:
         part = image[crop]
         if self._surroundings is not None:
             return self._surroundings[_coarse(part)]
-        difference = np.maximum(part, self._picture[crop]) - np.minimum(part, self._picture[crop])
-        same: Mask = np.all(difference <= TOLERANCE, axis=-1)
-        return same
+        return alike(part, self._picture[crop], TOLERANCE)
 
     def robot_colored(self, image: Image, crop: tuple[slice, slice]) -> Mask:
         """Which pixels of a crop have a colour of the robot."""

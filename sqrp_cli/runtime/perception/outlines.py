@@ -122,6 +122,8 @@ class View:
             ahead = points[:, 2] > LEAST_DEPTH
             pixels, inside = self.projection.pixels(np.where(ahead[:, None], points, (0.0, 0.0, 1.0)))
             visible = ahead & inside
+            if not self._reaches_image(pixels[visible]):
+                continue
             if surface.triangles is None:
                 if not visible.all():
                     continue
@@ -132,6 +134,13 @@ class View:
             if len(polygons):
                 parts.append(_Pieces.of(surface.link, polygons, depths))
         return Silhouette(tuple(parts))
+
+    def _reaches_image(self, pixels: Array) -> bool:
+        """Whether the rectangle around pixels (n, 2) meets the image."""
+        if not len(pixels):
+            return False
+        size = (self.shape[1], self.shape[0])
+        return bool((pixels.max(axis=0) >= -1.0).all() and (pixels.min(axis=0) <= size).all())
 
     def hides(self, thing: SceneObject, X_WO: Array, points_W: Array) -> bool:
         """Whether an object stands between the camera and any of some points (n, 3) [m]."""

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
@@ -22,6 +24,18 @@ class Evidence(StrEnum):
     SEEN = "seen"
     ABSENT = "absent"
     BLIND = "blind"
+
+
+class Weakness(StrEnum):
+    """Why an image does not show what it was predicted to show.
+
+    MASK: the outlines of robot and objects, which are a little too wide, leave too little of it. LIGHTING: what is seen
+    has the colour neither of the thing nor of the background. DETECTOR: the image shows it, if not to the detector.
+    """
+
+    MASK = "mask border"
+    LIGHTING = "lighting"
+    DETECTOR = "detector limit"
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,17 +75,23 @@ class Posture:
     X_WO: Mapping[str, Array]
 
 
+NO_OUTLINE: Array = np.zeros((0, 2))
+"""The outline of a box that is not in the image."""
+
+
 @dataclass(frozen=True, eq=False)
 class BoxSight:
     """What one image shows of one box.
 
     share: of the box's outline that could be judged, in 0..1. outline: of the box in the image, shape (n, 2) [pixels].
+    because: why it is blind, if it is.
     """
 
     name: str
     evidence: Evidence
     share: float
     outline: Array
+    because: Weakness = Weakness.DETECTOR
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,3 +121,8 @@ class Sighting:
     def share(self, atom: str) -> float:
         """The least share of any of the atom's boxes that could be judged."""
         return min((box.share for box in self.boxes.get(atom, ())), default=0.0)
+
+    def weakness(self, atom: str) -> Weakness:
+        """Why the image does not give the atom its true value, if it does not."""
+        blind = [box for box in self.boxes.get(atom, ()) if box.evidence is Evidence.BLIND]
+        return min(blind, key=lambda box: box.share).because if blind else Weakness.DETECTOR

@@ -59,9 +59,19 @@ def color_mask(image: Image, color: str) -> Mask:
     if hue is None:
         return np.zeros(image.shape[:2], dtype=bool)
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
-    distance = np.abs((hsv[..., 0].astype(np.int16) - hue + 90) % 180 - 90)
-    mask: Mask = (distance <= HUE_TOLERANCE) & (hsv[..., 1] >= LEAST_SATURATION) & (hsv[..., 2] >= LEAST_VALUE)
+    first, last = hue - HUE_TOLERANCE, hue + HUE_TOLERANCE
+    mask = np.zeros(image.shape[:2], dtype=bool)
+    for turn in (-180, 0, 180):  # hues go round
+        low, high = max(first + turn, 0), min(last + turn, 179)
+        if low <= high:
+            mask |= cv2.inRange(hsv, (low, LEAST_SATURATION, LEAST_VALUE), (high, 255, 255)) > 0
     return mask
+
+
+def alike(first: Image, second: Image, tolerance: int) -> Mask:
+    """Where two images of the same size differ by at most a tolerance in every channel."""
+    same: Mask = cv2.inRange(cv2.absdiff(first, second), (0, 0, 0), (tolerance,) * 3) > 0
+    return same
 
 
 def convex_outline(points: Array) -> Array:

@@ -1,0 +1,62 @@
+"""One attempt at a step: what is to be done, what is expected of it, and how far it has gone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.program import Step
+from sqrp_cli.runtime.expectation import Expectation, values_when_open
+from sqrp_cli.runtime.judge import Judge
+from sqrp_cli.runtime.perception.sighting import Watchlist
+from sqrp_cli.runtime.prediction_check import PredictionCheck
+
+
+@dataclass(eq=False)
+class Attempt:
+    """One attempt at a step.
+
+    start: of its motion on the cell's clock [s], None before it. undisturbed: whether all goes as the program planned,
+    so that its images count in the check of predictions. failed: whether a fault was seen, so that objects are believed
+    to be where they were before.
+    """
+
+    step: Step
+    expectation: Expectation
+    judge: Judge
+    check: PredictionCheck
+    undisturbed: bool
+    start: float | None = None
+    failed: bool = False
+
+    @property
+    def end(self) -> float:
+        """When its motion is over on the cell's clock [s]; infinite before it."""
+        return float("inf") if self.start is None else self.start + self.step.time
+
+    @cached_property
+    def starts(self) -> Mapping[str, Array]:
+        """Pose of each object when the step began, (4, 4)."""
+        return {name: np.array(rows) for name, rows in self.step.before.objects.items()}
+
+    @cached_property
+    def when_open(self) -> Mapping[str, bool]:
+        """The value of each atom while the fingers of a gripper are open."""
+        return values_when_open(self.step)
+
+    @property
+    def watchlist(self) -> Watchlist:
+        """What to look for."""
+        return Watchlist(dict(self.step.targets), self.starts, self.when_open)
+
+    def beliefs(self, tau: float | None) -> Mapping[str, Array]:
+        """Where objects are believed to be at a time of the step [s], (4, 4) each."""
+        return self.expectation.object_poses(0.0 if self.failed else tau or 0.0)
+
+    def counts(self, tau: float | None) -> bool:
+        """Whether an image taken at a time of the step [s] counts in the check of predictions."""
+        return self.undisturbed and tau is not None and 0.0 <= tau <= self.step.time

@@ -1,0 +1,20 @@
+"""Which object a box of a target is for."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.program import ProgramBox
+
+START = "@start"
+"""Suffix of a frame that stays where an object was when a step began."""
+
+
+def object_of(atom: str, box: ProgramBox, objects: Container[str]) -> str | None:
+    """The object that the box encloses or moves with; of a box that encloses nothing, else what its atom is about.
+
+    objects: the names that count. None for a box that is for no object.
+    """
+    names = (*box.encloses, box.frame.removesuffix(START), *(() if box.encloses else Atom.of(atom).arguments))
+    return next((name for name in names if name in objects), None)

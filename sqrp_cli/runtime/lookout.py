@@ -1,0 +1,180 @@
+"""Looks through all cameras during a run: has images taken and looked at, and knows what they show of each atom."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.runtime.attempt import Attempt
+from sqrp_cli.runtime.evidence import Finding, fuse
+from sqrp_cli.runtime.eyes import Eyes
+from sqrp_cli.runtime.narrator import Narrator
+from sqrp_cli.runtime.outcome import Unwatched
+from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
+from sqrp_cli.runtime.perception.sighting import Posture, Sighting
+from sqrp_cli.runtime.prediction_check import word
+from sqrp_cli.runtime.recording import Gallery
+from sqrp_cli.runtime.simulation.cell import SimulatedCell
+
+FRESH_PERIODS = 1.5
+"""What an image shows counts for this many frame periods of its camera."""
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """The moment at which images were taken.
+
+    t: on the cell's clock [s]. tau: of the step's motion [s], None before it. truths: of all atoms, for checking only.
+    """
+
+    t: float
+    tau: float | None
+    truths: Mapping[str, bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """What is known from images taken at time tau of the step's motion [s], None before it; values: of atoms."""
+
+    tau: float | None
+    values: Mapping[str, Truth]
+
+
+class Lookout:
+    """conflicts: how often cameras contradicted each other about an atom."""
+
+    def __init__(
+        self,
+        cameras: Mapping[str, Camera],
+        cell: SimulatedCell,
+        eyes: Eyes,
+        pool: PerceptionPool,
+        narrator: Narrator,
+        gallery: Gallery | None,
+    ) -> None:
+        """gallery: takes every image with what was seen in it, if images are to be kept."""
+        self._cameras, self._cell, self._eyes, self._pool = cameras, cell, eyes, pool
+        self._narrator, self._gallery = narrator, gallery
+        self._exposures: dict[float, Exposure] = {}
+        self._attempt: Attempt | None = None
+        self._number = 0
+        self.conflicts = 0
+        self.forget(0.0)
+
+    @property
+    def period(self) -> float:
+        """Time between two images of the slowest camera [s]."""
+        return max(1.0 / camera.rate for camera in self._cameras.values())
+
+    @property
+    def latency(self) -> float:
+        """From an exposure to the image being available, for the slowest camera [s]."""
+        return max(camera.latency for camera in self._cameras.values())
+
+    @property
+    def values(self) -> dict[str, Truth]:
+        """What is known of each atom."""
+        return {atom: finding.truth for atom, finding in self._findings.items()}
+
+    @property
+    def places(self) -> dict[str, Array]:
+        """Where objects were located since `forget`, (3,) each [m]: the median over the images."""
+        return {name: np.median(found, axis=0) for name, found in self._places.items()}
+
+    def watch(self, attempt: Attempt, number: int, t: float) -> None:
+        """Look for what an attempt at the step with that number asks about, in images from time t [s] on."""
+        self._attempt, self._number = attempt, number
+        self._pool.watch(attempt.watchlist)
+        self.forget(t)
+
+    def forget(self, t: float) -> None:
+        """Go by images that are taken from time t [s] on, and by nothing that was known before."""
+        self._since = t
+        self._latest: dict[str, Sighting] = {}
+        self._findings: dict[str, Finding] = {}
+        self._places: dict[str, list[Array]] = {}
+
+    def expose(self, t: float, tau: float | None, truths: Mapping[str, bool], *, holding: bool) -> None:
+        """Take the images that are due at time t [s]. Raises Unwatched if a process that looks at them has ended."""
+        assert self._attempt is not None  # noqa: S101 - nobody looks without being told for what
+        posture = Posture(dict(self._cell.measured_joints()), holding, self._attempt.beliefs(tau))
+        try:
+            with self._narrator.timed("images"):
+                frames = self._eyes.expose(t, self._cell.frames, posture)
+        except PerceptionError as error:
+            raise Unwatched(str(error)) from error
+        for frame in frames:
+            self._exposures[frame.t] = Exposure(frame.t, tau, truths)
+            if self._gallery is not None:
+                planned = tau if self._attempt.undisturbed else None
+                self._gallery.add(frame, self._number, planned, self._narrator.doing)
+
+    def collect(self, t: float) -> list[Sighting]:
+        """The images that have arrived by time t [s], looked at. Raises Unwatched if some are not."""
+        if self._eyes.next_arrival > t + 1e-9:
+            return []
+        try:
+            with self._narrator.timed("waiting for perception"):
+                arrived = self._eyes.collect(t)
+        except PerceptionError as error:
+            raise Unwatched(str(error)) from error
+        frozen = next((sighting.camera for sighting in arrived if sighting.frozen), None)
+        if frozen is not None:
+            raise Unwatched(f"{frozen} is frozen: it delivers the same image again")
+        return arrived
+
+    def take_notice(self, sightings: Sequence[Sighting], now: float) -> list[Look]:
+        """Learn from what images show; returns what is then known, for each moment at which some were taken."""
+        looks = []
+        for t, together in groupby(sightings, lambda sighting: sighting.t):
+            exposure = self._exposures[t]
+            for sighting in together:
+                self._note(sighting, exposure)
+            if t >= self._since - 1e-9:
+                self._judge(exposure, now)
+                looks.append(Look(exposure.tau, self.values))
+        return looks
+
+    def _note(self, sighting: Sighting, exposure: Exposure) -> None:
+        attempt = self._attempt
+        assert attempt is not None  # noqa: S101 - as above
+        if self._gallery is not None:
+            self._gallery.seen(sighting)
+        if sighting.t < self._since - 1e-9:
+            return
+        self._latest[sighting.camera] = sighting
+        for name, place in sighting.places.items():
+            self._places.setdefault(name, []).append(place)
+        if exposure.tau is not None and attempt.counts(exposure.tau):
+            attempt.check.add(sighting, exposure.tau, attempt.judge.monitored(exposure.tau), exposure.truths)
+
+    def _judge(self, exposure: Exposure, now: float) -> None:
+        """Fuse what all cameras showed lately."""
+        attempt = self._attempt
+        assert attempt is not None  # noqa: S101 - as above
+        fresh = [s for s in self._latest.values() if exposure.t - s.t < FRESH_PERIODS / self._cameras[s.camera].rate]
+        self._findings = {atom: fuse(atom, target, fresh) for atom, target in attempt.step.targets.items()}
+        self.conflicts += sum(finding.conflict for finding in self._findings.values())
+        self._tell(exposure, attempt, now)
+
+    def _tell(self, exposure: Exposure, attempt: Attempt, now: float) -> None:
+        tau = exposure.tau
+        asked = attempt.judge.monitored(max(tau or 0.0, 0.0))
+        literals = {
+            atom: {
+                "value": word(finding.truth),
+                "true": exposure.truths.get(atom),
+                "predicted": tau is not None and attempt.expectation.is_covered(atom, tau),
+                "asked": atom in asked,
+                "cameras": {camera: word(vote) for camera, vote in sorted(finding.votes.items())},
+            }
+            for atom, finding in self._findings.items()
+        }
+        step_time = None if tau is None else round(tau, 6)
+        self._narrator.say(now, "evidence", exposed=round(exposure.t, 6), step_time=step_time, literals=literals)

@@ -1,0 +1,118 @@
+"""One image, with everything that is known of its moment: where the robot stood, and where boxes would be in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cached_property
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.program import ProgramBox
+from sqrp_cli.runtime.box_object import START, object_of
+from sqrp_cli.runtime.perception.outlines import Silhouette, View
+from sqrp_cli.runtime.perception.sighting import CellKnowledge, Posture, Watchlist
+from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, Image, Mask, dilated, filled, find_markers
+
+Crop = tuple[slice, slice]
+"""Rows and columns of an image."""
+
+
+class Glance:
+    """One image of one camera.
+
+    robot: the silhouette that the robot has in it, by its encoders.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        cell: CellKnowledge,
+        projection: Projection,
+        watchlist: Watchlist,
+        image: Image,
+        posture: Posture,
+    ) -> None:
+        self.camera, self.cell, self.watchlist = camera, cell, watchlist
+        self.image, self.posture = image, posture
+        self._X_WL = cell.twin.link_poses(posture.joints)
+        X_WC = camera.X_FC if camera.frame == "world" else self._X_WL[camera.frame] @ camera.X_FC
+        self.view = View(projection, X_WC)
+        self.robot: Silhouette = self.view.silhouette(cell.twin.surfaces, self._X_WL)
+
+    @cached_property
+    def markers(self) -> list[FoundMarker]:
+        """The markers in the image."""
+        return find_markers(self.image)
+
+    def boxes(self) -> Iterator[tuple[str, ProgramBox]]:
+        """All boxes to look at, each with its atom."""
+        for atom, target in self.watchlist.targets.items():
+            for box in target.boxes:
+                yield atom, box
+
+    def thing_of(self, atom: str, box: ProgramBox) -> SceneObject | None:
+        """The object that a box is for."""
+        name = object_of(atom, box, self.cell.objects)
+        return None if name is None else self.cell.objects[name]
+
+    def is_at_tool(self, box: ProgramBox) -> bool:
+        """Whether a box moves with the robot."""
+        return box.frame in self._X_WL
+
+    def pose(self, box: ProgramBox) -> Array:
+        """World pose of a box, (4, 4)."""
+        if box.frame == "world":
+            X_WF = np.eye(4)
+        elif box.frame in self._X_WL:
+            X_WF = self._X_WL[box.frame]
+        elif box.frame.endswith(START):
+            X_WF = self.watchlist.starts[box.frame.removesuffix(START)]
+        else:
+            X_WF = self.posture.X_WO[box.frame]
+        X_WB: Array = X_WF @ np.array(box.pose)
+        return X_WB
+
+    def crop(self, polygon: Array, margin: int) -> Crop | None:
+        """The part of the image around a polygon (n, 2), with a margin [pixels]; None if they do not meet."""
+        height, width = self.view.shape
+        (left, top), (right, bottom) = polygon.min(axis=0) - margin, polygon.max(axis=0) + margin
+        rows = slice(max(0, int(top)), min(height, int(bottom) + 1))
+        columns = slice(max(0, int(left)), min(width, int(right) + 1))
+        return (rows, columns) if rows.start < rows.stop and columns.start < columns.stop else None
+
+    def robot_mask(self) -> Mask:
+        """The pixels that the robot covers."""
+        return self.robot.mask(self.view.shape, (0, 0), np.inf)
+
+    def things_mask(self) -> Mask:
+        """The pixels that the objects which are looked for may cover, wherever they may be."""
+        return filled(self.view.shape, (0, 0), self._thing_polygons())
+
+    def movables_mask(self) -> Mask:
+        """The pixels that movable objects cover where they are believed to be."""
+        objects = ((self.cell.objects[name], X) for name, X in self.posture.X_WO.items())
+        outlines = (self.view.outline(X, thing.size) for thing, X in objects if not thing.fixed)
+        return filled(self.view.shape, (0, 0), [outline.corners for outline in outlines if outline is not None])
+
+    def covered(self, margin: int) -> Mask:
+        """What the robot and the watched objects may cover, with a margin [pixels]."""
+        return dilated(self.robot.cover(self.view.shape) | self.things_mask(), margin)
+
+    def _thing_polygons(self) -> list[Corners]:
+        found = []
+        for atom, box in self.boxes():
+            thing = self.thing_of(atom, box)
+            outline = self.view.outline(self.pose(box), thing.size if thing else box.size)
+            if outline is not None:
+                found.append(outline.corners)
+        return found
+
+
+def extent(crop: Crop) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Shape (rows, columns) and origin (x, y) of a crop, as `filled` wants them."""
+    rows, columns = crop
+    return (rows.stop - rows.start, columns.stop - columns.start), (columns.start, rows.start)

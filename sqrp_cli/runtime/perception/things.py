@@ -1,0 +1,197 @@
+"""Looks for coloured objects in an image: which of the boxes in which an object may be shows it.
+
+It is at the tool if the patch of its colour lies where the tool would show it, to a few pixels; otherwise it rests
+where its patch is seen. Background counts as such only if it is what the camera is known to show there, and the robot's
+own silhouette, known from its encoders, is not in the way. What is neither thing nor background is not judged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.program import ProgramBox
+from sqrp_cli.runtime.perception.backdrop import Backdrop
+from sqrp_cli.runtime.perception.glance import Crop, Glance, extent
+from sqrp_cli.runtime.perception.outlines import Outline
+from sqrp_cli.runtime.perception.sighting import NO_OUTLINE, BoxSight, Evidence, Weakness
+from sqrp_cli.runtime.perception.vision import Mask, blobs, color_mask, dilated, direction, filled
+
+NEEDED_SHARE = 0.35
+"""Share of a box's outline that must be judged, of a coloured thing."""
+
+FULL, EMPTY = 0.6, 0.1
+"""A box is filled if at least this share of what is visible of it has the thing's colour, empty if at most this."""
+
+SHIFT_PIXELS, SHIFT_SHARE = 2.0, 0.05
+"""How far the patch of an object may lie from where the tool would show it: pixels, plus a share of its size there."""
+
+LEAST_PIXELS = 4.0
+"""Least square root of the area of an outline that can be judged [pixels]."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """A box in which an object may be, with what the image shows there.
+
+    share: of the outline that was judged, without what parts that the box encloses hide of it. hidden: share of it that
+    is taken to be behind the robot or another object. filled: share of its
+    visible part that has the object's colour, without what has that colour anyway behind it. shift: of the patch of
+    colour from where it would be if the object were there [pixels]; None without a patch.
+    """
+
+    outline: Outline | None
+    share: float
+    hidden: float
+    filled: float
+    shift: Array | None
+
+    @property
+    def fits(self) -> bool:
+        """Whether the object is here, as exactly as the image tells."""
+        if self.outline is None or self.shift is None or self.filled < FULL:
+            return False
+        return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.outline.area**0.5)
+
+    def sight(self, box: ProgramBox, evidence: Evidence) -> BoxSight:
+        """The sight of a box for which this is what the image shows."""
+        because = Weakness.DETECTOR
+        if self.share < NEEDED_SHARE:
+            unlike = 1.0 - self.share - self.hidden
+            evidence, because = Evidence.BLIND, Weakness.MASK if self.hidden >= unlike else Weakness.LIGHTING
+        if self.outline is None or self.outline.area < LEAST_PIXELS**2:
+            evidence, because = Evidence.BLIND, Weakness.DETECTOR
+        outline = NO_OUTLINE if self.outline is None else self.outline.polygon
+        return BoxSight(box.name, evidence, self.share, outline, because)
+
+
+_NOWHERE = _Place(None, 0.0, 0.0, 0.0, None)
+
+
+class ThingSearch:
+    """The search for one coloured object in one image."""
+
+    def __init__(self, glance: Glance, backdrop: Backdrop, thing: SceneObject) -> None:
+        self._glance, self._backdrop, self._thing = glance, backdrop, thing
+        self._colored = color_mask(glance.image, thing.color or "")
+
+    def sights(self, boxes: Sequence[ProgramBox]) -> tuple[list[BoxSight], Array | None]:
+        """What is seen of the boxes in which the object may be, and where it is [m], None if nobody knows."""
+        places = [self._place(box) for box in boxes]
+        poses = [self._glance.pose(box) for box in boxes]
+        at_tool = [self._glance.is_at_tool(box) for box in boxes]
+        held = [i for i, place in enumerate(places) if at_tool[i] and self._glance.posture.holding and place.fits]
+        position = poses[held[0]][:3, 3] if held else self._resting(places, poses, at_tool)
+        found = []
+        for i, (box, place) in enumerate(zip(boxes, places, strict=True)):
+            if position is None:
+                evidence = Evidence.ABSENT if place.filled <= EMPTY else Evidence.BLIND
+            else:
+                inside = i in held if at_tool[i] else _is_inside(position, poses[i], box)
+                evidence = Evidence.SEEN if inside else Evidence.ABSENT
+            found.append(place.sight(box, evidence))
+        return found, position
+
+    def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
+        """Where the object rests that the tool does not hold [m]: in one of its boxes, else anywhere."""
+        in_box = [i for i, place in enumerate(places) if not at_tool[i] and place.filled > FULL / 2]
+        if in_box:
+            best = max(in_box, key=lambda i: places[i].filled)
+            return self._on_support(places[best], poses[best])
+        if any(place.filled > EMPTY for place in places):
+            return None
+        on_table = [X for X, tool in zip(poses, at_tool, strict=True) if not tool]
+        return self._elsewhere(on_table[0]) if on_table else None
+
+    def _place(self, box: ProgramBox) -> _Place:
+        """What the image shows where the object would be if it were in a box."""
+        X_WO = self._glance.pose(box)
+        outline = self._glance.view.outline(X_WO, self._thing.size)
+        if outline is None or outline.area <= 0.0:
+            return _NOWHERE
+        margin = max(6, round(0.6 * outline.area**0.5))
+        crop = self._glance.crop(outline.polygon, margin)
+        if crop is None:
+            return _Place(outline, 0.0, 0.0, 0.0, None)
+        shape, origin = extent(crop)
+        colored, robot = self._colored[crop], self._glance.robot
+        silhouette = filled(shape, origin, [outline.corners])
+        front = dilated(self._in_front(X_WO, outline, crop), 1)
+        background = self._backdrop.matches(self._glance.image, crop)
+        own = colored & ~background
+        behind = robot.mask(shape, origin, outline.depth, behind=True)
+        background |= behind & self._backdrop.robot_colored(self._glance.image, crop)
+        visible = silhouette & ~front
+        # Where the background has the object's own colour, the image cannot tell the one from the other.
+        decided = visible & ~(background & colored)
+        hidden = min(float((silhouette & front).sum()) / outline.area, 1.0)
+        if not decided.any():
+            return _Place(outline, 0.0, hidden, 0.0, None)
+        judged = decided & (own | background)
+        enclosed = silhouette & dilated(robot.mask(shape, origin, outline.depth, links=box.encloses), 1)
+        askable = max(outline.area - float(enclosed.sum()), LEAST_PIXELS**2)
+        share = min(float(judged.sum()) / askable, 1.0)
+        patch = dilated(silhouette, margin // 2) & ~front & own
+        shift = _mean_pixel(patch) - _mean_pixel(decided) if patch.any() else None
+        return _Place(outline, share, hidden, float((decided & own).sum() / decided.sum()), shift)
+
+    def _in_front(self, X_WO: Array, outline: Outline, crop: Crop) -> Mask:
+        """What of the robot and of other objects is before the object at a pose, in a crop."""
+        shape, origin = extent(crop)
+        glance = self._glance
+        mask = glance.robot.mask(shape, origin, outline.depth)
+        steps = np.linspace(-0.45, 0.45, 3)
+        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._thing.size
+        points = grid @ X_WO[:3, :3].T + X_WO[:3, 3]
+        for name, other in glance.cell.objects.items():
+            X = glance.posture.X_WO.get(name)
+            if name != self._thing.name and X is not None and glance.view.hides(other, X, points):
+                blocking = glance.view.outline(X, other.size)
+                mask |= True if blocking is None else filled(shape, origin, [blocking.corners])
+        return mask
+
+    def _on_support(self, place: _Place, X_WO: Array) -> Array:
+        """Position of an object that rests as high as it would at a pose, by the ray to its patch [m]."""
+        assert place.outline is not None and place.shift is not None  # noqa: S101, PT018
+        position = self._at_height(place.outline.center + place.shift, float(X_WO[2, 3]))
+        return X_WO[:3, 3] if position is None else position
+
+    def _at_height(self, pixel: Array, height: float) -> Array | None:
+        """Where the ray of a pixel is at a height [m]; None if it never is."""
+        X_WC = self._glance.view.X_WC
+        ray = X_WC[:3, :3] @ direction(self._glance.camera, pixel)
+        distance = (height - X_WC[2, 3]) / ray[2] if abs(ray[2]) > 1e-6 else -1.0
+        position: Array = X_WC[:3, 3] + distance * ray
+        return position if distance > 0 else None
+
+    def _elsewhere(self, X_WO: Array) -> Array | None:
+        """Where the object lies that is in none of its boxes [m]: the largest new patch of its colour, if big enough.
+
+        X_WO: a pose at which it would rest, (4, 4), as high as where it lies.
+        """
+        if not self._colored.any():
+            return None
+        everything = (slice(0, self._glance.view.shape[0]), slice(0, self._glance.view.shape[1]))
+        found = blobs(self._colored & ~self._backdrop.matches(self._glance.image, everything))
+        position = self._at_height(found[0].center, float(X_WO[2, 3])) if found else None
+        if position is None:
+            return None
+        X_found = X_WO.copy()
+        X_found[:3, 3] = position
+        expected = self._glance.view.outline(X_found, self._thing.size)
+        return position if expected is not None and found[0].area >= NEEDED_SHARE * expected.area else None
+
+
+def _is_inside(position: Array, X_WB: Array, box: ProgramBox) -> bool:
+    offset = (position - X_WB[:3, 3]) @ X_WB[:3, :3]
+    return bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())
+
+
+def _mean_pixel(mask: Mask) -> Array:
+    """Mean (x, y) of the pixels of a mask that has some."""
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.mean(), rows.mean()])

@@ -1,0 +1,69 @@
+"""A run in which the robot has to move on before its cameras can judge a retry, and one with a camera on the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+ROOT = Path(__file__).parents[2]
+ARM = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
+
+
+def workspace_of(name: str) -> dict[str, Any]:
+    text = (ROOT / "workspaces" / name / "workspace.yaml").read_text(encoding="utf-8")
+    found = yaml.safe_load(text.replace(" on: ", " 'on': "))  # YAML 1.1 takes a bare `on` for a truth value
+    found["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / Path(found["robot"]["tool"]["urdf"]).name)
+    found["skills"] = [str(ROOT / "skills" / Path(skill).name) for skill in found["skills"]]
+    return found
+
+
+@pytest.fixture(scope="module")
+def moved_on(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A slip of red2 in a lift that is out of sight; a faster arm, fewer cameras and fewer images than usual."""
+    folder = tmp_path_factory.mktemp("screws")
+    cell = workspace_of("screws")
+    cell["cameras"] = {name: {**cell["cameras"][name], "rate": "5 Hz"} for name in ("cam3", "cam4")}
+    for limit, value in (("velocity", "60 deg/s"), ("acceleration", "300 deg/s^2"), ("jerk", "2000 deg/s^3")):
+        cell["robot"]["limits"][limit] |= dict.fromkeys(ARM, value)
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    program = folder / "pick.yaml"
+    assert sqrp("rank", folder, "pickup_two_finger red2", "--program", program).code == 0
+    return sqrp("run", program, "--sim", "--fault", "slip@a4+1.7", "--json", "--log", folder / "run.jsonl")
+
+
+def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on: Any) -> None:
+    assert moved_on.code == 0, moved_on.document["reason"]
+    (fault,) = moved_on.document["faults"]
+    assert moved_on.document["steps"][0]["attempts"] == 2
+    assert fault["moved_on"] > 0.3
+    assert fault["detected"] + fault["moved_on"] < fault["acted"] < fault["recovered"]
+
+
+@pytest.fixture(scope="module")
+def from_the_hand(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A run of g2 that a fixed camera and one beside the suction cup watch, with a slip."""
+    folder = tmp_path_factory.mktemp("hand")
+    cell = workspace_of("tabletop")
+    hand = {"frame": "tool0", "pose": {"position": [0.0, -0.2, -0.1], "look_at": [0.0, 0.0, 0.2]}}
+    seen = {"image": {"width": 640, "height": 480, "horizontal_fov": "60 deg"}, "near": "2 cm"}
+    cell["cameras"] = {
+        "cam3": {**cell["cameras"]["cam3"], "rate": "8 Hz"},
+        "hand": {**hand, **seen, "rate": "8 Hz", "latency": "50 ms"},
+    }
+    cell["robot"]["limits"] = {"velocity": "120 deg/s", "acceleration": "400 deg/s^2", "jerk": "3000 deg/s^3"}
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    program = folder / "pick.yaml"
+    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
+    return sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", "--log", folder / "run.jsonl")
+
+
+def test_a_camera_on_the_arm_sees_what_it_was_predicted_to_see(from_the_hand: Any) -> None:
+    assert from_the_hand.code == 0, from_the_hand.document["reason"]
+    counts = [cameras["hand"] for step in from_the_hand.document["prediction"] for cameras in step.values()]
+    right, wrong = sum(found["tp"] for found in counts), sum(found["fp"] for found in counts)
+    assert right > 20
+    assert right >= 0.97 * (right + wrong), from_the_hand.document["disagreements"]

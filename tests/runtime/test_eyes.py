@@ -1,0 +1,92 @@
+"""When a stream of images counts as failed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.program import ProgramPrimitive, TrajectoryNumbers
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
+from sqrp_cli.runtime.eyes import Eyes
+from sqrp_cli.runtime.frame import Frame
+from sqrp_cli.runtime.playback import Playback
+
+WORKSPACES = Path(__file__).parents[2] / "workspaces"
+RATE, LATENCY = 10.0, 0.05
+STANDING = 0.5
+"""Asked of a robot whose cameras fail [s]."""
+
+
+class Looker:
+    """Stands for the processes that look at images: sees nothing in any of them."""
+
+    def submit(self, frame: Frame, posture: object) -> None:
+        assert posture is None
+        self.last = frame
+
+    def collect(self, camera: str) -> SimpleNamespace:
+        return SimpleNamespace(camera=camera, t=self.last.t, seconds=0.0)
+
+
+def eyes() -> Eyes:
+    return Eyes([SimpleNamespace(name="cam", rate=RATE, latency=LATENCY)], Looker())
+
+
+def failure(found: Eyes, until: float, at: float = -1.0, fail=lambda _: None) -> tuple[float, str] | None:
+    """When a stream fails by a time, and how; at a time `fail` is done to the eyes."""
+    t = 0.0
+    while t <= until:
+        if at <= t:
+            fail(found)
+            at = np.inf
+        found.collect(t)
+        if found.next_exposure <= t + 1e-9:
+            found.expose(t, lambda names, t=t: {name: Frame(name, t, np.zeros(1)) for name in names}, None)
+        if (how := found.failure(t)) is not None:
+            return t, how
+        t = min(found.next_exposure, found.next_arrival, found.next_check, at)
+    return None
+
+
+def test_a_stream_that_keeps_its_rate_never_fails() -> None:
+    assert failure(eyes(), 20.0) is None
+
+
+@pytest.mark.parametrize("at", np.linspace(3.0, 3.1, 7))
+def test_a_lost_camera_is_noticed_soon_after_its_first_image_is_missing(at: float) -> None:
+    told, how = failure(eyes(), 20.0, at, lambda found: found.lose("cam"))
+    assert "cam is lost" in how
+    missing = np.ceil(at * RATE - 1e-6) / RATE + LATENCY
+    assert missing < told <= missing + 0.021
+
+
+def test_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
+    told, how = failure(eyes(), 20.0, 3.05, lambda found: found.delay("cam", 0.4))
+    assert "come too late" in how
+    assert told < 3.2
+
+
+@pytest.mark.parametrize("name", ["tabletop", "screws"])
+def test_the_arm_stands_in_time_after_a_camera_is_lost_at_full_speed(name: str) -> None:
+    robot = load_workspace(WORKSPACES / name).robot
+    joints = list(robot.home)
+    limits, stops = ([of[joint] for joint in joints] for of in (robot.limits, robot.stop_limits))
+    fastest = MotionLimits(*(np.array([getattr(one, kind) for one in limits]) for kind in MotionLimits.__annotations__))
+    move = joint_move(np.zeros(len(joints)), np.linspace(1.5, 2.0, len(joints)), fastest)
+    primitive = ProgramPrimitive(
+        name="a1",
+        action="JointMove",
+        start=0.0,
+        end=move.duration,
+        held=None,
+        trajectory=TrajectoryNumbers.model_validate(move.to_numbers()),
+    )
+    told = 1.2 / RATE + LATENCY
+    for t in np.arange(0.0, move.duration, 0.1):
+        arm = Playback(joints, limits, stops, np.zeros(len(joints)))
+        arm.play([primitive], 0.0)
+        assert told + arm.stop(float(t), protective=True) - t <= STANDING
