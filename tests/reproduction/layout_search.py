@@ -8,8 +8,8 @@ cameras are moved by small steps, or exchanged, as long as that helps.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +45,7 @@ class Watched:
         self._free: dict[tuple[float, ...], Mask] = {}
 
     def seen_by(self, crowd: Sequence[Camera]) -> tuple[Mask, Mask]:
-        """What cameras about where the first of them is see: as `Sight.sees` and `Sight.hidden`."""
+        """What cameras near the first of them see: as `Sight.sees` and `Sight.hidden`."""
         in_view = self._in_view(crowd)
         free = self._free_from(crowd[0]) if in_view.any() else np.ones(in_view.shape[1:], dtype=bool)
         return in_view & free, in_view & ~free
@@ -91,27 +91,31 @@ def _seeing_all(camera: Camera) -> Camera:
     return replace(camera, width=size, height=size, matrix=matrix, X_FC=ahead)
 
 
-@dataclass(frozen=True, eq=False)
 class Sight:
-    """What one camera sees of each study, where it stands and in variants where it is off.
+    """What one camera sees of each study, where it stands (the first variant) and in variants where it is off.
 
-    seed: of the variants; a camera that is moved keeps it, so that the variants stay comparable. sees, hidden: whether
-    it covers each target, and whether only something in the way prevents it, per study shape (variants, samples,
-    targets).
+    It is asked when that is needed for the first time. A camera that is moved keeps its seed, so that the variants stay
+    comparable.
     """
 
-    camera: Camera
-    seed: int
-    sees: tuple[Mask, ...]
-    hidden: tuple[Mask, ...]
+    def __init__(self, camera: Camera, seed: int, watched: Sequence[Watched], variants: int) -> None:
+        random = np.random.default_rng(seed)
+        self.camera, self.seed, self._watched = camera, seed, watched
+        self._crowd = [camera, *(displaced(camera, random, WIDER) for _ in range(variants - 1))]
+        self._seen: dict[int, tuple[Mask, Mask]] = {}
 
+    def sees(self, index: int) -> Mask:
+        """Whether it covers each target of a study, shape (variants, samples, targets)."""
+        return self._look(index)[0]
 
-def sight(camera: Camera, seed: int, watched: Sequence[Watched], variants: int) -> Sight:
-    """Ask a camera about every study; the first variant is the camera itself."""
-    random = np.random.default_rng(seed)
-    crowd = [camera, *(displaced(camera, random, WIDER) for _ in range(variants - 1))]
-    found = [one.seen_by(crowd) for one in watched]
-    return Sight(camera, seed, tuple(sees for sees, _ in found), tuple(hidden for _, hidden in found))
+    def hidden(self, index: int) -> Mask:
+        """Whether only something in the way prevents that, shape (variants, samples, targets)."""
+        return self._look(index)[1]
+
+    def _look(self, index: int) -> tuple[Mask, Mask]:
+        if index not in self._seen:
+            self._seen[index] = self._watched[index].seen_by(self._crowd)
+        return self._seen[index]
 
 
 def displaced(camera: Camera, random: Random, times: float = 1.0) -> Camera:
@@ -167,7 +171,15 @@ def off(values: np.ndarray, lower: float, upper: float) -> np.ndarray:
     return np.maximum(np.maximum(lower - values, values - upper), 0.0)
 
 
-def total(costs: Sequence[np.ndarray]) -> float:
-    """The penalty of costs of every variant, shape (v,) each: their sum, and how many variants are not quite good."""
-    cost = np.sum(costs, axis=0)
-    return float(cost.mean() + 20.0 * (cost > 0).mean())
+def total(costs: Iterable[np.ndarray], enough: float = np.inf) -> float:
+    """The penalty of costs of every variant, shape (v,) each: their sum, and how many variants are not quite good.
+
+    enough: where the penalty is at least that, costs that are left are not looked at any more.
+    """
+    cost, penalty = np.zeros(1), 0.0
+    for one in costs:
+        cost = cost + one
+        penalty = float(cost.mean() + 20.0 * (cost > 0).mean())
+        if penalty >= enough:
+            break
+    return penalty

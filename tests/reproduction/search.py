@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.sampling import FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.task import read_task
 from tests.reproduction import screws, simulation
-from tests.reproduction.layout_search import Sight, Watched, anneal, nudged, off, random_camera, sight, total
+from tests.reproduction.layout_search import Sight, Watched, anneal, nudged, off, random_camera, total
 from tests.reproduction.paper import REAL_WORLD, SIMULATION, Reported
 
 POOL, ROUNDS, RESTARTS, STEPS, VARIANTS = 700, 40_000, 10, 4000, 24
@@ -35,12 +35,13 @@ class Search(ABC):
     """A cell whose layout is sought; the penalty is 0 where all figures are well within what is asked.
 
     fovs: horizontal fields of view to choose from [deg]. wanted: the candidates to study, by their objects, and how
-    they are sampled. movable: objects that may be moved.
+    they are sampled; the first so many of them tell whether a camera is of any use. movable: objects that may be moved.
     """
 
     task: str
     fovs: tuple[float, ...]
     wanted: tuple[tuple[str, Sampling], ...]
+    first: int
     movable: tuple[str, ...] = ()
 
     def __init__(self, cell: Cell) -> None:
@@ -54,8 +55,12 @@ class Search(ABC):
             raise ValueError("a candidate cannot be done")
 
     @abstractmethod
-    def penalty(self, chosen: Sequence[Sight]) -> float:
-        """How far the figures are from the paper's, over the variants."""
+    def costs(self, chosen: Sequence[Sight]) -> Iterator[np.ndarray]:
+        """How far the figures are from what is asked for in every variant, shape (v,) each; cheap ones come first."""
+
+    def penalty(self, chosen: Sequence[Sight], enough: float = np.inf) -> float:
+        """What the costs amount to; a lower bound of it where that is `enough`."""
+        return total(self.costs(chosen), enough)
 
     @property
     def aims(self) -> np.ndarray:
@@ -66,7 +71,7 @@ class Search(ABC):
 
     def of(self, index: int, chosen: Sequence[Sight]) -> np.ndarray:
         """Q_avg and Q_eoi [%] of a study for every variant, shape (v, 2)."""
-        return self.watched[index].qualities(np.any([one.sees[index] for one in chosen], axis=0))
+        return self.watched[index].qualities(np.any([one.sees(index) for one in chosen], axis=0))
 
     def interest(self, index: int) -> np.ndarray:
         """Whether each sample of a study lies in an event of interest."""
@@ -74,17 +79,14 @@ class Search(ABC):
 
     def look(self, camera: Camera, seed: int) -> Sight:
         """What a camera sees."""
-        return sight(camera, seed, self.watched, VARIANTS)
+        return Sight(camera, seed, self.watched, VARIANTS)
 
     def begin(self, random: np.random.Generator) -> list[Sight]:
         """Cameras of a random pool that together are as good as annealing finds them."""
         cameras, pool = self.cell.observer.cameras, list[Sight]()
         while len(pool) < POOL:
             found = self.look(self.random_camera(random), len(pool))
-            if any(
-                sees.all(axis=-1).mean() > 0.05 or hidden.mean() > 0.3
-                for sees, hidden in zip(found.sees, found.hidden, strict=True)
-            ):
+            if any(found.sees(i).all(axis=-1).mean() > 0.05 or found.hidden(i).mean() > 0.3 for i in range(self.first)):
                 pool.append(found)
                 print(f"\r{len(pool)} of {POOL} cameras to choose from", end="", file=sys.stderr)
         return min(
@@ -123,7 +125,7 @@ def improve(search: Search, chosen: Sequence[Sight], random: np.random.Generator
             exchanged = random.random() < EXCHANGED
             camera = search.random_camera(random) if exchanged else nudged(random, best[index].camera)
             trial = [*best[:index], search.look(camera, best[index].seed), *best[index + 1 :]]
-        if (cost := place.penalty(trial)) < least:
+        if (cost := place.penalty(trial, least)) < least:
             search, best, least = place, trial, cost
             print(f"\rstep {step}: penalty {least:.2f}", end="", file=sys.stderr)
     return search, best
@@ -135,21 +137,24 @@ class Tabletop(Search):
     task = simulation.TASK
     fovs = (20, 24, 28, 32, 36, 40, 46)
     wanted = (*((name, FixedCount(10)) for name in SIMULATION), *(("g1", FixedCount(n)) for n in (5, 20, 40, 79)))
+    first = len(SIMULATION)
     movable = ("g2", "g3")
 
-    def penalty(self, chosen: Sequence[Sight]) -> float:
-        """The qualities of the paper, how they converge, what hides g1 and what sees the lift of g5."""
-        costs = [cost for i, paper in enumerate(SIMULATION.values()) for cost in _far_from(paper, self.of(i, chosen))]
-        ten, few, twenty, forty, dense = (self.of(index, chosen)[:, 0] for index in (0, 5, 6, 7, 8))
-        costs += [2 * off(ten - few, 6.0, 13.5), 3 * off(forty - twenty, -1.1, 1.1), 3 * off(dense - forty, -0.5, 0.9)]
+    def costs(self, chosen: Sequence[Sight]) -> Iterator[np.ndarray]:
+        """The qualities of the paper, what hides g1 and what sees the lift of g5, and how Q_avg of g1 converges."""
+        for index, paper in enumerate(SIMULATION.values()):
+            yield from _far_from(paper, self.of(index, chosen))
         lift, hold = self.interest(0), self.watched[0].column("hold")
         hides = [
-            (one.hidden[0] | one.sees[0])[:, lift].all(axis=(1, 2)) & one.hidden[0][:, lift, hold].all(axis=1)
+            (one.hidden(0) | one.sees(0))[:, lift].all(axis=(1, 2)) & one.hidden(0)[:, lift, hold].all(axis=1)
             for one in chosen
         ]
-        costs.append(30.0 * ~np.any(hides, axis=0))
-        costs.append(30.0 * ~np.any([one.sees[4][:, self.interest(4)].all(axis=(1, 2)) for one in chosen], axis=0))
-        return total(costs)
+        yield 30.0 * ~np.any(hides, axis=0)
+        yield 30.0 * ~np.any([one.sees(4)[:, self.interest(4)].all(axis=(1, 2)) for one in chosen], axis=0)
+        ten, few, twenty, forty, dense = (self.of(index, chosen)[:, 0] for index in (0, 5, 6, 7, 8))
+        yield 2 * off(ten - few, 6.0, 13.5)
+        yield 3 * off(forty - twenty, -1.1, 1.1)
+        yield 3 * off(dense - forty, -0.5, 0.9)
 
 
 class Screws(Search):
@@ -158,23 +163,23 @@ class Screws(Search):
     task = screws.TASK
     fovs = (30, 36, 42, 48, 54, 60)
     wanted = (("red1", screws.EVERY_SECOND), ("red2", screws.EVERY_SECOND), ("red2", FixedStep(0.2)))
+    first = 2
 
-    def penalty(self, chosen: Sequence[Sight]) -> float:
+    def costs(self, chosen: Sequence[Sight]) -> Iterator[np.ndarray]:
         """The qualities of the paper, what hides red2, and when a slip of red2 is seen.
 
         What the slip costs is about twice the time until it is seen: the arm has to go all the way back.
         """
-        costs = [cost for i, paper in enumerate(REAL_WORLD.values()) for cost in _far_from(paper, self.of(i, chosen))]
+        for index, paper in enumerate(REAL_WORLD.values()):
+            yield from _far_from(paper, self.of(index, chosen))
         found, lift = self.watched[2].study, self.interest(2)
+        place = self.watched[2].column("obj_on_table")
+        yield 20 * (1 - np.max([one.hidden(2)[:, lift, place].mean(axis=1) for one in chosen], axis=0))
+        yield 40 * np.any([one.sees(2)[:, lift, place] for one in chosen], axis=0).mean(axis=1)
         t, lifting = found.timeline.samples.t, found.motion.primitives[3]
         slip = 0.5 * (lifting.start + lifting.end)
-        later = np.any([one.sees[2] for one in chosen], axis=0).all(axis=-1) & (t > slip)
-        first = np.where(later.any(axis=1), t[later.argmax(axis=1)], 2 * t[-1])
-        costs.append(5 * off(first - slip, 5.8, 7.2))
-        place = self.watched[2].column("obj_on_table")
-        costs.append(20 * (1 - np.max([one.hidden[2][:, lift, place].mean(axis=1) for one in chosen], axis=0)))
-        costs.append(40 * np.any([one.sees[2][:, lift, place] for one in chosen], axis=0).mean(axis=1))
-        return total(costs)
+        later = np.any([one.sees(2) for one in chosen], axis=0).all(axis=-1) & (t > slip)
+        yield 5 * off(np.where(later.any(axis=1), t[later.argmax(axis=1)], 2 * t[-1]) - slip, 5.8, 7.2)
 
 
 def _far_from(paper: Reported, found: np.ndarray) -> list[np.ndarray]:
