@@ -6,7 +6,7 @@ Prints the tables and writes the same as a page with pictures to `build/reproduc
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,15 @@ from tests.reproduction.paper import (
 )
 from tests.reproduction.runs import AFTER_A_SLIP, SLIP, Run, earlier, run_with_slip
 from tests.reproduction.screws import Screws, pick_screws, screws_cell
-from tests.reproduction.simulation import SAMPLINGS, Simulation, coverage_of_g1, simulate, tabletop
+from tests.reproduction.simulation import (
+    SAMPLINGS,
+    Picking,
+    Simulation,
+    computing_times,
+    coverage_of_g1,
+    simulate,
+    tabletop,
+)
 from tests.reproduction.summary import Summary
 
 FOLDER = Path("build/reproduction")
@@ -38,7 +46,7 @@ def main(arguments: list[str]) -> int:
     _qualities(page, simulated.of, SIMULATION)
     page.text(f"g6: {simulated.why_not_g6}. First in the ranking: {simulated.first}.")
     page.heading("Samples per primitive: Q_avg of g1 and the time to compute it")
-    _samples(page, simulated)
+    _samples(page, simulated, computing_times(cell))
     for name in ("5", "10"):
         page.timeline(f"Coverage of g1, {name} samples per primitive", coverage_of_g1(cell, SAMPLINGS[name]))
     page.pictures("tabletop", "pickup green", "g1")
@@ -55,7 +63,7 @@ def main(arguments: list[str]) -> int:
     if runs:
         held += _findings(page, AFTER_A_SLIP, runs)
     page.heading("The same with every camera moved by 2 mm and turned by 0.2 degrees, 20 times")
-    counts = _surviving(SIMULATED, cell, simulate), _surviving(REAL, screws_cell(), pick_screws)
+    counts = _surviving(SIMULATED, cell, Picking.of(cell).seen_in), _surviving(REAL, screws_cell(), pick_screws)
     page.text(f"All findings hold {counts[0]} times in simulation and {counts[1]} times in the real world.")
     page.write()
     print(f"\n{sum(held)} of {len(held)} findings hold. With pictures: {page.file}")
@@ -81,7 +89,7 @@ def _pairs(found: Summary, reported: Reported) -> tuple[str, ...]:
     return tuple(f"{value:.2f}" for pair in columns for value in pair)
 
 
-def _samples(page: Page, simulated: Simulation) -> None:
+def _samples(page: Page, simulated: Simulation, computing: Mapping[str, float]) -> None:
     paper = {
         name: (Q_AVG_BY_SAMPLES.get(int(name)), COMPUTING_BY_SAMPLES.get(int(name)))
         for name in SAMPLINGS
@@ -92,10 +100,10 @@ def _samples(page: Page, simulated: Simulation) -> None:
         [
             (
                 name,
-                f"{one.q_avg:.2f}",
-                *_or_dash(paper.get(name, (None, None))[0], f"{one.computing:.3f}", paper.get(name, (None, None))[1]),
+                f"{q_avg:.2f}",
+                *_or_dash(paper.get(name, (None, None))[0], f"{computing[name]:.3f}", paper.get(name, (None, None))[1]),
             )
-            for name, one in simulated.sampled.items()
+            for name, q_avg in simulated.sampled.items()
         ],
     )
 

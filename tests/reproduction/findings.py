@@ -86,15 +86,15 @@ SIMULATED: tuple[Finding[Simulation], ...] = (
     ),
     Finding(
         "5 samples per primitive miss 5 to 15 points of what 10 find of g1",
-        lambda found: 5.0 <= found.sampled["10"].q_avg - found.sampled["5"].q_avg <= 15.0,
+        lambda found: 5.0 <= found.sampled["10"] - found.sampled["5"] <= 15.0,
     ),
     Finding(
         "20 and 40 samples per primitive agree to 1.5 points for g1",
-        lambda found: abs(found.sampled["40"].q_avg - found.sampled["20"].q_avg) < 1.5,
+        lambda found: abs(found.sampled["40"] - found.sampled["20"]) < 1.5,
     ),
     Finding(
         "40 samples per primitive and the default agree to 1.5 points for g1",
-        lambda found: abs(found.sampled["default"].q_avg - found.sampled["40"].q_avg) < 1.5,
+        lambda found: abs(found.sampled["default"] - found.sampled["40"]) < 1.5,
     ),
 )
 

@@ -11,16 +11,16 @@ import numpy as np
 
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.assessment import Study
+from sqrp_cli.programming.assessment import Assessment, Study, study
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.sampling import Adaptive, FixedCount, Sampling
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.scene import SceneStates, fixed_frame
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate, read_task
-from tests.reproduction.summary import Summary, always_in_interest, feasible_study, hidden_by_the_robot
+from tests.reproduction.summary import Summary, always_in_interest, feasible_study, hidden_by_the_robot, seen_again
 
 WORKSPACE = Path("workspaces/tabletop")
 TASK = "pickup green"
@@ -34,28 +34,20 @@ SAMPLINGS: Mapping[str, Sampling] = {
 """Samples per primitive; the paper chooses 10."""
 
 
-@dataclass(frozen=True)
-class Sampled:
-    """Q_avg [%] of g1 with one sampling, and the time it took to compute [s]."""
-
-    q_avg: float
-    computing: float
-
-
 @dataclass(frozen=True, eq=False)
 class Simulation:
     """What came out, with 10 samples per primitive.
 
     of: the candidates that can be done, by their object. why_not_g6: why that one cannot. first: the one that is ranked
-    first. sampled: g1 with each sampling. hide_g1: cameras from which the robot hides g1 all through the lift, and that
-    would otherwise see all there is to see. see_lift_of_g5: cameras that see all of it. see_g6: cameras that see it
-    while the robot is at home.
+    first. sampled: Q_avg of g1 with each sampling [%]. hide_g1: cameras from which the robot hides g1 all through the
+    lift, and that would otherwise see all there is to see. see_lift_of_g5: cameras that see all of it. see_g6: cameras
+    that see it while the robot is at home.
     """
 
     of: Mapping[str, Summary]
     why_not_g6: str
     first: str
-    sampled: Mapping[str, Sampled]
+    sampled: Mapping[str, float]
     hide_g1: frozenset[str]
     see_lift_of_g5: frozenset[str]
     see_g6: frozenset[str]
@@ -66,29 +58,72 @@ def tabletop() -> Cell:
     return Cell.load(load_workspace(WORKSPACE))
 
 
+@dataclass(frozen=True, eq=False)
+class Picking:
+    """The candidates, checked and moved: what cameras have no part in, so that it is computed once for all of them.
+
+    done: a study of each candidate that can be done, by its object, with 10 samples per primitive. g1: with each
+    sampling. not_done: the other candidates.
+    """
+
+    done: Mapping[str, Study]
+    g1: Mapping[str, Study]
+    not_done: Mapping[str, Assessment]
+
+    @classmethod
+    def of(cls, cell: Cell) -> Picking:
+        """The six candidates of a cell."""
+        ten, world = SAMPLINGS["10"], cell.workspace.initial_world
+        found = {name: study(cell, one, world, ten, full=False) for name, one in _candidates(cell).items()}
+        g1 = _candidates(cell)["g1"]
+        return cls(
+            {name: one for name, one in found.items() if isinstance(one, Study)},
+            {name: feasible_study(cell, g1, sampling) for name, sampling in SAMPLINGS.items()},
+            {
+                name: Assessment(_candidates(cell)[name], feasible=False, reasons=one.reasons)
+                for name, one in found.items()
+                if isinstance(one, Infeasible)
+            },
+        )
+
+    def seen_in(self, cell: Cell) -> Simulation:
+        """What comes out in a cell that is the same, save for where its cameras are."""
+        ten = SAMPLINGS["10"]
+        done = {name: seen_again(one, cell, ten, full=name in ("g1", "g5")) for name, one in self.done.items()}
+        assessments = [*(one.assessment("") for one in done.values()), *self.not_done.values()]
+        sampled = {name: seen_again(one, cell, SAMPLINGS[name]) for name, one in self.g1.items()}
+        g1, g5 = done["g1"], done["g5"]
+        return Simulation(
+            of={name: Summary.of(one) for name, one in done.items()},
+            why_not_g6=" ".join(self.not_done["g6"].reasons),
+            first=rank(assessments, "q_eoi")[0].assessment.candidate.name,
+            sampled={name: Summary.of(one).q_avg for name, one in sampled.items()},
+            hide_g1=always_in_interest(cell, g1, None, Cause.NONE, Cause.HIDDEN)
+            & hidden_by_the_robot(cell, g1, "hold"),
+            see_lift_of_g5=always_in_interest(cell, g5, None, Cause.NONE),
+            see_g6=_seeing_at_home(cell, "g6", g1),
+        )
+
+
 def simulate(cell: Cell) -> Simulation:
     """Rank the six candidates, and look closer at g1, g5 and g6."""
-    workspace, ten = cell.workspace, SAMPLINGS["10"]
-    candidates = {candidate.name: candidate for candidate in read_task(TASK, workspace).candidates}
-    assignment = Assignment(cell, workspace.initial_world, ten)
-    assessments = {name: assignment.assess(candidate) for name, candidate in candidates.items()}
-    feasible = {name: candidates[name] for name, assessment in assessments.items() if assessment.feasible}
-    g1, g5 = (feasible_study(cell, candidates[name], ten, full=True) for name in ("g1", "g5"))
-    return Simulation(
-        of={name: Summary.of(feasible_study(cell, candidate, ten)) for name, candidate in feasible.items()},
-        why_not_g6=" ".join(assessments["g6"].reasons),
-        first=rank(tuple(assessments.values()), "q_eoi")[0].assessment.candidate.name,
-        sampled={name: _sampled(cell, candidates["g1"], sampling) for name, sampling in SAMPLINGS.items()},
-        hide_g1=always_in_interest(cell, g1, None, Cause.NONE, Cause.HIDDEN) & hidden_by_the_robot(cell, g1, "hold"),
-        see_lift_of_g5=always_in_interest(cell, g5, None, Cause.NONE),
-        see_g6=_seeing_at_home(cell, "g6", g1),
-    )
+    return Picking.of(cell).seen_in(cell)
 
 
-def _sampled(cell: Cell, candidate: Candidate, sampling: Sampling) -> Sampled:
+def computing_times(cell: Cell) -> Mapping[str, float]:
+    """How long Q_avg of g1 takes to compute with each sampling [s], from the check of its preconditions on."""
+    return {name: _computing_time(cell, sampling) for name, sampling in SAMPLINGS.items()}
+
+
+def _computing_time(cell: Cell, sampling: Sampling) -> float:
     begin = time.perf_counter()
-    found = Summary.of(feasible_study(cell, candidate, sampling))
-    return Sampled(found.q_avg, time.perf_counter() - begin)
+    Summary.of(feasible_study(cell, _candidates(cell)["g1"], sampling))
+    return time.perf_counter() - begin
+
+
+def _candidates(cell: Cell) -> Mapping[str, Candidate]:
+    """The candidates of the task by their object."""
+    return {candidate.name: candidate for candidate in read_task(TASK, cell.workspace).candidates}
 
 
 def _seeing_at_home(cell: Cell, name: str, like: Study) -> frozenset[str]:
@@ -106,6 +141,5 @@ def _seeing_at_home(cell: Cell, name: str, like: Study) -> frozenset[str]:
 
 def coverage_of_g1(cell: Cell, sampling: Sampling) -> tuple[np.ndarray, np.ndarray]:
     """Times [s] of the samples of g1 that hold literals, and whether the state is covered, shape (m,) each."""
-    candidate = next(c for c in read_task(TASK, cell.workspace).candidates if c.name == "g1")
-    timeline = feasible_study(cell, candidate, sampling).timeline
+    timeline = feasible_study(cell, _candidates(cell)["g1"], sampling).timeline
     return timeline.samples.t[timeline.monitored], timeline.covered[timeline.monitored]

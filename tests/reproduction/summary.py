@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from sqrp_cli.programming.quality import Qualities
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.timeline import observe
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,14 @@ def feasible_study(cell: Cell, candidate: Candidate, sampling: Sampling, *, full
     found = study(cell, candidate, cell.workspace.initial_world, sampling, full=full)
     assert isinstance(found, Study), found
     return found
+
+
+def seen_again(found: Study, cell: Cell, sampling: Sampling, *, full: bool = False) -> Study:
+    """The same candidate and motion, before the cameras of a cell."""
+    timeline = found.timeline
+    times = (timeline.T, timeline.T_eoi)
+    seen = observe(found.stage, cell.observer, found.targets, timeline.faults, sampling, times, full=full)
+    return replace(found, timeline=seen)
 
 
 def always_in_interest(cell: Cell, found: Study, predicate: str | None, *causes: Cause) -> frozenset[str]:

@@ -6,7 +6,7 @@ import pytest
 
 from tests.reproduction.findings import DRAWS, REAL, SIMULATED, Finding, failing, moved
 from tests.reproduction.screws import Screws, pick_screws, screws_cell
-from tests.reproduction.simulation import Simulation, simulate, tabletop
+from tests.reproduction.simulation import Picking, Simulation, simulate, tabletop
 
 
 @pytest.fixture(scope="module")
@@ -32,4 +32,11 @@ def test_in_the_real_world(finding: Finding[Screws], real: Screws) -> None:
 def test_the_findings_in_the_real_world_survive_inexact_cameras() -> None:
     cell = screws_cell()
     lost = [failing(REAL, pick_screws(moved(cell, draw))) for draw in range(DRAWS)]
+    assert sum(not texts for texts in lost) >= 18, lost
+
+
+def test_the_findings_in_simulation_survive_inexact_cameras() -> None:
+    cell = tabletop()
+    picking = Picking.of(cell)
+    lost = [failing(SIMULATED, picking.seen_in(moved(cell, draw))) for draw in range(DRAWS)]
     assert sum(not texts for texts in lost) >= 18, lost
