@@ -109,8 +109,8 @@ def jobs_of(step: Step, cameras: list[str], names: list[str], worst: Step, count
         yield Job("failures", best, 0, fault, round(rng.uniform(0.0, step.time - 1.0), 3), camera)
     for name in names:
         yield Job("precision", name)
-    yield Job("repeat", best, 0, "slip", _lift(step, 1)[0])
-    yield Job("repeat", best, 1, "slip", _lift(step, 1)[0])
+    yield Job("repeat", best, 0, "slip", round(_lift(step, 1)[0], 3))
+    yield Job("repeat", best, 1, "slip", round(_lift(step, 1)[0], 3))
     for seed in range(counts.calm):
         yield Job("calm", best, seed + 1)
     for name, lift in ((best, _lift(step, counts.slips)), (names[-1], _lift(worst, counts.slips))):
