@@ -17,10 +17,10 @@ from sqrp_cli.knowledge.mesh_file import check_mesh
 
 @pytest.fixture(autouse=True)
 def at_once() -> Iterator[None]:
-    """Refusing takes less than 5 s of processor time, and usually far less."""
+    """Refusing takes a moment; unfolded, these would take hours, so that the bound need not be tight."""
     before = time.process_time()
     yield
-    assert time.process_time() - before < 5.0
+    assert time.process_time() - before < 60.0
 
 
 def refusal(folder: Path) -> Problem:
