@@ -125,9 +125,11 @@ def displaced(camera: Camera, random: Random, times: float = 1.0) -> Camera:
 
 
 def random_camera(random: Random, aims: np.ndarray, model: Camera, fovs: Sequence[float]) -> Camera:
-    """A camera around the robot that looks near one of the points `aims`, shape (n, 3) [m]; fovs: [rad]."""
-    azimuth, radius = random.uniform(0, 2 * np.pi), random.uniform(0.9, 1.7)
-    eye = np.round([radius * np.cos(azimuth), radius * np.sin(azimuth), random.uniform(0.25, 1.5)], 2)
+    """A camera out of the arm's reach that looks near one of the points `aims`, shape (n, 3) [m]; fovs: [rad]."""
+    eye = np.zeros(3)
+    while np.linalg.norm(eye) < 1.05:
+        azimuth, radius = random.uniform(0, 2 * np.pi), random.uniform(0.5, 1.7)
+        eye = np.round([radius * np.cos(azimuth), radius * np.sin(azimuth), random.uniform(0.2, 1.5)], 2)
     aim = np.round(random.choice(aims) + random.normal(size=3) * (0.12, 0.12, 0.08), 2)
     return placed(model, eye, aim, float(random.choice(fovs)))
 

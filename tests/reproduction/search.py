@@ -23,12 +23,14 @@ from tests.reproduction import screws, simulation
 from tests.reproduction.layout_search import Sight, Watched, anneal, nudged, off, random_camera, total
 from tests.reproduction.paper import REAL_WORLD, SIMULATION, Reported
 
-POOL, ROUNDS, RESTARTS, STEPS, VARIANTS = 700, 40_000, 10, 4000, 24
-"""Cameras to choose from, exchanges among them, how often that begins anew, steps that follow, and cameras that are off
-for each."""
+POOL, ROUNDS, RESTARTS, VARIANTS = 700, 40_000, 10, 24
+"""Cameras to choose from, exchanges among them, how often that begins anew, and places about each camera."""
 
-EXCHANGED, OBJECT_MOVED = 0.15, 0.01
-"""Shares of the steps that exchange a camera for a random one, and that move an object."""
+TURNS, DRAWN, NUDGES = 300, 300, 30
+"""How often one camera is improved after that, random cameras it may be exchanged for, and small steps of it."""
+
+EXCHANGED, OBJECT_MOVED = 0.4, 0.05
+"""Shares of the turns that exchange a camera before, and that move an object."""
 
 
 class Search(ABC):
@@ -77,9 +79,9 @@ class Search(ABC):
         """Whether each sample of a study lies in an event of interest."""
         return self.watched[index].study.timeline.interesting
 
-    def look(self, camera: Camera, seed: int) -> Sight:
+    def look(self, camera: Camera, seed: int, variants: int = VARIANTS) -> Sight:
         """What a camera sees."""
-        return Sight(camera, seed, self.watched, VARIANTS)
+        return Sight(camera, seed, self.watched, variants)
 
     def begin(self, random: np.random.Generator) -> list[Sight]:
         """Cameras of a random pool that together are as good as annealing finds them."""
@@ -112,23 +114,47 @@ class Search(ABC):
 
 
 def improve(search: Search, chosen: Sequence[Sight], random: np.random.Generator) -> tuple[Search, list[Sight]]:
-    """Move cameras and objects as long as that lowers the penalty."""
+    """Move objects and cameras, and exchange cameras, as long as that lowers the penalty."""
     best, least = list(chosen), search.penalty(chosen)
-    for step in range(STEPS):
-        place, index = search, int(random.integers(len(best)))
-        if search.movable and random.random() < OBJECT_MOVED:
+    for turn in range(TURNS):
+        place, trial, index = search, best, int(random.integers(len(best)))
+        kind = random.random()
+        if search.movable and kind < OBJECT_MOVED:
             moved = search.with_object_moved(random)
             if moved is None:
                 continue
             place, trial = moved, [moved.look(one.camera, one.seed) for one in best]
-        else:
-            exchanged = random.random() < EXCHANGED
-            camera = search.random_camera(random) if exchanged else nudged(random, best[index].camera)
-            trial = [*best[:index], search.look(camera, best[index].seed), *best[index + 1 :]]
-        if (cost := place.penalty(trial, least)) < least:
+        elif kind < OBJECT_MOVED + EXCHANGED:
+            trial = exchanged(search, best, index, random)
+        trial = settled(place, trial, index, random)
+        if (cost := place.penalty(trial)) < least:
             search, best, least = place, trial, cost
-            print(f"\rstep {step}: penalty {least:.2f}", end="", file=sys.stderr)
+        print(f"\rturn {turn + 1} of {TURNS}: penalty {least:.2f}", end="", file=sys.stderr, flush=True)
+        if least == 0.0:
+            break
     return search, best
+
+
+def exchanged(search: Search, chosen: Sequence[Sight], index: int, random: np.random.Generator) -> list[Sight]:
+    """With another camera instead of one: of some random ones the best, just where they stand."""
+    trial = [search.look(one.camera, one.seed, variants=1) for one in chosen]
+    best, least = chosen[index].camera, np.inf
+    for _ in range(DRAWN):
+        trial[index] = search.look(search.random_camera(random), chosen[index].seed, variants=1)
+        if (cost := search.penalty(trial, least)) < least:
+            best, least = trial[index].camera, cost
+    return [*chosen[:index], search.look(best, chosen[index].seed), *chosen[index + 1 :]]
+
+
+def settled(search: Search, chosen: Sequence[Sight], index: int, random: np.random.Generator) -> list[Sight]:
+    """After small steps of one camera that lower the penalty."""
+    best, least = list(chosen), search.penalty(chosen)
+    for _ in range(NUDGES):
+        camera = nudged(random, best[index].camera)
+        trial = [*best[:index], search.look(camera, best[index].seed), *best[index + 1 :]]
+        if (cost := search.penalty(trial, least)) < least:
+            best, least = trial, cost
+    return best
 
 
 class Tabletop(Search):
