@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING
 
@@ -78,12 +78,18 @@ def parse_formula(text: str, place: Place, indent: int = 0) -> Formula:
         message = f"the formula has {len(text)} characters; at most {MAX_LENGTH} are read"
         raise InputError(Problem("mtl-too-long", message, place))
     try:
-        tree = _parser().parse(text)
+        tree = _tree(text)
     except UnexpectedInput as error:
         raise InputError(_syntax_problem(source, error)) from None
     if depth(tree) > MAX_DEPTH:
         raise InputError(source.problem("mtl-too-deep", f"the formula is nested deeper than {MAX_DEPTH} levels", 0))
     return _formula(tree, source)
+
+
+@lru_cache(maxsize=256)
+def _tree(text: str) -> Tree[Token]:
+    """The syntax tree of a text; cells often share their skills' texts, and each is parsed once."""
+    return _parser().parse(text)
 
 
 @cache

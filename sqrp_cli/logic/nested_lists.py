@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, TypeAlias
 
@@ -57,12 +57,18 @@ def read_list(source: SourceText) -> WordList:
         message = f"the file has {len(source.text)} characters; at most {MAX_LENGTH} are read"
         raise InputError(Problem("pddl-too-long", message, source.place))
     try:
-        tree = _parser().parse(source.text)
+        tree = _tree(source.text)
     except UnexpectedInput:
         raise InputError(_syntax_problem(source)) from None
     if depth(tree) > MAX_DEPTH:
         raise InputError(source.problem("pddl-too-deep", f"lists are nested deeper than {MAX_DEPTH} levels", 0))
     return _list(tree)
+
+
+@lru_cache(maxsize=64)
+def _tree(text: str) -> Tree[Token]:
+    """The syntax tree of a text; cells often share their skills' texts, and each is parsed once."""
+    return _parser().parse(text)
 
 
 @cache
