@@ -265,10 +265,21 @@ class RobotReader:
 
     def _stop_limits(self, limits: Mapping[str, JointLimits], joints: Sequence[UrdfJoint]) -> dict[str, StopLimits]:
         acceleration, jerk = self._values("stop_acceleration", joints), self._values("stop_jerk", joints)
+        self._check_stop("acceleration", acceleration, {name: usual.acceleration for name, usual in limits.items()})
+        self._check_stop("jerk", jerk, {name: usual.jerk for name, usual in limits.items()})
         return {
             name: StopLimits(acceleration.get(name, usual.acceleration), jerk.get(name, usual.jerk))
             for name, usual in limits.items()
         }
+
+    def _check_stop(self, limit: str, values: Mapping[str, float], usual: Mapping[str, float]) -> None:
+        """A stop that is gentler than the motion could end after the motion does."""
+        for name, value in values.items():
+            if value < usual[name]:
+                message = f"{value:g} is less than the {usual[name]:g} of every motion of `{name}`"
+                mend = f"leave it out to stop with the {limit} of every motion"
+                self._report("outside-limits", ("robot", "limits", f"stop_{limit}"), message, mend)
+                return
 
     def _warn_of_assumed_limits(
         self,

@@ -103,9 +103,11 @@ class LimitsEntry(Entry):
     acceleration: PerJoint | None = Field(default=None, description="Default: 5 rad/s^2 or m/s^2.")
     jerk: PerJoint | None = Field(default=None, description="Default: 50 rad/s^3 or m/s^3.")
     stop_acceleration: PerJoint | None = Field(
-        default=None, description="Of a stop because nobody watches any more. Default: as of every motion."
+        default=None, description="Of a stop because nobody watches any more. Default, and least: as of every motion."
     )
-    stop_jerk: PerJoint | None = Field(default=None, description="Of such a stop. Default: as of every motion.")
+    stop_jerk: PerJoint | None = Field(
+        default=None, description="Of such a stop. Default, and least: as of every motion."
+    )
 
 
 class RobotEntry(Entry):

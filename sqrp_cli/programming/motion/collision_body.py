@@ -46,9 +46,9 @@ class Body:
 
     @classmethod
     def of(cls, solid: Solid) -> Body:
-        """Make the body of a solid; for a mesh, this computes its convex hull."""
+        """Make the body of a solid; for a mesh, this computes its convex hull, unless it is flat and has none."""
         hull = solid.geometry
-        if isinstance(solid.part.shape, Mesh):
+        if isinstance(solid.part.shape, Mesh) and not _is_flat(solid.vertices):
             hull.buildConvexHull(True, "Qt")
             hull = hull.convex
         corner, *_ = corners = solid.corners
@@ -68,6 +68,12 @@ class Body:
             X_PB=X_PB,
             half=lengths / 2,
         )
+
+
+def _is_flat(vertices: Array) -> bool:
+    """Whether all vertices (V, 3) lie in one plane, up to a millionth of their extent."""
+    extents = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    return bool(len(extents) < 3 or extents[-1] <= 1e-6 * extents[0])
 
 
 def _covering_spheres(solid: Solid, X_PB: Array, half: Array) -> tuple[Array, Array]:

@@ -61,10 +61,10 @@ class SightLines:
 def shrink(size: Sequence[float], normal: Sequence[float] | None) -> tuple[Array, Array]:
     """Corners (8, 3) of a box without its skin, in the box's own frame, and the offset (3,) by which its centre moved.
 
-    A side thinner than twice the skin keeps its thickness; the box then moves by the skin along its normal instead.
+    A side no thicker than twice the skin keeps its thickness; the box then moves by the skin along its normal instead.
     """
     extents = np.asarray(size, dtype=float)
-    thin = extents < 2 * SKIN
+    thin = extents <= 2 * SKIN + TOUCH
     offset = SKIN * np.asarray(normal, dtype=float) if thin.any() and normal is not None else np.zeros(3)
     return 0.5 * np.where(thin, extents, extents - 2 * SKIN) * BOX_SIGNS + offset, offset
 

@@ -1,8 +1,9 @@
 """The directions in which a camera looks at a box, and which of them lie inside an outline.
 
-Rays (u, v, 1) in the optical frame, turned about its axis, run through the plane z = 1 in `ROWS` rows of `COLUMNS`. How
-often an outline winds around a ray is the sum of the outline's edges that cross the ray's row beyond it, each with the
-sign of its direction: so every edge is looked at once per row that it crosses, whatever lies inside.
+Rays (u, v, 1) in the optical frame, turned about its axis so that the box fills the grid, run through the plane z = 1
+in `ROWS` rows of `COLUMNS`. How often an outline winds around a ray is the sum of the outline's edges that cross the
+ray's row beyond it, each with the sign of its direction: so every edge is looked at once per row that it crosses,
+whatever lies inside.
 """
 
 from __future__ import annotations
@@ -14,21 +15,42 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, axis_rotation, cross, pose
+from sqrp_cli.geometry import Array, cross
 
 ROWS, COLUMNS = 64, 32
 """Rays across the bounding rectangle of a box's image."""
 
-TURN = pose(axis_rotation(2, 0.5))
-"""From the optical frame to the one whose axes the grid follows.
+_USUAL_AXIS = 0.5
+"""Direction in which the rows of rays follow each other, where an image is about as long as wide [rad].
 
-Edges in a cell are often level in the image; along a row of rays, a whole row would be decided at once.
+Edges in a cell are often level or upright in the image; along a row of rays, a whole row would be decided at once.
 """
+
+_LONG = 2.0
+"""By how much longer than wide an image must be for the rows to follow each other along it."""
 
 _COUNTS = np.array([[COLUMNS], [ROWS]])
 
 _SHIFT = (np.arange(ROWS) * 0.5 * (np.sqrt(5.0) - 1.0)) % 1.0
 """By which part of a column each row is shifted, so that the rays form no columns either."""
+
+
+def turns(image: Array) -> Array:
+    """Poses of the optical frames in those whose axes the grids follow, shape (l, 4, 4).
+
+    image: u and v of the corners of each box, shape (2, l, k). A long image lies along the v axis.
+    """
+    u, v = image - image.mean(axis=-1, keepdims=True)
+    along, across, mixed = (u * u).sum(axis=-1), (v * v).sum(axis=-1), (u * v).sum(axis=-1)
+    spread = np.hypot(along - across, 2 * mixed)
+    long = (along + across + spread) > _LONG**2 * (along + across - spread)
+    angle = np.where(long, 0.5 * np.arctan2(2 * mixed, along - across), _USUAL_AXIS)
+    turned = np.zeros((len(angle), 4, 4))
+    turned[:, 0, 0] = turned[:, 1, 1] = np.sin(angle)
+    turned[:, 1, 0] = np.cos(angle)
+    turned[:, 0, 1] = -turned[:, 1, 0]
+    turned[:, 2, 2] = turned[:, 3, 3] = 1.0
+    return turned
 
 
 @dataclass(frozen=True, eq=False)

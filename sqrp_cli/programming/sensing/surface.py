@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ class Surface:
     right: Indices
 
     @staticmethod
-    @cache
+    @lru_cache(maxsize=512)
     def of(solid: Solid) -> Surface:
         """The surface of a solid, in its parent's frame."""
         return Surface.of_triangles(solid.vertices, solid.triangles)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, transform
 from sqrp_cli.programming.sensing.occlusion import Pairs, SolidPoses
-from sqrp_cli.programming.sensing.ray_grid import TURN, Outline, RayGrid, first_row
+from sqrp_cli.programming.sensing.ray_grid import Outline, RayGrid, first_row, turns
 from sqrp_cli.programming.sensing.surface import Surface
 from sqrp_cli.programming.solids import BOX_TRIANGLES
 
@@ -74,7 +74,8 @@ def _shares(view: _View, X_WB: Array, state: NDArray[np.int64], poses: SolidPose
             view.mark(lines[doubtful][row], corners_B, blocked)
         outlines.append(_outline(lines, view.grid.maps(lines, view.X_CB[lines] @ X_BP), surface, facing))
     blocked |= view.grid.inside(Outline.joined(outlines))
-    return _count(view.silhouette & ~blocked) / np.maximum(_count(view.silhouette), 1)
+    seen, all_rays = _count(view.silhouette & ~blocked), _count(view.silhouette)
+    return np.where(all_rays > 0, seen / np.maximum(all_rays, 1), 1.0)  # nothing hides what has no area in the image
 
 
 @lru_cache(maxsize=256)
@@ -104,7 +105,9 @@ class _View:
 
     @classmethod
     def of(cls, X_WC: Array, X_WB: Array, corners_B: Array) -> _View:
-        X_CB = TURN @ inverse(X_WC) @ X_WB
+        X_CB = inverse(X_WC) @ X_WB
+        corners_C = np.moveaxis(transform(X_CB, corners_B), -1, 0)
+        X_CB = turns(corners_C[:2] / corners_C[2]) @ X_CB
         corners_C = np.moveaxis(transform(X_CB, corners_B), -1, 0)
         image = corners_C[:2] / corners_C[2]
         grid = RayGrid.over(image.min(axis=-1), image.max(axis=-1))

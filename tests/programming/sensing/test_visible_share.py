@@ -123,3 +123,16 @@ def test_what_is_level_with_the_image_is_as_exact_as_what_is_not() -> None:
         sheet = np.array([[-0.2, -0.5, 0.5 * height], [0.2, -0.5, 0.5 * height], [0.2, -0.5, 0.2], [-0.2, -0.5, 0.2]])
         seen = share([solid_of(sheet, np.array([[0, 1, 2], [0, 2, 3]]))], X_WC, X_WB, size)
         assert seen == pytest.approx(0.5 + height / 0.1, abs=0.005)
+
+
+@pytest.mark.parametrize("size", [(0.2, 0.004, 0.004), (0.1, 0.1, 0.0002), (0.3, 0.01, 0.01), (0.2, 0.002, 0.002)])
+def test_thin_boxes_are_measured_as_exactly_as_others(size: tuple[float, float, float]) -> None:
+    generator = np.random.default_rng(11)
+    X_WC, extents = look_at([0.0, -1.0, 0.0], [0.0, 0.0, 0.0]), np.array(size)
+    for _ in range(10):
+        X_WB = pose(quaternion_to_matrix(generator.normal(size=4)), generator.normal(scale=0.05, size=3))
+        plane = transform(X_WB, np.array([[x, y, z] for x in (generator.uniform(-0.3, 0.3) * size[0], 9.0)
+                                          for y in (-9.0, 9.0) for z in (-9.0, 9.0)]))  # fmt: skip
+        sheet = solid_of(plane[:4], np.array([[0, 1, 2], [2, 1, 3]]))
+        seen = share([sheet], X_WC, X_WB, extents)
+        assert seen == pytest.approx(traced([sheet], X_WC, X_WB, extents), abs=0.02)
