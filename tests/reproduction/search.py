@@ -1,4 +1,4 @@
-"""How cells are searched for layouts with the findings: `python -m tests.reproduction.search tabletop|screws [SEED] [again]`.
+"""A search of layouts with the findings: `python -m tests.reproduction.search tabletop|screws [SEED] [again]`.
 
 Starts from nothing but the robot, the objects and what the paper reports; with `again`, from the cell as it is. Prints
 cameras and, where they were moved, objects for the workspace. Takes the better part of an hour; another seed finds
