@@ -10,7 +10,7 @@ all: .venv/installed
 .venv/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ik,robots,sim,report,cluster,planners,dev]'
-	touch $@
+	@touch $@
 
 rank: all
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green"

@@ -27,8 +27,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    from sqrp_cli.cli.session import Session
     from sqrp_cli.programming.assessment import Study
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.ranking import Ranked
 
 NAME = "explain"
 
@@ -54,13 +56,12 @@ def command(
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
-    from sqrp_cli.cli.console import print_problems, progress, say_raw
+    from sqrp_cli.cli.console import print_problems, say_raw
     from sqrp_cli.cli.documents import as_text, header
     from sqrp_cli.cli.rank import check_choice, choose_candidate
-    from sqrp_cli.cli.session import Session, explain
+    from sqrp_cli.cli.session import Session, assess
     from sqrp_cli.cli.study_document import infeasible_document, study_document
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
-    from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
 
     if all_candidates and choose is not None:
@@ -74,18 +75,8 @@ def command(
     session = Session.begin(open_workspace(workspace), task, after, sampling, seed=seed)
     print_problems(session.cell.warnings)
     check_choice(session.task, choice)
-    with progress(f"Assessing {task}", len(session.task.candidates)) as advance:
-        assessments = []
-        for assessment in assess_all(session.assignment, session.task.candidates, job_count(jobs)):
-            assessments.append(assessment)
-            advance()
-    ranking = rank(assessments, "q_eoi")
-    chosen = list(ranking) if all_candidates else [choose_candidate(ranking, choice)]
-    with progress("Looking up causes", len(chosen)) as advance:
-        explained = []
-        for ranked in chosen:
-            explained.append(explain(session.assignment, ranked))
-            advance()
+    ranking = rank(list(assess(session, job_count(jobs))), "q_eoi")
+    explained = _explain(session, list(ranking) if all_candidates else [choose_candidate(ranking, choice)])
     if as_json:
         documents = [
             infeasible_document(ranked) if found is None else study_document(session.cell, found, ranked, sampling)
@@ -98,10 +89,22 @@ def command(
     else:
         print_study(session.cell, *explained[0])
     if images is not None:
-        _write_images(
-            session.cell, [found for _, found in explained if found is not None], images, several=all_candidates
-        )
-    return ExitCode.OK if any(ranked.rank is not None for ranked in chosen) else ExitCode.NONE_FEASIBLE
+        studies = [found for _, found in explained if found is not None]
+        _write_images(session.cell, studies, images, several=all_candidates)
+    return ExitCode.OK if any(found is not None for _, found in explained) else ExitCode.NONE_FEASIBLE
+
+
+def _explain(session: Session, chosen: Sequence[Ranked]) -> list[tuple[Ranked, Study | None]]:
+    """Each with its causes; without where it is infeasible."""
+    from sqrp_cli.cli.console import progress
+    from sqrp_cli.cli.session import explain
+
+    explained = []
+    with progress("Looking up causes", len(chosen)) as advance:
+        for ranked in chosen:
+            explained.append(explain(session.assignment, ranked))
+            advance()
+    return explained
 
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:

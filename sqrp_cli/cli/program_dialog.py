@@ -10,7 +10,7 @@ from sqrp_cli.cli.console import Column, ask, note, print_problems, print_table,
 from sqrp_cli.cli.options import job_count, open_workspace
 from sqrp_cli.cli.program_table import print_program
 from sqrp_cli.cli.rank_table import print_ranking
-from sqrp_cli.cli.session import ChosenStep, Session, add_steps, chosen_steps
+from sqrp_cli.cli.session import ChosenStep, Session, add_steps, assess, chosen_steps
 from sqrp_cli.cli.suggestion_table import print_suggested
 from sqrp_cli.errors import ExitCode, InputError
 from sqrp_cli.files import check_writable
@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.program import Program, check_program, load_program, new_program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.dependency_check import best_suggestion, check_candidate
-from sqrp_cli.programming.pipeline import Assignment, assess_all
+from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.possibilities import Possibility, possibilities
 from sqrp_cli.programming.ranking import Ranked, rank
 from sqrp_cli.programming.sampling import Adaptive
@@ -139,12 +139,7 @@ class _Dialog:
     def _choose(self, task: Task) -> list[ChosenStep]:
         """Rank the ways of a task and ask for one; where there is none, propose what has to be done first."""
         session = Session(self.cell.workspace, task, Assignment(self.cell, self.world, Adaptive()))
-        with progress(f"Assessing {task.text}", len(task.candidates)) as advance:
-            assessments = []
-            for assessment in assess_all(session.assignment, task.candidates, job_count(None)):
-                assessments.append(assessment)
-                advance()
-        ranking = rank(assessments, "q_eoi")
+        ranking = rank(list(assess(session, job_count(None))), "q_eoi")
         say()
         print_ranking(session, ranking, "q_eoi")
         say()

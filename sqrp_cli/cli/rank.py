@@ -104,18 +104,14 @@ def command(
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
     """The assessments of all candidates, or of those that are finished at Ctrl-C; and whether that came."""
-    from sqrp_cli.cli.console import note, progress
-    from sqrp_cli.programming.pipeline import assess_all
+    from sqrp_cli.cli.console import note
+    from sqrp_cli.cli.session import assess
 
-    candidates = session.task.candidates
-    assessments = []
+    assessments: list[Assessment] = []
     try:
-        with progress(f"Assessing {session.task.text}", len(candidates)) as advance:
-            for assessment in assess_all(session.assignment, candidates, jobs):
-                assessments.append(assessment)
-                advance()
+        assessments.extend(assess(session, jobs))  # keeps those that came before an exception
     except KeyboardInterrupt:
-        note(f"interrupted when {len(assessments)} of {len(candidates)} candidates were finished")
+        note(f"interrupted when {len(assessments)} of {len(session.task.candidates)} candidates were finished")
         return assessments, True
     return assessments, False
 

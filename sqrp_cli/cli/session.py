@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sqrp_cli.cli.console import progress
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.files import check_writable
 from sqrp_cli.knowledge.workspace import Workspace, World
@@ -13,7 +14,7 @@ from sqrp_cli.program import Program, check_program, load_program, new_program, 
 from sqrp_cli.programming.assessment import Assessment, Study, study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.robustness import Calibration
@@ -62,6 +63,14 @@ def _world_after(path: Path, cell: Cell) -> World:
     program = load_program(path)
     check_program(program, path, cell.workspace)
     return program.steps[-1].after.world if program.steps else cell.initial_world
+
+
+def assess(session: Session, jobs: int) -> Iterator[Assessment]:
+    """The assessments of all candidates, in order, with the progress shown."""
+    with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
+        for assessment in assess_all(session.assignment, session.task.candidates, jobs):
+            yield assessment
+            advance()
 
 
 def explain(assignment: Assignment, ranked: Ranked) -> tuple[Ranked, Study | None]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.pieces import Piece
+from sqrp_cli.programming.ranges import ranges
 from sqrp_cli.programming.sampling import Adaptive, Sampling, first_samples
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
@@ -179,8 +180,7 @@ def _finer(timeline: Timeline, tolerance: float) -> Samples | None:
         return None
     rounds = np.ceil(np.log(ratio[rows].max()) / np.log(_MOST_PARTS))
     parts = np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)
-    bracket = np.repeat(np.arange(len(rows)), parts - 1)
-    part = np.arange(len(bracket)) - np.repeat(np.cumsum(parts - 1) - parts, parts - 1)
+    bracket, part = ranges(np.ones(len(rows)), parts)
     return Samples(piece[rows][bracket], t[rows][bracket] + (steps[rows] / parts)[bracket] * part)
 
 

@@ -47,7 +47,10 @@ class Look:
 
 
 class Lookout:
-    """conflicts: how often cameras contradicted each other about an atom."""
+    """What all cameras together tell of the attempt that is watched.
+
+    conflicts: how often cameras contradicted each other about an atom.
+    """
 
     def __init__(
         self,

@@ -92,9 +92,16 @@ class Dispatcher:
     def _submit(self, job: Job, worker: int) -> Future[tuple[str, ...]]:
         try:
             return self._workers.submit(job, worker)
-        except BrokenExecutor:  # it died while it had nothing to do
-            self._workers.restart(worker)
+        except BrokenExecutor:
+            if self._is_busy(worker):
+                while self._is_busy(worker):
+                    self._collect()  # finds what it was doing lost, and replaces it
+            else:
+                self._workers.restart(worker)
             return self._workers.submit(job, worker)
+
+    def _is_busy(self, worker: int) -> bool:
+        return any(other == worker for _, other in self._running.values())
 
     def _collect(self, *, wait_for_one: bool = True) -> None:
         """Keep what is done, and replace workers that died."""

@@ -21,6 +21,14 @@ def workspace_of(name: str) -> dict[str, Any]:
     return found
 
 
+def run_in(cell: dict[str, Any], folder: Path, sqrp: Callable[..., Any], task: str, fault: str) -> Any:
+    """A run of the best way of doing a task in a cell, with a fault."""
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    program = folder / "pick.yaml"
+    assert sqrp("rank", folder, task, "--program", program).code == 0
+    return sqrp("run", program, "--sim", "--fault", fault, "--json", "--log", folder / "run.jsonl")
+
+
 @pytest.fixture(scope="module")
 def moved_on(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A slip of red2 in a lift that is out of sight; a faster arm, fewer cameras and fewer images than usual."""
@@ -29,10 +37,7 @@ def moved_on(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory)
     cell["cameras"] = {name: {**cell["cameras"][name], "rate": "5 Hz"} for name in ("cam3", "cam4")}
     for limit, value in (("velocity", "60 deg/s"), ("acceleration", "300 deg/s^2"), ("jerk", "2000 deg/s^3")):
         cell["robot"]["limits"][limit] |= dict.fromkeys(ARM, value)
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
-    program = folder / "pick.yaml"
-    assert sqrp("rank", folder, "pickup_two_finger red2", "--program", program).code == 0
-    return sqrp("run", program, "--sim", "--fault", "slip@a4+1.7", "--json", "--log", folder / "run.jsonl")
+    return run_in(cell, folder, sqrp, "pickup_two_finger red2", "slip@a4+1.7")
 
 
 def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on: Any) -> None:
@@ -55,10 +60,7 @@ def from_the_hand(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFac
         "hand": {**hand, **seen, "rate": "8 Hz", "latency": "50 ms"},
     }
     cell["robot"]["limits"] = {"velocity": "120 deg/s", "acceleration": "400 deg/s^2", "jerk": "3000 deg/s^3"}
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
-    program = folder / "pick.yaml"
-    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
-    return sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", "--log", folder / "run.jsonl")
+    return run_in(cell, folder, sqrp, "pickup g2", "slip@a4+1")
 
 
 def test_a_camera_on_the_arm_sees_what_it_was_predicted_to_see(from_the_hand: Any) -> None:

@@ -55,6 +55,12 @@ def formula(text: str, action: str = "stop", fault: str | None = None, settle: f
     return ProgramFormula(formula=text, fault=fault, settle=settle, response=response)
 
 
+def played(move: Trajectory) -> ProgramPrimitive:
+    """A primitive that is nothing but a motion."""
+    numbers = TrajectoryNumbers.model_validate(move.to_numbers())
+    return ProgramPrimitive(name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=numbers)
+
+
 def step(
     formulas: list[ProgramFormula], seen: dict[str, dict[str, list[tuple[float, float]]]], time: float = 10.0
 ) -> Step:

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.program import ProgramPrimitive, TrajectoryNumbers
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.playback import Playback
+from tests.runtime.steps import played
 
 WORKSPACES = Path(__file__).parents[2] / "workspaces"
 RATE, LATENCY = 10.0, 0.05
@@ -77,16 +77,8 @@ def test_the_arm_stands_in_time_after_a_camera_is_lost_at_full_speed(name: str) 
     limits, stops = ([of[joint] for joint in joints] for of in (robot.limits, robot.stop_limits))
     fastest = MotionLimits(*(np.array([getattr(one, kind) for one in limits]) for kind in MotionLimits.__annotations__))
     move = joint_move(np.zeros(len(joints)), np.linspace(1.5, 2.0, len(joints)), fastest)
-    primitive = ProgramPrimitive(
-        name="a1",
-        action="JointMove",
-        start=0.0,
-        end=move.duration,
-        held=None,
-        trajectory=TrajectoryNumbers.model_validate(move.to_numbers()),
-    )
     told = 1.2 / RATE + LATENCY
     for t in np.arange(0.0, move.duration, 0.1):
         arm = Playback(joints, limits, stops, np.zeros(len(joints)))
-        arm.play([primitive], 0.0)
+        arm.play([played(move)], 0.0)
         assert told + arm.stop(float(t), protective=True) - t <= STANDING

@@ -9,14 +9,14 @@ import pytest
 
 from sqrp_cli.knowledge.robot import JointLimits, StopLimits
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import ProgramPrimitive, ProgramResponse, TrajectoryNumbers
+from sqrp_cli.program import ProgramResponse
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.attempt import Attempt
 from sqrp_cli.runtime.judge import Alarm
 from sqrp_cli.runtime.outcome import Stopped
 from sqrp_cli.runtime.playback import Playback
 from sqrp_cli.runtime.retry import LOOK_AGAIN, Retry
-from tests.runtime.steps import FixedExpectation, step
+from tests.runtime.steps import FixedExpectation, played, step
 
 PERIOD = 0.1
 WHEN = "there and open"
@@ -32,15 +32,7 @@ class Trial:
     def __init__(self, seen, predicted: dict[str, dict[str, list[tuple[float, float]]]]) -> None:
         limits = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
         move = joint_move(np.zeros(1), np.array([1.8]), limits)
-        primitive = ProgramPrimitive(
-            name="a1",
-            action="JointMove",
-            start=0.0,
-            end=move.duration,
-            held=None,
-            trajectory=TrajectoryNumbers.model_validate(move.to_numbers()),
-        )
-        entry = step([], predicted, move.duration).model_copy(update={"primitives": (primitive,)})
+        entry = step([], predicted, move.duration).model_copy(update={"primitives": (played(move),)})
         expectation = FixedExpectation(entry, {})
         self.playback = Playback(("a",), [JointLimits(-9, 9, 0.2, 1.0, 10.0)], [StopLimits(1.0, 10.0)], np.zeros(1))
         self.playback.play(entry.primitives, 0.0)

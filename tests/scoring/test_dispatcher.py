@@ -32,6 +32,7 @@ class FakeWorkers:
         self.waiting: list[list[tuple[Future, SimpleNamespace]]] = [[] for _ in range(count)]
         self.begun: Counter[str] = Counter()
         self.broken: set[int] = set()
+        self.restarts = 0
         self.done_by: dict[int, list[str]] = {worker: [] for worker in range(count)}
         self.turn = 0
 
@@ -65,6 +66,7 @@ class FakeWorkers:
             future.set_result((f"result of {job.name}",))
 
     def restart(self, worker: int) -> None:
+        self.restarts += 1
         self.broken.discard(worker)
 
     def close(self) -> None:
@@ -121,6 +123,18 @@ def test_a_worker_that_died_while_it_had_nothing_to_do_is_replaced():
     workers = FakeWorkers(2)
     workers.broken = {0, 1}
     assert len(run(workers, [[make_job(name) for name in "abcd"]])) == 4
+
+
+def test_a_worker_that_is_found_dead_with_work_to_do_is_replaced_once():
+    workers, kept = FakeWorkers(1), []
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr("sqrp_cli.scoring.dispatcher.wait", lambda _futures, **_options: None)
+        dispatcher = Dispatcher(workers, kept.append)
+        dispatcher.add([make_job("a", "dies once")])
+        workers.work()
+        dispatcher.add([make_job("b")])
+    assert workers.restarts == 1
+    assert [job.name for _, job in workers.waiting[0]] == ["b"]
 
 
 @given(st.integers(1, 4), st.lists(st.integers(1, 20), min_size=1, max_size=12))

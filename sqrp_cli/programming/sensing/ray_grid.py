@@ -10,12 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, cross
+from sqrp_cli.programming.ranges import ranges
 
 ROWS, COLUMNS = 64, 32
 """Rays across the bounding rectangle of a box's image."""
@@ -182,11 +182,3 @@ def first_row(v: Array) -> NDArray[np.int64]:
     """
     rows: NDArray[np.int64] = np.ceil(np.clip(v, 0.0, ROWS)).astype(np.int64)
     return rows
-
-
-def ranges(first: NDArray[Any], last: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """The whole numbers of each range from `first`, included, to `last`, not included, with the range's index."""
-    first = first.astype(np.int64)
-    count = np.maximum(last.astype(np.int64) - first, 0)
-    index = np.repeat(np.arange(len(count)), count)
-    return index, np.arange(len(index)) + np.repeat(first - np.cumsum(count) + count, count)
