@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from tests.reproduction.findings import DRAWS, REAL, SIMULATED, Finding, failing, moved
+from tests.reproduction.runs import AFTER_A_SLIP, run_with_slip
 from tests.reproduction.screws import Screws, pick_screws, screws_cell
 from tests.reproduction.simulation import Picking, Simulation, simulate, tabletop
 
@@ -40,3 +43,9 @@ def test_the_findings_in_simulation_survive_inexact_cameras() -> None:
     picking = Picking.of(cell)
     lost = [failing(SIMULATED, picking.seen_in(moved(cell, draw))) for draw in range(DRAWS)]
     assert sum(not texts for texts in lost) >= 18, lost
+
+
+def test_after_a_slip(tmp_path: Path) -> None:
+    runs = {name: run_with_slip(name, tmp_path) for name in ("red1", "red2")}
+    lost = failing(AFTER_A_SLIP, runs)
+    assert not lost, f"no longer so: {', '.join(lost)}"
