@@ -45,6 +45,7 @@ def test_the_findings_in_simulation_survive_inexact_cameras() -> None:
     assert sum(not texts for texts in lost) >= 18, lost
 
 
+@pytest.mark.slow
 def test_after_a_slip(tmp_path: Path) -> None:
     runs = {name: run_with_slip(name, tmp_path) for name in ("red1", "red2")}
     lost = failing(AFTER_A_SLIP, runs)

@@ -23,7 +23,7 @@ NOISE = 1.5
 """Standard deviation of every value of every pixel, of 255."""
 
 _SPARE = 64
-"""By how many pixels the stored noise is larger than an image."""
+"""By how many pixels the stored noise is larger than an image: it can be laid over one in `_SPARE` ** 2 ways."""
 
 
 class Renderer:
@@ -55,6 +55,7 @@ class Renderer:
         rows, columns = (max(sizes) + _SPARE for sizes in zip(*((c.height, c.width) for c in cameras), strict=True))
         noise = np.random.default_rng(seed).normal(0.0, NOISE, (rows, columns, 3))
         self._noise = np.rint(noise).astype(np.int16)
+        self._laid = {name: _ways_in_turn(seed, name) for name in self._cameras}
 
     def move(self, positions: Array) -> None:
         """Bring everything to where it is at joint positions (MuJoCo's qpos)."""
@@ -110,9 +111,13 @@ class Renderer:
         self._model.geom_group[self._drawn] = np.where(seen, DRAWN, FELT)
 
     def _with_noise(self, image: NDArray[np.uint8], camera: Camera, t: float) -> NDArray[np.uint8]:
-        """The image with noise that depends on seed, camera and time alone."""
-        key = (self._seed, zlib.crc32(camera.name.encode()), round(t * 1e6))
-        row, column = np.random.default_rng(key).integers(0, _SPARE, 2)
+        """The image with noise that depends on seed, camera and time alone, and is never twice in a row the same."""
+        row, column = divmod(int(self._laid[camera.name][round(t * camera.rate) % _SPARE**2]), _SPARE)
         noise = self._noise[row : row + camera.height, column : column + camera.width]
         noisy: NDArray[np.uint8] = cv2.add(image, noise, dtype=cv2.CV_8U)
         return noisy
+
+
+def _ways_in_turn(seed: int, camera: str) -> NDArray[np.int64]:
+    """All ways to lay the noise over the images of a camera, in the order in which they are used."""
+    return np.random.default_rng((seed, zlib.crc32(camera.encode()))).permutation(_SPARE**2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -148,6 +149,14 @@ def test_noise_depends_on_seed_camera_and_time_alone() -> None:
             assert 1.5 < difference[200:, :].std() < 3.0  # two noises of 1.5
     with drawing([TABLE], eyes, seed=4) as third:
         assert not np.array_equal(image, third.image("cam", 0.1))
+
+
+def test_an_image_is_never_that_before_it_again_as_that_of_a_frozen_camera_is() -> None:
+    eye = camera("cam", size=(64, 48))
+    grey = np.full((eye.height, eye.width, 3), 128, dtype=np.uint8)
+    with drawing([TABLE], [eye]) as renderer:
+        images = [renderer._with_noise(grey, eye, number / eye.rate) for number in range(5000)]
+    assert not any(np.array_equal(image, following) for image, following in pairwise(images))
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.7, 2.5])
