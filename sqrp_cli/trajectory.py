@@ -111,7 +111,8 @@ class Path:
         if order:
             coefficients = np.polynomial.chebyshev.chebder(coefficients, order) * (2.0 / width[:, None]) ** order
         x = 2.0 * (inside - start[piece]) / width[piece] - 1.0
-        values: Array = np.polynomial.chebyshev.chebval(x[:, None], coefficients[:, piece], tensor=False)
+        of_piece = coefficients if len(width) == 1 else coefficients[:, piece]
+        values: Array = np.polynomial.chebyshev.chebval(x[:, None], of_piece, tensor=False)
         return values
 
     def derivative_bounds(self, order: int = 1) -> Array:

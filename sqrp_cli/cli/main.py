@@ -45,6 +45,8 @@ def options(
 
 def main() -> None:
     """Run a command and leave with its exit code."""
+    # Processes share the cores already, and no figure may depend on how many threads split a sum.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`

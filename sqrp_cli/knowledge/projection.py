@@ -36,10 +36,11 @@ class Projection:
 
         Where a point is beyond the radius, its pixel is that of the undistorted camera, which tells the side at least.
         """
-        plane = points_C[..., :2] / points_C[..., 2:]
+        plane, K = points_C[..., :2] / points_C[..., 2:], self.camera.matrix
+        if self.camera.distortion_model == "none":
+            return plane @ K[:2, :2].T + K[:2, 2], np.ones(plane.shape[:-1], dtype=bool)
         inside = np.einsum("...i,...i", plane, plane) <= self.radius**2
         bent = np.where(inside[..., None], _distort(self.camera, plane), plane)
-        K = self.camera.matrix
         return bent @ K[:2, :2].T + K[:2, 2], inside
 
 
@@ -78,8 +79,6 @@ def _smallest_root(coefficients: Array | list[float]) -> float:
 
 def _distort(camera: Camera, plane: Array) -> Array:
     """Where the lens moves points (..., 2) of the plane z = 1."""
-    if camera.distortion_model == "none":
-        return plane
     x, y = plane[..., 0], plane[..., 1]
     square = x * x + y * y
     if camera.distortion_model == "equidistant":

@@ -132,6 +132,6 @@ def _steps(states: SceneStates, observer: Observer, targets: Sequence[Target]) -
     ]
     if not moving:
         return np.zeros(states.count - 1)
-    tracks = np.concatenate(moving, axis=1)
-    steps: Array = np.linalg.norm(np.diff(tracks, axis=0), axis=2).max(axis=1)
+    moved = np.diff(np.concatenate(moving, axis=1), axis=0)
+    steps: Array = np.sqrt(np.einsum("mki,mki->mk", moved, moved).max(axis=1))
     return steps

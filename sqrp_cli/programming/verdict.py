@@ -155,13 +155,14 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     timeline, samples = study.timeline, study.timeline.samples
     chosen = rows[np.unique(np.linspace(0, len(rows) - 1, _LOOKS).round().astype(np.int64))]
     states = study.stage.states(Samples(samples.piece[chosen], samples.t[chosen]))
-    required = timeline.observation.required[chosen]
-    matrices = [cell.observer.verdicts(target, states) for target in study.targets]
+    uncovered = timeline.observation.required[chosen] & ~timeline.observation.covered[chosen]
+    targets = [study.targets[column] for column in np.flatnonzero(uncovered.any(axis=0))]
+    matrices = [cell.observer.verdicts(target, states) for target in targets]
     lost = np.stack(
         [
-            required[:, column]
+            uncovered[:, study.targets.index(target)]
             & (np.all([box.cause == Cause.NONE for box in boxes], axis=0).sum(axis=1) < target.cameras)
-            for column, (target, boxes) in enumerate(zip(study.targets, matrices, strict=True))
+            for target, boxes in zip(targets, matrices, strict=True)
         ]
     )
     worst = int(lost.sum(axis=1).argmax())
@@ -171,10 +172,10 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     return BlindStretch(
         start=float(samples.t[rows[0]]),
         end=float(samples.t[rows[-1]]),
-        atom=study.targets[worst].atom,
+        atom=targets[worst].atom,
         causes=causes,
         seeing=tuple(name for name in cameras if name not in {cause.camera for cause in causes}),
-        needed=study.targets[worst].cameras,
+        needed=targets[worst].cameras,
     )
 
 

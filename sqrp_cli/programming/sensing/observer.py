@@ -129,7 +129,7 @@ class Observer:
             for box, line, pairs in zip(target.boxes, lines, near, strict=True):
                 left = _of_lines(pairs, asked[enough[asked]])
                 if box.detector.min_visible < 1:  # the shares tell of empty hulls as well, and faster
-                    enough &= self._shares(box, states, views, left) >= box.detector.min_visible
+                    enough &= self._shares(box, states, views, line, left) >= box.detector.min_visible
                 else:
                     blocked, _ = self._tester.met(line, poses, left, first_only=True)
                     enough[blocked] = False
@@ -180,16 +180,18 @@ class Observer:
         parts = [solid.part for solid in self.solids]
         return [i for i, part in enumerate(parts) if part.parent not in box.encloses and part.name not in box.encloses]
 
-    def _shares(self, box: TargetBox, states: SceneStates, views: Views, near: Pairs) -> Array:
+    def _shares(self, box: TargetBox, states: SceneStates, views: Views, lines: SightLines, near: Pairs) -> Array:
         """Visible shares of a box, shape (v,), of solids that may reach into its view hulls; 1 where there are none."""
         shares = np.ones(len(views.camera))
         blocked, position = np.unique(near[0], return_inverse=True)
         if len(blocked):
-            at = Views(views.camera[blocked], views.state[blocked])
-            X_WC, X_WB = self._camera_poses(states, at), rows_of(states.box_poses(box), at.state)
+            _, first, hull = np.unique(lines.hull[blocked], return_index=True, return_inverse=True)
+            one_each = Views(views.camera[blocked[first]], views.state[blocked[first]])
+            X_WC, X_WB = self._camera_poses(states, one_each), rows_of(states.box_poses(box), one_each.state)
             corners, _ = shrink(box.size, box.normal)
             poses = states.solid_poses(self.solids)
-            shares[blocked] = visible_shares(X_WC, X_WB, corners, at.state, poses, (position, near[1]))
+            state = views.state[blocked]
+            shares[blocked] = visible_shares(X_WC, X_WB, corners, hull, state, poses, (position, near[1]))
         return shares
 
     def _box_verdicts(self, box: TargetBox, states: SceneStates, *, shares: bool) -> BoxVerdicts:
@@ -203,7 +205,7 @@ class Observer:
         hidden = np.zeros(len(views.camera), dtype=bool)
         hidden[met[0]] = True
         if shares or box.detector.min_visible < 1:
-            share = self._shares(box, states, views, met)
+            share = self._shares(box, states, views, lines, met)
             if shares:
                 visible[views.state, views.camera] = share
             hidden &= (share < box.detector.min_visible) | (box.detector.min_visible >= 1)

@@ -117,9 +117,12 @@ def near_pairs(lines: SightLines, poses: SolidPoses, solids: Sequence[int]) -> P
     hull, state = lines.hull[line], lines.state[line]
     center, half_axes = bounds.centers[row, state], bounds.half_axes(row, state)
     normals, offsets = planes[hull, :, :3], planes[hull, :, 3]
-    nearest = (normals @ center[..., None])[..., 0] - np.abs(normals @ np.swapaxes(half_axes, 1, 2)).sum(axis=2)
-    points = np.concatenate([lines.corners, lines.eyes[:, None]], axis=1)[hull] - center[:, None]
-    keep = (nearest <= offsets + TOUCH).all(axis=1) & _reach_into(points, half_axes)
+    along = normals @ np.concatenate([center[:, :, None], np.swapaxes(half_axes, 1, 2)], axis=2)
+    middle, *halves = np.moveaxis(along, -1, 0)
+    reaching = middle - (np.abs(halves[0]) + np.abs(halves[1]) + np.abs(halves[2])) <= offsets + TOUCH
+    keep = np.flatnonzero(reaching.all(axis=1))
+    points = np.concatenate([lines.corners, lines.eyes[:, None]], axis=1)[hull[keep]] - center[keep, None]
+    keep = keep[_reach_into(points, half_axes[keep])]
     return line[keep], np.asarray(solids, dtype=np.int64)[row[keep]]
 
 
@@ -155,10 +158,10 @@ def _reach_into(points: Array, half_axes: Array) -> NDArray[np.bool_]:
 
     It does not if all of them lie beyond the same face.
     """
-    along = points @ np.swapaxes(half_axes, 1, 2)
-    length = np.sqrt(np.einsum("nai,nai->na", half_axes, half_axes))
+    along = np.ascontiguousarray((points @ np.swapaxes(half_axes, 1, 2)).transpose(1, 2, 0))  # reductions over n rows
+    length = np.sqrt(np.einsum("nai,nai->an", half_axes, half_axes))
     reach = length * (length + TOUCH)
-    may: NDArray[np.bool_] = ((along.min(axis=1) <= reach) & (along.max(axis=1) >= -reach)).all(axis=1)
+    may: NDArray[np.bool_] = ((along.min(axis=0) <= reach) & (along.max(axis=0) >= -reach)).all(axis=0)
     return may
 
 

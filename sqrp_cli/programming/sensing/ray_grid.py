@@ -59,7 +59,7 @@ class Outline:
 
     line: sight line of each, shape (n,). start, end: column and row of its ends (see `RayGrid.maps`), shape (2, n)
     each. weight: how often it counts, whole numbers, shape (n,). What is bounded by a closed outline is what it winds
-    around; edges that cross no row of rays may be missing.
+    around; edges that cross no row of rays may be missing, and those that have no ray of the grid before them.
     """
 
     line: NDArray[np.int64]
@@ -103,6 +103,10 @@ class RayGrid:
         """The grid over rectangles of the plane z = 1 from `low` to `high`, shape (2, l) each."""
         return cls(low, (high - low) / _COUNTS)
 
+    def repeated(self, of: NDArray[np.int64]) -> RayGrid:
+        """The rays of some sight lines, or of some more than once: those of the given indices, shape (n,)."""
+        return RayGrid(self.low[:, of], self.step[:, of])
+
     def rays(self, line: NDArray[np.int64], row: NDArray[np.int64], column: NDArray[np.int64]) -> tuple[Array, Array]:
         """U and v of rays."""
         (low_u, low_v), (step_u, step_v) = self.low[:, line], self.step[:, line]
@@ -136,8 +140,10 @@ class RayGrid:
         weight = outline.weight * np.sign(to_row - row)
         place = outline.line * ROWS
         # Each crossing counts for the rays on the one side of it: it is a step where the rays begin.
-        winding = np.zeros((COLUMNS + 1, self.low.shape[1] * ROWS), dtype=np.int16)
-        np.add.at(winding, (beyond.astype(np.int64), place[edge] + crossed), weight[edge].astype(np.int16))
+        rays = self.low.shape[1] * ROWS
+        winding = np.zeros((COLUMNS + 1, rays), dtype=np.int16)
+        at = beyond.astype(np.int64) * rays + place[edge] + crossed
+        np.add.at(winding.reshape(-1), at, weight[edge].astype(np.int16))
         for column in range(COLUMNS - 1, 0, -1):
             winding[column] += winding[column + 1]
         inside: NDArray[np.bool_] = (winding[1:] != 0).reshape(COLUMNS, -1, ROWS)

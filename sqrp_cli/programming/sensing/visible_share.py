@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, transform
 from sqrp_cli.programming.sensing.occlusion import Pairs, SolidPoses
 from sqrp_cli.programming.sensing.ray_grid import Outline, RayGrid, first_row, turns
+from sqrp_cli.programming.sensing.scene import rows_of
 from sqrp_cli.programming.sensing.surface import Surface
 from sqrp_cli.programming.solids import BOX_TRIANGLES
 
@@ -36,13 +37,20 @@ Mask = NDArray[np.bool_]
 
 
 def visible_shares(
-    X_WC: Array, X_WB: Array, corners_B: Array, state: NDArray[np.int64], poses: SolidPoses, pairs: Pairs
+    X_WC: Array,
+    X_WB: Array,
+    corners_B: Array,
+    hull: NDArray[np.int64],
+    state: NDArray[np.int64],
+    poses: SolidPoses,
+    pairs: Pairs,
 ) -> Array:
     """Visible share of each sight line's box, shape (v,).
 
-    X_WC: pose of the optical frame, shape (v, 4, 4). X_WB: pose of the box, shape (v, 4, 4). corners_B: corners (8, 3)
-    of the shrunk box in its own frame. state: index of the state of each sight line, shape (v,). pairs: (sight line,
-    solid) that reach into the view hulls; nothing else can block. All corners must lie in front of the camera.
+    X_WC: pose of the optical frame, shape (h, 4, 4). X_WB: pose of the box, shape (h, 4, 4). corners_B: corners (8, 3)
+    of the shrunk box in its own frame. hull: which of those two each sight line has, shape (v,). state: index of the
+    state of each, shape (v,). pairs: (sight line, solid) that reach into the view hulls; nothing else can block. All
+    corners must lie in front of the camera.
     """
     shares = np.empty(len(state))
     largest = max((len(poses.solids[index].triangles) for index in set(pairs[1].tolist())), default=0)
@@ -50,29 +58,37 @@ def visible_shares(
     for start in range(0, len(state), size):
         chunk = slice(start, start + size)
         inside = (pairs[0] >= start) & (pairs[0] < start + size)
-        view = _View.of(X_WC[chunk], X_WB[chunk], corners_B)
-        shares[chunk] = _shares(view, X_WB[chunk], state[chunk], poses, (pairs[0][inside] - start, pairs[1][inside]))
+        used, of = np.unique(hull[chunk], return_inverse=True)
+        view = _View.of(X_WC[used], X_WB[used], corners_B).repeated(of)
+        shares[chunk] = _shares(view, state[chunk], poses, (pairs[0][inside] - start, pairs[1][inside]))
     return shares
 
 
-def _shares(view: _View, X_WB: Array, state: NDArray[np.int64], poses: SolidPoses, pairs: Pairs) -> Array:
-    X_BW = inverse(X_WB)
+def _shares(view: _View, state: NDArray[np.int64], poses: SolidPoses, pairs: Pairs) -> Array:
+    line, which = pairs
+    solids = {index: np.flatnonzero(which == index) for index in np.unique(which).tolist()}
+    X_WP, corners_P = np.empty((len(line), 4, 4)), np.empty((len(line), 8, 3))
+    for index, rows in solids.items():
+        X_WP[rows], corners_P[rows] = rows_of(poses.pose(index), state[line[rows]]), poses.solids[index].corners
+    X_BP = inverse(view.X_WB)[line] @ X_WP
+    eyes_P = transform(inverse(X_BP), view.eyes[line, None])[:, 0]
+    maps = view.grid.maps(line, view.X_CB[line] @ X_BP)
+    all_before = view.places(line, transform(X_BP, corners_P)).all_before()
+
     outlines, blocked = [], np.zeros(view.silhouette.shape, dtype=bool)
-    for index in sorted(set(pairs[1].tolist())):
-        lines = pairs[0][pairs[1] == index]
-        X_WP = poses.pose(index)
-        X_BP = X_BW[lines] @ (X_WP[state[lines]] if len(X_WP) > 1 else X_WP)
-        solid, surface = poses.solids[index], Surface.of(poses.solids[index])
-        facing = _facing(surface, transform(inverse(X_BP), view.eyes[lines, None])[:, 0])
-        doubtful = np.flatnonzero(~view.places(lines, transform(X_BP, solid.corners)).all_before())
+    for index, rows in solids.items():
+        surface = Surface.of(poses.solids[index])
+        facing = _facing(surface, eyes_P[rows])
+        doubtful = np.flatnonzero(~all_before[rows])
         if len(doubtful):
-            points_B = transform(X_BP[doubtful], surface.vertices)
-            before, beyond = view.places(lines[doubtful], points_B).of(surface.triangles)
+            lines = line[rows[doubtful]]
+            points_B = transform(X_BP[rows[doubtful]], surface.vertices)
+            before, beyond = view.places(lines, points_B).of(surface.triangles)
             facing[:-1, doubtful] *= before.T
             row, triangle = np.nonzero(~before & ~beyond)
             corners_B = np.moveaxis(points_B[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
-            view.mark(lines[doubtful][row], corners_B, blocked)
-        outlines.append(_outline(lines, view.grid.maps(lines, view.X_CB[lines] @ X_BP), surface, facing))
+            view.mark(lines[row], corners_B, blocked)
+        outlines.append(_outline(line[rows], maps[:, :, rows], surface, facing))
     blocked |= view.grid.inside(Outline.joined(outlines))
     seen, all_rays = _count(view.silhouette & ~blocked), _count(view.silhouette)
     return np.where(all_rays > 0, seen / np.maximum(all_rays, 1), 1.0)  # nothing hides what has no area in the image
@@ -89,12 +105,13 @@ def _box_surface(*bounds: float) -> Surface:
 class _View:
     """Boxes as l sight lines see them.
 
-    X_CB: pose of each box in its (turned) optical frame, shape (l, 4, 4). eyes: camera centres in the boxes' frames,
-    shape (l, 3). nearest: least depth of each box, shape (l,). low, high: where the box's far faces lie on its axes,
-    shape (l, 3) each; infinite where the face on that side looks to the camera. silhouette: rays that meet the box,
-    shape (COLUMNS, l, ROWS).
+    X_WB: pose of each box, shape (l, 4, 4). X_CB: in its (turned) optical frame, shape (l, 4, 4). eyes: camera centres
+    in the boxes' frames, shape (l, 3). nearest: least depth of each box, shape (l,). low, high: where the box's far
+    faces lie on its axes, shape (l, 3) each; infinite where the face on that side looks to the camera. silhouette: rays
+    that meet the box, shape (COLUMNS, l, ROWS).
     """
 
+    X_WB: Array
     X_CB: Array
     eyes: Array
     nearest: Array
@@ -116,7 +133,20 @@ class _View:
         far = np.where(eye_B > low, low, -np.inf), np.where(eye_B < high, high, np.inf)
         box, lines = _box_surface(*low.tolist(), *high.tolist()), np.arange(len(X_CB))
         outline = _outline(lines, grid.maps(lines, X_CB), box, _facing(box, eye_B))
-        return cls(X_CB, eye_B, corners_C[2].min(axis=-1), *far, grid, grid.inside(outline))
+        return cls(X_WB, X_CB, eye_B, corners_C[2].min(axis=-1), *far, grid, grid.inside(outline))
+
+    def repeated(self, of: NDArray[np.int64]) -> _View:
+        """Some of them, or some more than once: those of the given indices, shape (n,)."""
+        return _View(
+            X_WB=self.X_WB[of],
+            X_CB=self.X_CB[of],
+            eyes=self.eyes[of],
+            nearest=self.nearest[of],
+            low=self.low[of],
+            high=self.high[of],
+            grid=self.grid.repeated(of),
+            silhouette=self.silhouette[:, of],
+        )
 
     def places(self, lines: NDArray[np.int64], points_B: Array) -> _Places:
         """Where points (k, n, 3) lie that k of the sight lines see."""
@@ -196,24 +226,19 @@ def _outline(lines: NDArray[np.int64], maps: Array, surface: Surface, facing: ND
 
     maps: from the surface's frame into the grids of the sight lines, shape (3, 4, k).
     """
-    weight = (facing[surface.left] - facing[surface.right]).reshape(-1)
-    bends = np.flatnonzero(weight)
+    # Vertex by vertex, so that edges which share an end give it the same row to the last bit.
+    column, row, depth = surface.vertices @ maps[:, :3] + maps[:, 3:]
+    depth = np.maximum(depth, _AHEAD)  # what lies behind the camera belongs to no triangle that counts
+    column, row = column / depth, row / depth
+    whole_row = first_row(row)
+
+    left, right = facing[surface.left], facing[surface.right]
+    bends = np.flatnonzero(left != right)
+    weight = left.take(bends) - right.take(bends)
     edge, view = np.divmod(bends, len(lines))
-    row_map, depth_map = maps[1:, :, view]
-    ends = [np.take(surface.vertices.T, side[edge], axis=1) for side in (surface.start, surface.end)]
-    # Term by term, so that edges which share an end give it the same row to the last bit.
-    depths = [_apply(depth_map, end) for end in ends]
-    rows = [_apply(row_map, end) / depth for end, depth in zip(ends, depths, strict=True)]
-    crossing = np.flatnonzero(first_row(rows[0]) != first_row(rows[1]))
-    column_map = maps[0][:, view[crossing]]
-    start, end = (
-        np.stack([_apply(column_map, end[:, crossing]) / depth[crossing], row[crossing]])
-        for end, depth, row in zip(ends, depths, rows, strict=True)
-    )
-    return Outline(lines[view[crossing]], start, end, weight[bends[crossing]])
-
-
-def _apply(row: Array, points: Array) -> Array:
-    """One row (4, n) of n affine maps applied to n points (3, n)."""
-    value: Array = row[0] * points[0] + row[1] * points[1] + row[2] * points[2] + row[3]
-    return value
+    start, end = (vertices[edge] * len(lines) + view for vertices in (surface.start, surface.end))
+    crossing = whole_row.take(start) != whole_row.take(end)
+    crossing &= np.maximum(column.take(start), column.take(end)) > 0.0  # others have no ray before them
+    start, end = start[crossing], end[crossing]
+    first, last = (np.stack([column.take(at), row.take(at)]) for at in (start, end))
+    return Outline(lines[view[crossing]], first, last, weight[crossing])

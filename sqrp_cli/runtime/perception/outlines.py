@@ -50,15 +50,16 @@ class Silhouette:
         *,
         behind: bool = False,
         links: Collection[str] | None = None,
+        without: Collection[str] = (),
     ) -> Mask:
         """The pixels of a crop that pieces nearer than a depth [m] cover; behind: those that are not nearer.
 
-        links: of these only.
+        links: of these only. without: not of these.
         """
         last = np.array([origin[0] + shape[1], origin[1] + shape[0]])
         chosen: list[Corners] = []
         for part in self.parts:
-            if links is not None and part.link not in links:
+            if part.link in without or (links is not None and part.link not in links):
                 continue
             if (part.low.min(axis=0) > last).any() or (part.high.max(axis=0) < origin).any():
                 continue

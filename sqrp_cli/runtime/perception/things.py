@@ -7,7 +7,7 @@ own silhouette, known from its encoders, is not in the way. What is neither thin
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +21,13 @@ from sqrp_cli.runtime.perception.outlines import Outline
 from sqrp_cli.runtime.perception.sighting import NO_OUTLINE, BoxSight, Evidence, Weakness
 from sqrp_cli.runtime.perception.vision import Mask, blobs, color_mask, dilated, direction, filled
 
-NEEDED_SHARE = 0.35
-"""Share of a box's outline that must be judged, of a coloured thing."""
+LEAST_SHARE, MOST_SHARE = 0.35, 0.8
+"""Share of the outline of a coloured thing that must be judged, at least and at most; in between, what its detector
+asks to be visible. All of a thing is never judged: its colour blends with others at the edges."""
+
+BORDER = 1.8
+"""Pixels along the edge of what hides a thing that are not judged though they are visible: the robot's silhouette is
+taken to be a pixel wider than it is, and pixels at its edge show both."""
 
 FULL, EMPTY = 0.6, 0.1
 """A box is filled if at least this share of what is visible of it has the thing's colour, empty if at most this."""
@@ -57,10 +62,11 @@ class _Place:
             return False
         return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.outline.area**0.5)
 
-    def sight(self, box: ProgramBox, evidence: Evidence) -> BoxSight:
-        """The sight of a box for which this is what the image shows."""
+    def sight(self, box: ProgramBox, evidence: Evidence, min_visible: float) -> BoxSight:
+        """The sight of a box for which this is what the image shows; min_visible: share that its detector asks for."""
         because = Weakness.DETECTOR
-        if self.share < NEEDED_SHARE:
+        border = 0.0 if self.outline is None else BORDER / max(self.outline.area**0.5, 1.0)
+        if self.share < np.clip(min_visible - border, LEAST_SHARE, MOST_SHARE):
             unlike = 1.0 - self.share - self.hidden
             evidence, because = Evidence.BLIND, Weakness.MASK if self.hidden >= unlike else Weakness.LIGHTING
         if self.outline is None or self.outline.area < LEAST_PIXELS**2:
@@ -93,7 +99,7 @@ class ThingSearch:
             else:
                 inside = i in held if at_tool[i] else _is_inside(position, poses[i], box)
                 evidence = Evidence.SEEN if inside else Evidence.ABSENT
-            found.append(place.sight(box, evidence))
+            found.append(place.sight(box, evidence, self._glance.cell.detectors[box.detector].min_visible))
         return found, position
 
     def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
@@ -120,7 +126,9 @@ class ThingSearch:
         shape, origin = extent(crop)
         colored, robot = self._colored[crop], self._glance.robot
         silhouette = filled(shape, origin, [outline.corners])
-        front = dilated(self._in_front(X_WO, outline, crop), 1)
+        hiding = dilated(self._in_front(X_WO, outline, crop, without=box.encloses), 1)
+        enclosed = dilated(robot.mask(shape, origin, outline.depth, links=box.encloses), 1)
+        front = hiding | enclosed
         background = self._backdrop.matches(self._glance.image, crop)
         own = colored & ~background
         behind = robot.mask(shape, origin, outline.depth, behind=True)
@@ -132,18 +140,18 @@ class ThingSearch:
         if not decided.any():
             return _Place(outline, 0.0, hidden, 0.0, None)
         judged = decided & (own | background)
-        enclosed = silhouette & dilated(robot.mask(shape, origin, outline.depth, links=box.encloses), 1)
-        askable = max(outline.area - float(enclosed.sum()), LEAST_PIXELS**2)
+        # What else hides, the enclosed parts do not hide from being asked.
+        askable = max(outline.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
         share = min(float(judged.sum()) / askable, 1.0)
         patch = dilated(silhouette, margin // 2) & ~front & own
         shift = _mean_pixel(patch) - _mean_pixel(decided) if patch.any() else None
         return _Place(outline, share, hidden, float((decided & own).sum() / decided.sum()), shift)
 
-    def _in_front(self, X_WO: Array, outline: Outline, crop: Crop) -> Mask:
-        """What of the robot and of other objects is before the object at a pose, in a crop."""
+    def _in_front(self, X_WO: Array, outline: Outline, crop: Crop, without: Collection[str]) -> Mask:
+        """What of the robot, without some links, and of other objects is before the object at a pose, in a crop."""
         shape, origin = extent(crop)
         glance = self._glance
-        mask = glance.robot.mask(shape, origin, outline.depth)
+        mask = glance.robot.mask(shape, origin, outline.depth, without=without)
         steps = np.linspace(-0.45, 0.45, 3)
         grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._thing.size
         points = grid @ X_WO[:3, :3].T + X_WO[:3, 3]
@@ -183,7 +191,7 @@ class ThingSearch:
         X_found = X_WO.copy()
         X_found[:3, 3] = position
         expected = self._glance.view.outline(X_found, self._thing.size)
-        return position if expected is not None and found[0].area >= NEEDED_SHARE * expected.area else None
+        return position if expected is not None and found[0].area >= LEAST_SHARE * expected.area else None
 
 
 def _is_inside(position: Array, X_WB: Array, box: ProgramBox) -> bool:

@@ -39,7 +39,8 @@ def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
     poses = SolidPoses(tuple(solids), {"world": pose()[None]})
     pairs = np.zeros(len(solids), dtype=np.int64), np.arange(len(solids))
     corners_B = 0.5 * size * BOX_SIGNS
-    return float(visible_shares(X_WC[None], X_WB[None], corners_B, np.zeros(1, dtype=np.int64), poses, pairs)[0])
+    one = np.zeros(1, dtype=np.int64)
+    return float(visible_shares(X_WC[None], X_WB[None], corners_B, one, one, poses, pairs)[0])
 
 
 def random_rays(X_WC: Array, X_WB: Array, size: Array) -> tuple[Array, Array]:
