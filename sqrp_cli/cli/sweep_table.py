@@ -22,6 +22,10 @@ def print_sweep(sweep: Sweep) -> None:
         (rank, scored) for rank, scored in enumerate(sweep.variants, 1) if rank > ROWS and not scored.variant.values
     ]
     print_table(columns, [_row(rank, scored, paths) for rank, scored in shown])
+    for rank, scored in shown:
+        errors = [result.score for result in scored.findings.results if result.score.status == "error"]
+        if errors:
+            say(f"#{rank}: {errors[0].reasons[0]}")
     if len(sweep.variants) > len(shown):
         say(plain(f"{len(sweep.variants) - len(shown)} more are in the document of --json.", "dim"))
     say(plain("Q and time are means over every choice of objects of every task; Q of what cannot be done is 0.", "dim"))

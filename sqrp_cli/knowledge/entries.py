@@ -112,7 +112,7 @@ Number = Annotated[float, BeforeValidator(quantity()), _Bounded, WithJsonSchema(
 def _joint_quantity(value: object) -> Quantity:
     read = read_quantity(value)
     if read is None:
-        expected = "a number, or one with a unit such as `60 deg/s`"
+        expected = "a number, or one with a unit such as `30 deg`, `60 deg/s` or `120 deg/s^2`"
         raise PydanticCustomError(
             "wrong-unit", "{message}", {"message": f"found {describe(value)}, expected {expected}"}
         )

@@ -368,8 +368,11 @@ def test_a_sweep_names_the_best_variant_and_writes_it_as_a_patch(sqrp, own_watch
 
 
 def test_a_variant_that_cannot_be_is_an_error_and_the_others_are_scored(sqrp, own_watch, tmp_path):
-    arguments = ("--vary", "cameras.eye.near=0.5 m:5 m:2", "--patch", tmp_path / "best.patch", "--json")
-    outcome = sqrp("score", own_watch, *arguments)
+    arguments = ("--vary", "cameras.eye.near=0.5 m:5 m:2", "--patch", tmp_path / "best.patch")
+    shown = " ".join(sqrp("score", own_watch, *arguments).out.split())
+    assert "#3: " in shown
+    assert "near" in shown.partition("#3: ")[2].partition(" Q and time")[0]
+    outcome = sqrp("score", own_watch, *arguments, "--json")
     assert outcome.code == 0
     last = outcome.document["variants"][-1]
     assert last["values"] == {"cameras.eye.near": "5 m"}

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -81,14 +82,20 @@ def marker_rate(pixels: float, incidence: float, trials: int, seed: int = 0) -> 
     return found / trials
 
 
-def color_rates(pixels: float, visible: float, trials: int, seed: int = 0) -> tuple[float, float]:
+def color_rates(
+    pixels: float, visible: float, trials: int, *, min_visible: float = 0.5, seed: int = 0
+) -> tuple[float, float]:
     """Shares of random views in which perception is right about a cube: that it is there, and that it is gone.
 
-    pixels: square root of the area of its image. visible: share of that area that a screen leaves free.
+    pixels: square root of the area of its image. visible: share of that area that a screen leaves free. min_visible:
+    share that the detector asks for.
     """
     random = np.random.default_rng([seed, round(pixels * 10), round(visible * 1000)])
     eyes = [_view_of_cube(f"eye{trial}", pixels, random) for trial in range(trials)]
     with staged([GROUND, CUBE, SCREEN], eyes) as stage:
+        detectors = stage.knowledge.detectors
+        asking = {**detectors, "color": replace(detectors["color"], min_visible=min_visible)}
+        stage.knowledge = replace(stage.knowledge, detectors=asking)
         sights = [_cube_sights(stage, eye, visible, random) for eye in eyes]
     there, gone = zip(*sights, strict=True)
     return there.count(Evidence.SEEN) / trials, gone.count(Evidence.ABSENT) / trials

@@ -38,3 +38,9 @@ def test_coloured_things_within_the_limits_are_judged_right(size: float, visible
 def test_what_is_mostly_hidden_or_tiny_is_not_judged() -> None:
     assert color_rates(2.0 * COLORS.min_pixels, 0.5 * COLORS.min_visible, 20) == (0.0, 0.0)
     assert max(color_rates(0.33 * COLORS.min_pixels, COLORS.min_visible, 20)) <= 0.3
+
+
+def test_a_detector_that_asks_for_more_is_not_content_with_less() -> None:
+    assert color_rates(30, 0.6, 10, min_visible=0.75) == (0.0, 0.0)
+    assert color_rates(30, 0.8, 10, min_visible=0.75) == (1.0, 1.0)
+    assert color_rates(30, 1.0, 10, min_visible=1.0) == (1.0, 1.0)
