@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import box_corners, transform
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.logic.formula_time import ground_operators
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.logic.mtl import bind, parse_formula
@@ -36,6 +35,7 @@ from sqrp_cli.programming.sampling import (
 from sqrp_cli.programming.stage import Stage
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.timeline import Timeline, observe
+from tests.programming.conftest import TABLETOP
 from tests.programming.studies import HOLD, WatchedMotion, always, eventually, watched_motion
 
 DENSE = int(os.environ.get("SQRP_DENSE_SAMPLES", "2000"))
@@ -100,29 +100,23 @@ def judge(title: str, found: list[Difference]) -> None:
     assert [d for d in found if d.error > 100 * DEFAULT_TOLERANCE + d.unsure + d.missed] == []
 
 
-@pytest.fixture(scope="module")
-def cell(tabletop: Workspace) -> Cell:
-    return Cell.load(tabletop)
+def feasible_studies(cell: Cell) -> list[Study]:
+    """The feasible candidates of the tasks that a workspace lists."""
+    workspace, world = cell.workspace, cell.initial_world
+    candidates = [c for task in workspace.tasks for c in read_task(task.task, workspace).candidates]
+    found = [study(cell, candidate, world, Adaptive(), full=False) for candidate in candidates]
+    return [result for result in found if isinstance(result, Study)]
 
 
-@pytest.fixture(scope="module")
-def studies(cell: Cell, tabletop: Workspace) -> Mapping[str, Study]:
-    """The feasible candidates of the task that the tabletop is for."""
-    world = tabletop.initial_world
-    found = {
-        c.name: study(cell, c, world, Adaptive(), full=False) for c in read_task("pickup green", tabletop).candidates
-    }
-    return {name: result for name, result in found.items() if isinstance(result, Study)}
-
-
-def test_the_default_is_within_its_tolerance_on_every_candidate_of_the_tabletop(
-    cell: Cell, studies: Mapping[str, Study]
-) -> None:
+@pytest.mark.parametrize("name", ["tabletop", "screws", "tower"])
+def test_the_default_is_within_its_tolerance_on_every_candidate_of_every_shipped_workspace(name: str) -> None:
+    cell = Cell.load(load_workspace(TABLETOP.parent / name))
+    studies = feasible_studies(cell)
     assert studies
     found = []
-    for name, studied in studies.items():
-        found += compare(name, studied.timeline, again(cell, studied, FixedCount(DENSE)))
-    judge("tabletop", found)
+    for studied in studies:
+        found += compare(studied.candidate.name, studied.timeline, again(cell, studied, FixedCount(DENSE)))
+    judge(name, found)
 
 
 def test_the_default_is_within_its_tolerance_on_random_scenes(ur5: RobotModel) -> None:
