@@ -20,20 +20,23 @@ run: all
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green" --program build/pick.yaml
 	$(BIN)/sqrp run build/pick.yaml --sim --fault slip@a4+1
 
+# Digest of every file that tests may depend on.
+FILES := sqrp_cli skills tests workspaces Makefile README.md CHANGELOG.md pyproject.toml constraints.txt
+DIGEST := find $(FILES) -type f -not -name '*.pyc' -print0 | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum
+
 test: all
+	@$(DIGEST) > .venv/testing
 	$(BIN)/pytest --numprocesses auto
-	@touch .venv/tested
+	@mv .venv/testing .venv/tested
 
 # Everything, but not again the tests that passed with the very files that are here.
-check: all .venv/tested
+check: all
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest -m slow
-
-.venv/tested: .venv/installed Makefile README.md CHANGELOG.md $(shell find sqrp_cli skills tests workspaces -type f -not -name '*.pyc')
-	$(MAKE) test
+	@$(DIGEST) | cmp --silent - .venv/tested || $(MAKE) test
+	$(BIN)/pytest --numprocesses auto -m slow
 
 bench: all
 	$(BIN)/python -m tests.benchmarks

@@ -22,10 +22,8 @@ def print_sweep(sweep: Sweep) -> None:
         (rank, scored) for rank, scored in enumerate(sweep.variants, 1) if rank > ROWS and not scored.variant.values
     ]
     print_table(columns, [_row(rank, scored, paths) for rank, scored in shown])
-    for rank, scored in shown:
-        errors = [result.score for result in scored.findings.results if result.score.status == "error"]
-        if errors:
-            say(f"#{rank}: {errors[0].reasons[0]}")
+    for reason, ranks in _reasons(shown).items():
+        say(f"{', '.join(f'#{rank}' for rank in ranks)}: {reason}")
     if len(sweep.variants) > len(shown):
         say(plain(f"{len(sweep.variants) - len(shown)} more are in the document of --json.", "dim"))
     say(plain("Q and time are means over every choice of objects of every task; Q of what cannot be done is 0.", "dim"))
@@ -60,6 +58,16 @@ def _row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
     errors = scored.findings.count("error")
     passed = f"{scored.passed} of {len(scored.findings.results)}"
     return [*cells, *figures, plain("error", "bold red") if errors else passed]
+
+
+def _reasons(shown: list[tuple[int, ScoredVariant]]) -> dict[str, list[int]]:
+    """Why variants cannot be scored, each reason with the ranks of those that it keeps."""
+    found: dict[str, list[int]] = {}
+    for rank, scored in shown:
+        errors = [result.score for result in scored.findings.results if result.score.status == "error"]
+        if errors:
+            found.setdefault(errors[0].reasons[0], []).append(rank)
+    return found
 
 
 def _figure(value: float | None, scale: float, digits: int) -> str:

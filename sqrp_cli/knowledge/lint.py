@@ -53,11 +53,10 @@ def _too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     available = len(workspace.cameras)
     for target in skill.targets.values():
         if target.cameras > available:
-            message = (
-                f"skill `{skill.name}`: `{target.predicate}` needs {target.cameras} cameras, the cell has {available}"
-            )
+            wanted = f"{target.cameras} camera{'s' if target.cameras > 1 else ''}"
+            message = f"skill `{skill.name}`: `{target.predicate}` needs {wanted}, the cell has {available}"
             place = skill.places.get(f"targets.{target.predicate}.cameras", target.place)
-            yield Problem("too-few-cameras", message, place, mend="lower `cameras` of the target, or add cameras")
+            yield Problem("too-few-cameras", message, place, mend="add cameras, or lower `cameras` of the target")
 
 
 def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:

@@ -99,8 +99,6 @@ class BlindStretch:
 
     def __str__(self) -> str:
         when = f"from {self.start:.1f} s to {self.end:.1f} s"
-        if not self.seeing and not self.causes:
-            return f"{self.atom} needs a camera that sees it, but there is none, {when}"
         if not self.causes:
             return f"{self.atom} needs {self.needed} cameras that see it, but there are only {len(self.seeing)}, {when}"
         nearest, *others = self.causes

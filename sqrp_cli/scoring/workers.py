@@ -8,7 +8,7 @@ import os
 import signal
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -89,11 +89,12 @@ class LocalWorkers:
 
     def close(self) -> None:
         """See `Workers`."""
-        for executor in self._executors:  # all are told before any is waited for
-            if executor is not None:
-                executor.shutdown(wait=False, cancel_futures=True)
-        for worker in range(self.count):
-            self.restart(worker)
+        executors = [executor for executor in self._executors if executor is not None]
+        self._executors = [None] * self.count
+        # All at once: each is told before any is waited for, and waited for, or it would end while Python does.
+        with ThreadPoolExecutor(max(1, len(executors))) as closing:
+            for executor in executors:
+                closing.submit(executor.shutdown, cancel_futures=True)
 
 
 class ThisProcess(Executor):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -68,7 +67,10 @@ def _along_rays(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pair
 
 def _first_hits(eye: Array, ray: Array, solid: Solid) -> Array:
     """Smallest factor of each ray (n, 3) from its eye (n, 3) at which it meets a triangle of a solid; shape (n,)."""
-    edges, normal, offset = _planes_and_edges(solid)
+    p = [solid.vertices[solid.triangles[:, k]] for k in range(3)]
+    edges = [np.concatenate([cross(p[k], p[(k + 1) % 3]), p[(k + 1) % 3] - p[k]], axis=1).T for k in range(3)]
+    normal = cross(p[1] - p[0], p[2] - p[0])
+    offset = np.einsum("fi,fi->f", normal, p[0])
     lines = np.concatenate([ray, cross(eye, ray)], axis=1)
     factors = np.full(len(eye), np.inf)
     for chunk in np.array_split(np.arange(len(eye)), 1 + len(eye) * len(offset) // _PRODUCTS):
@@ -83,16 +85,6 @@ def _first_hits(eye: Array, ray: Array, solid: Solid) -> Array:
         factor = height / np.where(slope == 0, np.inf, slope)
         np.minimum.at(factors, at, np.where(factor > 0, factor, np.inf))
     return factors
-
-
-@lru_cache(maxsize=512)
-def _planes_and_edges(solid: Solid) -> tuple[tuple[Array, ...], Array, Array]:
-    """Of a solid's triangles: Plücker coordinates of each of the three edges (6, F), normals (F, 3), offsets (F,)."""
-    p = [solid.vertices[solid.triangles[:, k]] for k in range(3)]
-    pairs = [(p[0], p[1]), (p[1], p[2]), (p[2], p[0])]
-    edges = tuple(np.concatenate([cross(start, end), end - start], axis=1).T for start, end in pairs)
-    normal = cross(p[1] - p[0], p[2] - p[0])
-    return edges, normal, np.einsum("fi,fi->f", normal, p[0])
 
 
 def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:

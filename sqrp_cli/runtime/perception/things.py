@@ -21,9 +21,10 @@ from sqrp_cli.runtime.perception.outlines import Outline
 from sqrp_cli.runtime.perception.sighting import NO_OUTLINE, BoxSight, Evidence, Weakness
 from sqrp_cli.runtime.perception.vision import Mask, blobs, color_mask, dilated, direction, filled
 
-LEAST_SHARE, MOST_SHARE = 0.35, 0.8
+LEAST_SHARE, MOST_SHARE = 0.35, 0.5
 """Share of the outline of a coloured thing that must be judged, at least and at most; in between, what its detector
-asks to be visible. All of a thing is never judged: its colour blends with others at the edges."""
+asks to be visible. Of a thing that nothing hides, a good part may still look like neither it nor the background: at its
+edges, and where it meets the robot."""
 
 BORDER = 1.8
 """Pixels along the edge of what hides a thing that are not judged though they are visible: the robot's silhouette is

@@ -41,6 +41,6 @@ def test_what_is_mostly_hidden_or_tiny_is_not_judged() -> None:
 
 
 def test_a_detector_that_asks_for_more_is_not_content_with_less() -> None:
-    assert color_rates(30, 0.6, 10, min_visible=0.75) == (0.0, 0.0)
-    assert color_rates(30, 0.8, 10, min_visible=0.75) == (1.0, 1.0)
-    assert color_rates(30, 1.0, 10, min_visible=1.0) == (1.0, 1.0)
+    assert color_rates(30, 0.41, 10, min_visible=0.35) == (1.0, 1.0)
+    assert color_rates(30, 0.41, 10, min_visible=0.5) == (0.0, 0.0)
+    assert color_rates(30, 0.6, 10, min_visible=1.0) == (1.0, 1.0)
