@@ -67,7 +67,7 @@ def command(
 
     The best are those in which the cameras will see what matters. The chosen one can be written as a program.
     """
-    from sqrp_cli.cli.console import print_problems, say_raw
+    from sqrp_cli.cli.console import note, print_problems, say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
     from sqrp_cli.cli.session import Session, world_before
@@ -95,11 +95,15 @@ def command(
         from sqrp_cli.cli.report_page import write_ranking
 
         write_ranking(session, ranking, criterion, report, context.obj, job_count(jobs))
+    # Written before it is told, because whoever reads may leave early.
+    code, told = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, choose, program)
     if as_json:
         say_raw(as_text(_document(session, assessments, ranking, criterion, interrupted=interrupted)))
     else:
         print_ranking(session, ranking, criterion)
-    return ExitCode.INTERRUPTED if interrupted else _write_chosen(session, ranking, choose, program)
+    if told:
+        note(told)
+    return code
 
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
@@ -137,24 +141,28 @@ def _document(
     }
 
 
-def _write_chosen(session: Session, ranking: Sequence[Ranked], choose: str, program: Path | None) -> ExitCode:
-    """Append the chosen candidate to a program, if one was named; nothing is written if it is infeasible."""
-    from sqrp_cli.cli.console import note
+def _write_chosen(
+    session: Session, ranking: Sequence[Ranked], choose: str, program: Path | None
+) -> tuple[ExitCode, str]:
+    """Append the chosen candidate to a program, if one was named; nothing is written if it is infeasible.
+
+    Returns the exit code, and what there is to say about it.
+    """
     from sqrp_cli.cli.session import ChosenStep, add_steps
 
     chosen = choose_candidate(ranking, choose)
     if chosen.rank is None:
-        if ranking[0].rank is not None or program is not None:
-            consequence = "" if program is None else f", so {program} was not written"
-            name, reason = chosen.assessment.candidate.name, chosen.assessment.reasons[0]
-            why = "no candidate can be done" if choose == "best" else f"{name} is infeasible ({reason})"
-            note(f"{why}{consequence}")
-        return ExitCode.NONE_FEASIBLE
-    if program is not None:
-        step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
-        add_steps(session.cell, [step], session.assignment.sampling, program)
-        note(f"{chosen.assessment.candidate.name} is now the last step of {program}")
-    return ExitCode.OK
+        if ranking[0].rank is None and program is None:
+            return ExitCode.NONE_FEASIBLE, ""
+        consequence = "" if program is None else f", so {program} was not written"
+        name, reason = chosen.assessment.candidate.name, chosen.assessment.reasons[0]
+        why = "no candidate can be done" if choose == "best" else f"{name} is infeasible ({reason})"
+        return ExitCode.NONE_FEASIBLE, f"{why}{consequence}"
+    if program is None:
+        return ExitCode.OK, ""
+    step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
+    add_steps(session.cell, [step], session.assignment.sampling, program)
+    return ExitCode.OK, f"{chosen.assessment.candidate.name} is now the last step of {program}"
 
 
 def check_choice(task: Task, choice: str) -> None:

@@ -369,6 +369,15 @@ def test_a_reader_that_leaves_early_is_no_error(watch):
     process.stderr.close()
 
 
+def test_a_program_is_written_even_if_the_reader_of_the_ranking_leaves_early(watch, tmp_path):
+    program = "from sqrp_cli.cli.main import main\nmain()"
+    arguments = ["rank", str(watch), "watch cube", "--program", str(tmp_path / "p.yaml")]
+    process = subprocess.Popen([sys.executable, "-c", program, *arguments], stdout=subprocess.PIPE)
+    process.stdout.close()
+    assert process.wait(timeout=60) in (0, 141)
+    assert (tmp_path / "p.yaml").is_file()
+
+
 def test_the_installed_script_runs_from_any_folder(tmp_path, watch):
     script = Path(sys.executable).with_name("sqrp")
     finished = subprocess.run(
