@@ -93,7 +93,7 @@ def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array
     It is infinite where another solid of the same line is nearer anyway.
     """
     nearest = np.full(len(pairs[0]), np.inf)
-    polygons, spaces, of_pair = [], [], []
+    polygons, of_pair = [], []
     hulls, hull_of = np.unique(lines.hull[pairs[0]], return_inverse=True)
     half_spaces = _hull_half_spaces(lines.corners[hulls] - lines.eyes[hulls, None])
     bits = 1 << np.arange(half_spaces.shape[1], dtype=np.int64)
@@ -102,29 +102,46 @@ def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array
         vertices = transform(X_WP, poses.solids[index].vertices) - lines.eyes[lines.hull[line]]
         space = half_spaces[hull_of[number]]
         outside = (vertices @ space[:, :3].T > space[:, 3]) @ bits
+        inside = vertices[outside == 0]
+        nearest[number] = np.sqrt(np.einsum("vi,vi->v", inside, inside).min(initial=np.inf))
         a, b, c = outside[poses.solids[index].triangles].T
         kept = vertices[poses.solids[index].triangles[(a & b & c) == 0]]
         polygons.append(kept)
-        spaces.append(np.full(len(kept), hull_of[number]))
         of_pair.append(np.full(len(kept), number))
     if polygons:
-        row, triangles, space = np.concatenate(of_pair), np.concatenate(polygons), np.concatenate(spaces)
-        np.minimum.at(nearest, row, _least_distances(triangles, half_spaces, space, pairs[0][row]))
+        row, triangles = np.concatenate(of_pair), np.concatenate(polygons)
+        least = np.full(int(pairs[0].max()) + 1, np.inf)
+        np.minimum.at(least, pairs[0], nearest)
+        near = np.flatnonzero(_lower_bounds(triangles) < least[pairs[0][row]])
+        row, triangles = row[near], triangles[near]
+        np.minimum.at(nearest, row, _least_distances(triangles, half_spaces[hull_of[row]], pairs[0][row], least))
     return nearest
 
 
-def _least_distances(triangles: Array, half_spaces: Array, space: NDArray[np.int64], line: NDArray[np.int64]) -> Array:
-    """Distance of each clipped triangle (n, 3, 3) where it can be the least of its line, else infinite; shape (n,)."""
+def _lower_bounds(triangles: Array) -> Array:
+    """Lower bounds of the distances of triangles (n, 3, 3) from the origin: of spheres around them, shape (n,)."""
+    middle = triangles.mean(axis=1)
+    reach = triangles - middle[:, None]
+    radius = np.sqrt(np.einsum("nki,nki->nk", reach, reach).max(axis=1, initial=0.0))
+    bounds: Array = np.sqrt(np.einsum("ni,ni->n", middle, middle)) - radius
+    return bounds
+
+
+def _least_distances(triangles: Array, spaces: Array, line: NDArray[np.int64], least: Array) -> Array:
+    """Distance of each clipped triangle (n, 3, 3) where it can be the least of its line, else infinite; shape (n,).
+
+    spaces: half spaces that each is clipped by, shape (n, k, 4). least: least distance known so far of each line.
+    """
     normals = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     whole = _distances_to_origin(triangles, np.full(len(triangles), 3), normals)
     order = np.lexsort((whole, line))
     _, start, count = np.unique(line[order], return_index=True, return_counts=True)
     place = np.empty(len(line), dtype=np.int64)
     place[order] = np.arange(len(line)) - np.repeat(start, count)
-    distances, least = np.full(len(line), np.inf), np.full(line.max(initial=-1) + 1, np.inf)
+    distances, least = np.full(len(line), np.inf), least.copy()
     for chosen in (place < _FIRST, place >= _FIRST):
         asked = np.flatnonzero(chosen & (whole < least[line]))
-        distances[asked] = _clipped_distances(triangles[asked], normals[asked], half_spaces[space[asked]])
+        distances[asked] = _clipped_distances(triangles[asked], normals[asked], spaces[asked])
         np.minimum.at(least, line[asked], distances[asked])
     return distances
 
