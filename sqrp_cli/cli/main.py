@@ -45,7 +45,7 @@ def options(
 
 def main() -> None:
     """Run a command and leave with its exit code."""
-    # Processes share the cores already, and no figure may depend on how many threads split a sum.
+    # Processes share the cores already; threads of linear algebra would get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

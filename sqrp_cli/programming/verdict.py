@@ -156,13 +156,14 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     chosen = rows[np.unique(np.linspace(0, len(rows) - 1, _LOOKS).round().astype(np.int64))]
     states = study.stage.states(Samples(samples.piece[chosen], samples.t[chosen]))
     uncovered = timeline.observation.required[chosen] & ~timeline.observation.covered[chosen]
-    targets = [study.targets[column] for column in np.flatnonzero(uncovered.any(axis=0))]
+    columns = np.flatnonzero(uncovered.any(axis=0)).tolist()
+    targets = [study.targets[column] for column in columns]
     matrices = [cell.observer.verdicts(target, states) for target in targets]
     lost = np.stack(
         [
-            uncovered[:, study.targets.index(target)]
+            uncovered[:, column]
             & (np.all([box.cause == Cause.NONE for box in boxes], axis=0).sum(axis=1) < target.cameras)
-            for target, boxes in zip(targets, matrices, strict=True)
+            for column, target, boxes in zip(columns, targets, matrices, strict=True)
         ]
     )
     worst = int(lost.sum(axis=1).argmax())

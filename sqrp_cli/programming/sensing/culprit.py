@@ -90,7 +90,7 @@ def _first_hits(eye: Array, ray: Array, solid: Solid) -> Array:
 def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
     """Least distance from the eye to the part of each pair's solid inside the view hull, shape (pairs,).
 
-    It is infinite where another solid of the same line is nearer anyway.
+    It may be too large, up to infinite, where another solid of the same line is nearer anyway.
     """
     nearest = np.full(len(pairs[0]), np.inf)
     polygons, of_pair = [], []
