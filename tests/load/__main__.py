@@ -1,8 +1,8 @@
 """What `sqrp score` does under load, each figure beside what is asked: `python -m tests.load [CELLS]`.
 
 Speed-up on two processes, memory, a second run, a Dask cluster of two workers, and workers and whole runs that are
-killed. The machine should have two cores and nothing else to do. What it does besides is printed, and what two free
-cores would need, worked out from the time that the processes spent computing.
+killed. The machine should have two cores and nothing else to do. What two free cores would need is printed too, worked
+out from the time that the processes spent computing.
 """
 
 from __future__ import annotations
@@ -54,8 +54,7 @@ def measure(folder: Path, cells: int, table: Table) -> None:
     )
 
     def the_same(name: str) -> bool:
-        runs = zip((getattr(each, name) for each in rounds), range(ROUNDS), strict=True)
-        return all(whole.equals(found, folder / f"round{number}" / name) for found, number in runs)
+        return all(whole.equals(getattr(r, name), folder / f"round{i}" / name) for i, r in enumerate(rounds))
 
     least = {name: min(getattr(each, name).wall for each in rounds) for name in ("one", "two", "dask")}
     table.title("Two processes")
