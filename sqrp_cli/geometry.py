@@ -34,11 +34,11 @@ def pose(rotation: ArrayLike | None = None, position: ArrayLike | None = None) -
 
 def inverse(X_AB: Array) -> Array:
     """X_BA of X_AB, shape (..., 4, 4)."""
-    R_BA = np.swapaxes(X_AB[..., :3, :3], -1, -2)
-    X_BA = np.zeros_like(X_AB)
+    R_BA = X_AB[..., :3, :3].swapaxes(-1, -2)
+    X_BA = np.empty(X_AB.shape)
     X_BA[..., :3, :3] = R_BA
-    X_BA[..., :3, 3] = -(R_BA @ X_AB[..., :3, 3, None])[..., 0]
-    X_BA[..., 3, 3] = 1.0
+    np.negative((R_BA @ X_AB[..., :3, 3:])[..., 0], out=X_BA[..., :3, 3])
+    X_BA[..., 3, :] = (0.0, 0.0, 0.0, 1.0)
     return X_BA
 
 
@@ -47,7 +47,7 @@ def transform(X_AB: Array, points_B: Array) -> Array:
 
     X_AB: poses, shape (..., 4, 4); points_B: shape (..., n, 3), leading dimensions broadcast against those of X_AB.
     """
-    moved: Array = points_B @ np.swapaxes(X_AB[..., :3, :3], -1, -2) + X_AB[..., None, :3, 3]
+    moved: Array = points_B @ X_AB[..., :3, :3].swapaxes(-1, -2) + X_AB[..., None, :3, 3]
     return moved
 
 

@@ -36,12 +36,19 @@ class Projection:
 
         Where a point is beyond the radius, its pixel is that of the undistorted camera, which tells the side at least.
         """
-        plane, K = points_C[..., :2] / points_C[..., 2:], self.camera.matrix
-        if self.camera.distortion_model == "none":
-            return plane @ K[:2, :2].T + K[:2, 2], np.ones(plane.shape[:-1], dtype=bool)
-        inside = np.einsum("...i,...i", plane, plane) <= self.radius**2
-        bent = np.where(inside[..., None], _distort(self.camera, plane), plane)
+        K = self.camera.matrix
+        bent, inside = self.bent(points_C[..., :2] / points_C[..., 2:])
         return bent @ K[:2, :2].T + K[:2, 2], inside
+
+    def bent(self, plane: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Where the lens moves points (..., 2) of the plane z = 1, and whether they are within the radius.
+
+        Points beyond the radius stay where they are.
+        """
+        if self.camera.distortion_model == "none":
+            return plane, np.ones(plane.shape[:-1], dtype=bool)
+        inside = np.einsum("...i,...i", plane, plane) <= self.radius**2
+        return np.where(inside[..., None], _distort(self.camera, plane), plane), inside
 
 
 def monotonic_radius(camera: Camera) -> float:

@@ -84,7 +84,7 @@ def coverage_of(cell: Cell, study: Study) -> Coverage:
         required = _required(study, rows.tolist())
         blind = {}
         for index, camera in enumerate(cell.observer.cameras):
-            failures = list(first_failures(boxes, rows, index))
+            failures = first_failures(boxes, rows, index)
             blind[camera.name] = tuple(_blind_spans(cell, study, rows.tolist(), failures))
         targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
     return Coverage({primitive.name: primitive.end for primitive in study.motion.primitives}, targets)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +29,8 @@ class Failure:
 
 
 SEEN = Failure(Cause.NONE, -1, 0.0)
+
+_CAUSES = {int(cause): cause for cause in Cause}
 
 
 @dataclass(frozen=True)
@@ -70,14 +71,19 @@ def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
     return tuple(totals)
 
 
-def first_failures(boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64], camera: int) -> Iterator[Failure]:
+def first_failures(boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64], camera: int) -> list[Failure]:
     """How the first box that a camera does not see fails, for each of the given samples."""
-    for row in rows.tolist():
-        box = next((box for box in boxes if box.cause[row, camera] != Cause.NONE), None)
-        if box is None:
-            yield SEEN
-        else:
-            yield Failure(Cause(int(box.cause[row, camera])), int(box.by[row, camera]), float(box.figure[row, camera]))
+    causes = np.stack([box.cause[rows, camera] for box in boxes])
+    first, at = (causes != Cause.NONE).argmax(axis=0), np.arange(len(rows))
+    by, figure = (
+        np.stack(values)[first, at].tolist()
+        for values in zip(*((box.by[rows, camera], box.figure[rows, camera]) for box in boxes), strict=True)
+    )
+    codes = causes[first, at].tolist()
+    return [
+        SEEN if code == Cause.NONE else Failure(_CAUSES[code], *rest)
+        for code, *rest in zip(codes, by, figure, strict=True)
+    ]
 
 
 def by_name(cell: Cell, cause: Cause, by: int) -> str | None:

@@ -1,4 +1,4 @@
-"""Many ranges of whole numbers as one array."""
+"""Many ranges of whole numbers as one array, and runs of equal ones."""
 
 from __future__ import annotations
 
@@ -14,3 +14,10 @@ def ranges(first: NDArray[Any], last: NDArray[Any]) -> tuple[NDArray[np.int64], 
     count = np.maximum(last.astype(np.int64) - first, 0)
     index = np.repeat(np.arange(len(count)), count)
     return index, np.arange(len(index)) + np.repeat(first - np.cumsum(count) + count, count)
+
+
+def begins_run(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether each value (n,) differs from the one before it; the first one does."""
+    begins = np.ones(len(values), dtype=bool)
+    np.not_equal(values[1:], values[:-1], out=begins[1:])
+    return begins

@@ -31,6 +31,10 @@ _MOST_PARTS = 16
 """Into how many parts a bracket around a transition is cut at once, at most."""
 
 
+_TOGETHER = 200
+"""Targets that are looked at together, each counted in every sample: so few that the calls cost the most."""
+
+
 @dataclass(frozen=True, eq=False)
 class Observation:
     """What the cameras see of a targets in m samples.
@@ -231,7 +235,7 @@ def _look(
 
 
 def _full_look(observer: Observer, targets: Sequence[Target], states: SceneStates, required: Mask) -> Observation:
-    matrix = tuple(observer.verdicts(target, states) for target in targets)
+    matrix = observer.verdicts(targets, states)
     responses = np.array([camera.response for camera in observer.cameras])
     covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
     for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
@@ -252,21 +256,30 @@ def _quick_look(
 ) -> Observation:
     """Coverage only.
 
-    A target is not looked at where the state and every fault that needs it are already known uncovered.
+    A target is not looked at where the state and every fault that needs it are already known uncovered. Where there are
+    few samples, several targets are looked at together all the same.
     """
     covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
     state_open = np.ones(len(required), dtype=bool)
     fault_open = {fault: np.ones(len(required), dtype=bool) for fault in faults}
-    for column in sorted(range(len(targets)), key=lambda index: _moving_boxes(targets[index], states)):
-        users = [fault for fault, columns in faults.items() if column in columns]
-        wanted = state_open | np.any([fault_open[fault] for fault in users], axis=0) if users else state_open
-        rows = np.flatnonzero(required[:, column] & wanted)
-        found = observer.coverage(targets[column], states, rows)
-        covered[rows, column], response[rows, column] = found.covered, found.response
-        state_open &= covered[:, column] | ~required[:, column]
-        for fault in users:
-            fault_open[fault] &= covered[:, column]
+    order = sorted(range(len(targets)), key=lambda index: _moving_boxes(targets[index], states))
+    together = max(1, _TOGETHER // len(required))
+    for columns in (order[start : start + together] for start in range(0, len(order), together)):
+        rows = []
+        for column in columns:
+            wanted = np.logical_or.reduce([state_open, *(fault_open[fault] for fault in _faults_of(column, faults))])
+            rows.append(np.flatnonzero(required[:, column] & wanted))
+        found = observer.coverage([targets[column] for column in columns], states, rows)
+        for column, asked, coverage in zip(columns, rows, found, strict=True):
+            covered[asked, column], response[asked, column] = coverage.covered, coverage.response
+            state_open &= covered[:, column] | ~required[:, column]
+            for fault in _faults_of(column, faults):
+                fault_open[fault] &= covered[:, column]
     return Observation(required, covered, response, None)
+
+
+def _faults_of(column: int, faults: Mapping[str, tuple[int, ...]]) -> list[str]:
+    return [fault for fault, columns in faults.items() if column in columns]
 
 
 def _moving_boxes(target: Target, states: SceneStates) -> int:

@@ -158,7 +158,7 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     uncovered = timeline.observation.required[chosen] & ~timeline.observation.covered[chosen]
     columns = np.flatnonzero(uncovered.any(axis=0)).tolist()
     targets = [study.targets[column] for column in columns]
-    matrices = [cell.observer.verdicts(target, states) for target in targets]
+    matrices = cell.observer.verdicts(targets, states)
     lost = np.stack(
         [
             uncovered[:, column]

@@ -116,7 +116,7 @@ def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[Target, Failur
     observation = study.timeline.observation
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         if observation.required[row, column]:
-            failure = next(first_failures(boxes, np.array([row]), camera))
+            (failure,) = first_failures(boxes, np.array([row]), camera)
             yield target, failure, [Cause(int(box.cause[row, camera])) for box in boxes]
 
 

@@ -96,17 +96,17 @@ def _within(scene: BenchmarkScene) -> Array:
 
 
 def _ours_full(scene: BenchmarkScene) -> list[object]:
-    return [scene.observer.verdicts(target, scene.states, shares=False) for target in scene.targets]
+    return scene.observer.verdicts(scene.targets, scene.states, shares=False)
 
 
 def _ours_hidden(scene: BenchmarkScene) -> Array:
-    verdicts = [scene.observer.verdicts(target, scene.states, shares=False)[0] for target in scene.targets]
+    verdicts = [boxes[0] for boxes in scene.observer.verdicts(scene.targets, scene.states, shares=False)]
     return np.stack([box.cause.T == Cause.HIDDEN for box in verdicts])
 
 
 def _ours_covered(scene: BenchmarkScene) -> list[object]:
     rows = np.arange(scene.states.count)
-    return [scene.observer.coverage(target, scene.states, rows) for target in scene.targets]
+    return [scene.observer.coverage([target], scene.states, [rows])[0] for target in scene.targets]
 
 
 def _peer_times(scene: BenchmarkScene, peer: Peer, points: Array, runs: int) -> tuple[float, float]:

@@ -16,8 +16,8 @@ from sqrp_cli.knowledge.scene import Box, Part
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.occlusion import shrink
 from sqrp_cli.programming.sensing.scene import WORLD, SceneStates, fixed_frame
+from sqrp_cli.programming.sensing.sight_lines import shrink
 from sqrp_cli.programming.solids import Solid, load_solids
 from sqrp_cli.programming.targets import Target, TargetBox
 
@@ -48,9 +48,9 @@ class BenchmarkScene:
 
     def points(self, box: TargetBox, lattice: Array) -> Array:
         """World points of a box without its skin for `lattice` (n, 3) in [-1, 1]^3, shape (m, n, 3)."""
-        corners, _ = shrink(box.size, box.normal)
+        half_size, _ = shrink(box.size, box.normal)
         X_WB = np.broadcast_to(self.states.box_poses(box), (self.states.count, 4, 4))
-        return transform(X_WB, lattice * corners.max(axis=0))
+        return transform(X_WB, lattice * half_size)
 
 
 def make_scene(

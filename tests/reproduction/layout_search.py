@@ -77,7 +77,7 @@ class Watched:
         place = tuple(np.round(camera.X_FC[:3, 3], 6).tolist())
         if place not in self._free:
             observer = Observer((_seeing_all(camera),), self._solids)
-            verdicts = [observer.verdicts(target, self._states, shares=False) for target in self.study.targets]
+            verdicts = observer.verdicts(self.study.targets, self._states, shares=False)
             free = [np.all([box.cause[:, 0] == Cause.NONE for box in boxes], axis=0) for boxes in verdicts]
             self._free[place] = np.stack(free, axis=-1)
         return self._free[place]

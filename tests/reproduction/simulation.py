@@ -133,7 +133,7 @@ def _seeing_at_home(cell: Cell, name: str, like: Study) -> frozenset[str]:
     moved = replace(box, frame=name, encloses=frozenset({name}))
     objects = {thing: fixed_frame(X_WO) for thing, X_WO in world.X_WO.items()}
     states = SceneStates(1, {"world": fixed_frame(), **model.link_poses(model.home[None]), **objects})
-    (seen,) = cell.observer.verdicts(Target(Atom("obj_on_table", (name,)), 1, (moved,)), states)
+    ((seen,),) = cell.observer.verdicts([Target(Atom("obj_on_table", (name,)), 1, (moved,))], states)
     return frozenset(
         camera.name for camera, cause in zip(cell.observer.cameras, seen.cause[0], strict=True) if cause == Cause.NONE
     )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, cross, inverse, transform
-from sqrp_cli.programming.sensing.occlusion import Pairs, SightLines, SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, SolidPoses
 from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
 
 _PRODUCTS = 50_000
@@ -38,8 +39,9 @@ def find_culprits(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pa
     np.minimum.at(met, line, along)
     _name_least(culprits, (line, solid), along)
     missed = met[line] > 1.0
-    line, solid = line[missed], solid[missed]
-    _name_least(culprits, (line, solid), _nearest_inside(lines, poses, (line, solid)))
+    if missed.any():
+        line, solid = line[missed], solid[missed]
+        _name_least(culprits, (line, solid), _nearest_inside(lines, poses, (line, solid)))
     return culprits
 
 
@@ -67,10 +69,7 @@ def _along_rays(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pair
 
 def _first_hits(eye: Array, ray: Array, solid: Solid) -> Array:
     """Smallest factor of each ray (n, 3) from its eye (n, 3) at which it meets a triangle of a solid; shape (n,)."""
-    p = [solid.vertices[solid.triangles[:, k]] for k in range(3)]
-    edges = [np.concatenate([cross(p[k], p[(k + 1) % 3]), p[(k + 1) % 3] - p[k]], axis=1).T for k in range(3)]
-    normal = cross(p[1] - p[0], p[2] - p[0])
-    offset = np.einsum("fi,fi->f", normal, p[0])
+    edges, normal, offset = _lines_and_planes(solid)
     lines = np.concatenate([ray, cross(eye, ray)], axis=1)
     factors = np.full(len(eye), np.inf)
     for chunk in np.array_split(np.arange(len(eye)), 1 + len(eye) * len(offset) // _PRODUCTS):
@@ -85,6 +84,15 @@ def _first_hits(eye: Array, ray: Array, solid: Solid) -> Array:
         factor = height / np.where(slope == 0, np.inf, slope)
         np.minimum.at(factors, at, np.where(factor > 0, factor, np.inf))
     return factors
+
+
+@lru_cache(maxsize=512)
+def _lines_and_planes(solid: Solid) -> tuple[list[Array], Array, Array]:
+    """The lines along the three edges of each triangle, (6, F) each, and the triangles' planes, (F, 3) and (F,)."""
+    p = [solid.vertices[solid.triangles[:, k]] for k in range(3)]
+    edges = [np.concatenate([cross(p[k], p[(k + 1) % 3]), p[(k + 1) % 3] - p[k]], axis=1).T for k in range(3)]
+    normal = cross(p[1] - p[0], p[2] - p[0])
+    return edges, normal, np.einsum("fi,fi->f", normal, p[0])
 
 
 def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
@@ -108,13 +116,12 @@ def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array
         kept = vertices[poses.solids[index].triangles[(a & b & c) == 0]]
         polygons.append(kept)
         of_pair.append(np.full(len(kept), number))
-    if polygons:
-        row, triangles = np.concatenate(of_pair), np.concatenate(polygons)
-        least = np.full(int(pairs[0].max()) + 1, np.inf)
-        np.minimum.at(least, pairs[0], nearest)
-        near = np.flatnonzero(_lower_bounds(triangles) < least[pairs[0][row]])
-        row, triangles = row[near], triangles[near]
-        np.minimum.at(nearest, row, _least_distances(triangles, half_spaces[hull_of[row]], pairs[0][row], least))
+    row, triangles = np.concatenate(of_pair), np.concatenate(polygons)
+    least = np.full(int(pairs[0].max()) + 1, np.inf)
+    np.minimum.at(least, pairs[0], nearest)
+    near = np.flatnonzero(_lower_bounds(triangles) < least[pairs[0][row]])
+    row, triangles = row[near], triangles[near]
+    np.minimum.at(nearest, row, _least_distances(triangles, half_spaces[hull_of[row]], pairs[0][row], least))
     return nearest
 
 

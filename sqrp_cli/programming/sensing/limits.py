@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +13,10 @@ from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
 
-Scalar = TypeVar("Scalar", bound=np.generic)
-
 
 @dataclass(frozen=True, eq=False)
 class LimitVerdicts:
-    """Which limit a box fails first, per camera and state, each array of shape (c, m).
+    """Which limit each of n boxes fails first, per camera, each array of shape (c, n).
 
     cause: codes of `Cause`. side: index into `SIDES` where the cause is OUT_OF_IMAGE, else -1. figure: by how much the
     limit is missed: [m] for ranges and distances, [pixels] for image and size, [rad] for the angle; 0 where none fails.
@@ -31,48 +28,55 @@ class LimitVerdicts:
 
 
 def check_limits(
-    projections: Sequence[Projection], detector: Detector, corners_C: Array, normal_C: Array | None
+    projections: Sequence[Projection],
+    detectors: Sequence[Detector],
+    detector: NDArray[np.int64],
+    corners_C: Array,
+    normal_C: Array,
 ) -> LimitVerdicts:
-    """Check the limits, in the order of `Cause`, for a box seen by c cameras in m states.
+    """Check the limits, in the order of `Cause`, for n boxes, each seen by c cameras.
 
-    corners_C: the box's corners in each optical frame, shape (c, m, 8, 3) [m]. normal_C: its unit normal there, shape
-    (c, m, 3), or None for a box without one.
+    detector: which of the detectors looks for each box, shape (n,). corners_C: the boxes' corners in each optical
+    frame, shape (3, 8, c, n), coordinate first [m]. normal_C: their unit normals there, shape (3, c, n), zero for a
+    box without one.
     """
-    width, height, near, far = (
-        np.array([[float(getattr(projection.camera, name))] for projection in projections])
-        for name in ("width", "height", "near", "far")
-    )
-    # Corners first: NumPy is slow at reductions over short trailing axes.
-    depth = _corners_first(corners_C[..., 2])
+    # Coordinates and corners first: NumPy is slow at reductions over short trailing axes.
+    width, height, near, far = np.array([_camera_limits(projection) for projection in projections]).T[:, :, None]
+    closest, remotest, widest, smallest = np.array([_detector_limits(entry) for entry in detectors]).T[:, detector]
+    depth = corners_C[2]
     nearest, farthest = depth.min(axis=0), depth.max(axis=0)
     in_front = nearest > 0
 
-    ahead = np.where(in_front[..., None, None], corners_C, (0.0, 0.0, 1.0))
-    seen = [projection.pixels(points) for projection, points in zip(projections, ahead, strict=True)]
-    inside = _corners_first(np.stack([within for _, within in seen])).all(axis=0)
-    pixels = np.stack([places for places, _ in seen])
-    u, v = _corners_first(pixels[..., 0]), _corners_first(pixels[..., 1])
+    plane = np.where(in_front, corners_C[:2] / np.where(in_front, depth, 1.0), 0.0)
+    (u, v), inside = _pixels(projections, plane)
+    left, right, top, bottom = u.argmin(axis=0), u.argmax(axis=0), v.argmin(axis=0), v.argmax(axis=0)
+    extremes = _entries((u, v), (left, right, top, bottom))
     beyond = np.stack(
-        [-0.5 - u.min(axis=0), u.max(axis=0) - (width - 0.5), -0.5 - v.min(axis=0), v.max(axis=0) - (height - 0.5)]
+        [
+            -0.5 - extremes[0, 0],
+            extremes[0, 1] - (width - 0.5),
+            -0.5 - extremes[1, 2],
+            extremes[1, 3] - (height - 0.5),
+        ]
     )
     outside = beyond.max(axis=0)
 
-    center = corners_C.mean(axis=2)
-    distance = np.sqrt(np.einsum("cmi,cmi->cm", center, center))
-    size = np.sqrt(_hull_areas(u, v, detector.min_pixels**2))
+    center = corners_C.mean(axis=1)
+    distance = np.sqrt((center * center).sum(axis=0))
+    size = np.sqrt(_hull_areas(u, v, extremes, smallest * smallest))
     incidence = np.zeros_like(distance)
-    if normal_C is not None:
-        cosine = -np.einsum("cmi,cmi->cm", normal_C, center) / np.maximum(distance, 1e-12)
-        incidence = np.arccos(np.clip(cosine, -1.0, 1.0))
+    if normal_C.any():
+        cosine = -(normal_C * center).sum(axis=0) / np.maximum(distance, 1e-12)
+        incidence = np.where(normal_C.any(axis=0), np.arccos(np.clip(cosine, -1.0, 1.0)), 0.0)
 
     fails = [
         (Cause.TOO_NEAR, ~in_front | (nearest < near), near - nearest),
         (Cause.TOO_FAR, farthest > far, farthest - far),
         (Cause.OUT_OF_IMAGE, (outside > 0) | ~inside, np.maximum(outside, 0.0)),
-        (Cause.DETECTOR_NEAR, distance < detector.distance[0], detector.distance[0] - distance),
-        (Cause.DETECTOR_FAR, distance > detector.distance[1], distance - detector.distance[1]),
-        (Cause.OBLIQUE, incidence > detector.max_incidence, incidence - detector.max_incidence),
-        (Cause.TOO_SMALL, size < detector.min_pixels, detector.min_pixels - size),
+        (Cause.DETECTOR_NEAR, distance < closest, closest - distance),
+        (Cause.DETECTOR_FAR, distance > remotest, distance - remotest),
+        (Cause.OBLIQUE, incidence > widest, incidence - widest),
+        (Cause.TOO_SMALL, size < smallest, smallest - size),
     ]
     cause, figure = np.full(distance.shape, np.int8(Cause.NONE)), np.zeros(distance.shape)
     for code, failed, missed in reversed(fails):
@@ -81,30 +85,46 @@ def check_limits(
     return LimitVerdicts(cause, side, figure)
 
 
-def _corners_first(values: NDArray[Scalar]) -> NDArray[Scalar]:
-    """Values (c, m, 8) of corners as a contiguous array of shape (8, c, m)."""
-    return np.ascontiguousarray(np.moveaxis(values, -1, 0))
+def _camera_limits(projection: Projection) -> tuple[float, ...]:
+    camera = projection.camera
+    return float(camera.width), float(camera.height), camera.near, camera.far
 
 
-def _hull_areas(u: Array, v: Array, enough: float) -> Array:
-    """Areas of the convex hulls of points (n, ...), exact where below `enough`, elsewhere a lower bound above it.
+def _detector_limits(detector: Detector) -> tuple[float, ...]:
+    return *detector.distance, detector.max_incidence, detector.min_pixels
 
-    The four extreme points along the axes span a quadrilateral inside the hull, which settles nearly every box that is
-    far from the limit.
+
+def _pixels(projections: Sequence[Projection], plane: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Pixels (2, 8, c, n) of corners given in the plane z = 1 of each camera, and which boxes (c, n) the lens shows."""
+    inside = np.ones(plane.shape[2:], dtype=bool)
+    for number, projection in enumerate(projections):
+        if projection.camera.distortion_model != "none":
+            bent, within = projection.bent(np.moveaxis(plane[:, :, number], 0, -1))
+            plane[:, :, number], inside[number] = np.moveaxis(bent, -1, 0), within.all(axis=0)
+    K = np.stack([projection.camera.matrix[:2] for projection in projections])
+    rows = np.moveaxis(K, 0, -1)[:, :, :, None]
+    return np.stack([row[0] * plane[0] + row[1] * plane[1] + row[2] for row in rows]), inside
+
+
+def _entries(values: Sequence[Array], corners: Sequence[NDArray[np.intp]]) -> Array:
+    """The values (8, ...) at some of the corners of each box, given by index (...), shape (values, corners, ...)."""
+    shape = corners[0].shape
+    at = np.stack([corner.reshape(-1) for corner in corners])
+    at *= at.shape[1]
+    at += np.arange(at.shape[1])
+    return np.stack([entry.reshape(-1).take(at) for entry in values]).reshape(len(values), len(corners), *shape)
+
+
+def _hull_areas(u: Array, v: Array, extremes: Array, enough: Array) -> Array:
+    """Areas of the convex hulls of points (8, c, n), exact where below `enough` (n,), elsewhere a bound above it.
+
+    The four extreme points along the axes (left, right, top, bottom; shape (2, 4, c, n)) span a quadrilateral inside
+    the hull, which settles nearly every box that is far from the limit.
     """
-    left, top, right, bottom = ([points.argmin(0), points.argmax(0)][end] for end in (0, 1) for points in (u, v))
-
-    def span(values: Array, first: NDArray[np.intp], second: NDArray[np.intp]) -> Array:
-        ends = [np.take_along_axis(values, corner[None], axis=0)[0] for corner in (first, second)]
-        difference: Array = ends[1] - ends[0]
-        return difference
-
-    areas: Array = 0.5 * np.abs(
-        span(u, left, right) * span(v, top, bottom) - span(v, left, right) * span(u, top, bottom)
-    )
-    for row in np.argwhere(areas < enough):
-        at = (slice(None), *row)
-        areas[at[1:]] = hull_area(np.column_stack([u[at], v[at]]))
+    across, down = extremes[:, 1] - extremes[:, 0], extremes[:, 3] - extremes[:, 2]
+    areas: Array = 0.5 * np.abs(across[0] * down[1] - across[1] * down[0])
+    for camera, box in np.argwhere(areas < enough):
+        areas[camera, box] = hull_area(np.column_stack([u[:, camera, box], v[:, camera, box]]))
     return areas
 
 

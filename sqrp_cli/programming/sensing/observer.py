@@ -5,20 +5,23 @@ The full verdict matrix, or just what is covered, as fast as possible.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, box_corners, inverse, transform
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.culling import near_pairs
 from sqrp_cli.programming.sensing.culprit import find_culprits
-from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
-from sqrp_cli.programming.sensing.occlusion import HullTester, Pairs, SightLines, near_pairs, shrink
-from sqrp_cli.programming.sensing.scene import SceneStates, rows_of
+from sqrp_cli.programming.sensing.limits import LimitVerdicts
+from sqrp_cli.programming.sensing.look import Look, Views
+from sqrp_cli.programming.sensing.occlusion import HullTester
+from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs
 from sqrp_cli.programming.sensing.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid
 from sqrp_cli.programming.targets import Target, TargetBox
@@ -26,7 +29,9 @@ from sqrp_cli.programming.targets import Target, TargetBox
 _TOGETHER = 100
 """Views that are tested at once even if fewer might do: below this the calls cost more than what they compute."""
 
-Rows = NDArray[np.int64]
+_BOXES_TOGETHER = 2000
+"""Boxes that are looked at together, each counted in every state, to bound the memory."""
+
 Mask = NDArray[np.bool_]
 
 
@@ -41,7 +46,7 @@ class BoxVerdicts:
     """
 
     cause: NDArray[np.int8]
-    by: NDArray[np.int64]
+    by: Indices
     figure: Array
     visible: Array
 
@@ -59,14 +64,6 @@ class TargetCoverage:
 
 
 @dataclass(frozen=True, eq=False)
-class Views:
-    """Pairs of a camera and a state, by index, shape (v,) each."""
-
-    camera: NDArray[np.int64]
-    state: NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
 class Observer:
     """The cameras of a cell with everything solid in it."""
 
@@ -78,166 +75,174 @@ class Observer:
     def __post_init__(self) -> None:
         object.__setattr__(self, "_projections", tuple(Projection.of(camera) for camera in self.cameras))
 
-    def verdicts(self, target: Target, states: SceneStates, *, shares: bool = True) -> tuple[BoxVerdicts, ...]:
-        """The full matrix of a target: every box, state and camera, with causes.
+    def verdicts(
+        self, targets: Sequence[Target], states: SceneStates, *, shares: bool = True
+    ) -> tuple[tuple[BoxVerdicts, ...], ...]:
+        """The full matrix of targets: every box, state and camera, with causes.
 
         shares: whether to measure the visible shares; without, `visible` stays NaN, and only verdicts are right.
         """
-        return tuple(self._box_verdicts(box, states, shares=shares) for box in target.boxes)
+        boxes = [box for target in targets for box in target.boxes]
+        together = max(1, _BOXES_TOGETHER // states.count)
+        groups = (boxes[start : start + together] for start in range(0, len(boxes), together))
+        found = (verdicts for group in groups for verdicts in self._box_verdicts(group, states, shares=shares))
+        return tuple(tuple(next(found) for _ in target.boxes) for target in targets)
 
-    def coverage(self, target: Target, states: SceneStates, rows: Rows) -> TargetCoverage:
-        """Whether a target is covered in the states `rows`, asking no more cameras than needed.
+    def coverage(
+        self, targets: Sequence[Target], states: SceneStates, rows: Sequence[Indices]
+    ) -> tuple[TargetCoverage, ...]:
+        """Whether each target is covered in its states `rows`, asking no more cameras than needed.
 
         Cameras are asked fastest response first, so that the response found is that of the best k cameras.
         """
-        response = np.full(len(rows), np.nan)
-        count = np.zeros(len(rows), dtype=np.int64)
-        if not len(rows):
-            return TargetCoverage(count >= target.cameras, response)
-        within = np.logical_and.reduce([self.limits(box, states, rows).cause == Cause.NONE for box in target.boxes])
-        possible = within.sum(axis=0) >= target.cameras
+        questions = _Questions.of(targets, rows)
+        look = self._look([box for target in targets for box in target.boxes], states)
+        response, count = np.full(len(questions.state), np.nan), np.zeros(len(questions.state), dtype=np.int64)
+        within = questions.within_limits(look)
+        possible = within.sum(axis=0) >= questions.needed
         for tier in self._tiers():
-            order, row = np.nonzero(within[tier] & possible & (count < target.cameras))
-            if len(row):
-                self._count_seeing(target, states, Views(tier[order], rows[row]), row, count)
-            reached = (count >= target.cameras) & np.isnan(response)
+            order, asked = np.nonzero(within[tier] & possible & (count < questions.needed))
+            if len(asked):
+                self._count_seeing(look, questions, tier[order], asked, count)
+            reached = (count >= questions.needed) & np.isnan(response)
             response[reached] = self.cameras[tier[0]].response
-        return TargetCoverage(count >= target.cameras, response)
+        ends = np.cumsum([len(asked) for asked in rows])[:-1]
+        return tuple(map(TargetCoverage, np.split(count >= questions.needed, ends), np.split(response, ends)))
 
     def _tiers(self) -> list[NDArray[np.int64]]:
         """Indices of cameras grouped by response, fastest first."""
         responses = np.array([camera.response for camera in self.cameras])
         return [np.flatnonzero(responses == response) for response in np.unique(responses)]
 
-    def _count_seeing(
-        self, target: Target, states: SceneStates, views: Views, row: Rows, count: NDArray[np.int64]
-    ) -> None:
-        """Add to `count` of each row how many of its views see the target, at least up to the number it needs.
+    def _look(self, boxes: Sequence[TargetBox], states: SceneStates) -> Look:
+        return Look(boxes, self._projections, self.solids, states)
 
-        Views whose hulls nothing is near see it without further tests. The others of a row are tested one after the
-        other, those with the fewest solids near first, until enough of them see it.
+    def limits(self, box: TargetBox, states: SceneStates, rows: Indices) -> LimitVerdicts:
+        """Limits of every camera for a box in the states `rows`, each array of shape (c, rows)."""
+        return self._look([box], states).limits(np.zeros(len(rows), dtype=np.int64), rows)
+
+    def _count_seeing(self, look: Look, questions: _Questions, camera: Indices, asked: Indices, count: Indices) -> None:
+        """Add to `count` of each question how many of the cameras see its target, at least up to the number it needs.
+
+        camera, asked: views by index of camera and question, shape (v,). Views whose hulls nothing is near see it
+        without further tests. The others of a question are tested one after the other, those with the fewest solids
+        near first, until enough of them see it.
         """
-        poses = states.solid_poses(self.solids)
-        lines = [self._sight_lines(box, states, views) for box in target.boxes]
-        near = [near_pairs(line, poses, self._opaque(box)) for line, box in zip(lines, target.boxes, strict=True)]
-        pending = np.bincount(np.concatenate([line for line, _ in near]), minlength=len(row))
-        np.add.at(count, row[pending == 0], 1)
+        view, box, number = questions.boxes_of(asked)
+        views = Views(box, camera[view], questions.state[asked][view])
+        lines = look.sight_lines(views)
+        near = near_pairs(lines, look.solid_poses, look.opaque)
+        pending = np.bincount(view[near[0]], minlength=len(asked))
+        np.add.at(count, asked[pending == 0], 1)
         unsettled = np.flatnonzero(pending)
-        order = unsettled[np.lexsort((pending[unsettled], row[unsettled]))]
-        for asked in _one_per_row(order, row, count, target.cameras):
-            enough = np.ones(len(row), dtype=bool)
-            for box, line, pairs in zip(target.boxes, lines, near, strict=True):
-                left = _of_lines(pairs, asked[enough[asked]])
-                if box.detector.min_visible < 1:  # the shares tell of empty hulls as well, and faster
-                    enough &= self._shares(box, states, views, line, left) >= box.detector.min_visible
-                else:
-                    blocked, _ = self._tester.met(line, poses, left, first_only=True)
-                    enough[blocked] = False
-            np.add.at(count, row[asked[enough[asked]]], 1)
+        order = unsettled[np.lexsort((pending[unsettled], asked[unsettled]))]
+        least = np.array([entry.detector.min_visible for entry in look.boxes])[box]
+        for tested in _one_per_question(order, asked, count, questions.needed):
+            sees = np.zeros(len(asked), dtype=bool)
+            sees[tested] = True
+            for turn in range(int(number.max()) + 1):
+                wanted = sees[view] & (number == turn)
+                # Shares tell of empty hulls as well, and faster.
+                line, share = visible_shares(lines, look.solid_poses, _of_lines(near, wanted & (least < 1)))
+                sees[view[line[share < least[line]]]] = False
+                whole = _of_lines(near, wanted & (least >= 1))
+                line, _ = self._tester.met(lines, look.solid_poses, whole, first_only=True)
+                sees[view[line]] = False
+            np.add.at(count, asked[sees], 1)
 
-    def limits(self, box: TargetBox, states: SceneStates, rows: Rows) -> LimitVerdicts:
-        """Limits of every camera in the states `rows`, each array of shape (c, rows)."""
-        shape = (len(self.cameras), len(rows))
-        cause, side, figure = np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int8), np.empty(shape)
-        corners_B, X_WB = box_corners(box.size), states.box_poses(box)
-        moving = np.array([len(states.X_WF[camera.frame]) > 1 for camera in self.cameras], dtype=bool)
-        for group in (np.flatnonzero(~moving), np.flatnonzero(moving)):
-            if not len(group):
-                continue
-            X_WC = np.stack([states.camera_poses(self.cameras[index]) for index in group])
-            at = rows if len(X_WB) > 1 or X_WC.shape[1] > 1 else rows[:1]
-            X_CB = inverse(X_WC[:, at] if X_WC.shape[1] > 1 else X_WC) @ (X_WB[at] if len(X_WB) > 1 else X_WB)
-            normal_C = None if box.normal is None else X_CB[..., :3, :3] @ np.asarray(box.normal)
-            projections = [self._projections[index] for index in group]
-            limits = check_limits(projections, box.detector, transform(X_CB, corners_B), normal_C)
-            cause[group], side[group], figure[group] = limits.cause, limits.side, limits.figure
-        return LimitVerdicts(cause, side, figure)
-
-    def _sight_lines(self, box: TargetBox, states: SceneStates, views: Views) -> SightLines:
-        """One sight line per view; views of a camera and box that both stand still share a hull."""
-        corners_B, _ = shrink(box.size, box.normal)
-        corners_W = transform(states.box_poses(box), corners_B)
-        moving = np.array([len(states.X_WF[camera.frame]) > 1 for camera in self.cameras], dtype=bool)
-        if len(corners_W) > 1 or moving[views.camera].any():
-            first = hull = np.arange(len(views.camera))
-        else:
-            _, first, hull = np.unique(views.camera, return_index=True, return_inverse=True)
-        X_WC = self._camera_poses(states, Views(views.camera[first], views.state[first]))
-        return SightLines(views.state, hull, X_WC[:, :3, 3], rows_of(corners_W, views.state[first]))
-
-    def _camera_poses(self, states: SceneStates, views: Views) -> Array:
-        """World poses of the optical frame of each view, shape (v, 4, 4)."""
-        poses = [states.camera_poses(camera) for camera in self.cameras]
-        X_WC = np.stack([X[0] for X in poses])[views.camera]
-        for index, X in enumerate(poses):
-            if len(X) > 1:
-                here = np.flatnonzero(views.camera == index)
-                X_WC[here] = X[views.state[here]]
-        return X_WC
-
-    def _opaque(self, box: TargetBox) -> list[int]:
-        """Indices of the solids that can hide a box."""
-        parts = [solid.part for solid in self.solids]
-        return [i for i, part in enumerate(parts) if part.parent not in box.encloses and part.name not in box.encloses]
-
-    def _shares(self, box: TargetBox, states: SceneStates, views: Views, lines: SightLines, near: Pairs) -> Array:
-        """Visible shares of a box, shape (v,), of solids that may reach into its view hulls; 1 where there are none."""
-        shares = np.ones(len(views.camera))
-        blocked, position = np.unique(near[0], return_inverse=True)
-        if len(blocked):
-            _, first, hull = np.unique(lines.hull[blocked], return_index=True, return_inverse=True)
-            one_each = Views(views.camera[blocked[first]], views.state[blocked[first]])
-            X_WC, X_WB = self._camera_poses(states, one_each), rows_of(states.box_poses(box), one_each.state)
-            corners, _ = shrink(box.size, box.normal)
-            poses = states.solid_poses(self.solids)
-            state = views.state[blocked]
-            shares[blocked] = visible_shares(X_WC, X_WB, corners, hull, state, poses, (position, near[1]))
-        return shares
-
-    def _box_verdicts(self, box: TargetBox, states: SceneStates, *, shares: bool) -> BoxVerdicts:
-        limits = self.limits(box, states, np.arange(states.count))
-        cause, by, figure = limits.cause.T.copy(), limits.side.T.astype(np.int64), limits.figure.T.copy()
+    def _box_verdicts(self, boxes: Sequence[TargetBox], states: SceneStates, *, shares: bool) -> list[BoxVerdicts]:
+        look, cameras = self._look(boxes, states), len(self.cameras)
+        box, state = (axis.reshape(-1) for axis in np.indices((len(boxes), states.count)))
+        limits = look.limits(box, state)
+        cause, by, figure = limits.cause.copy(), limits.side.astype(np.int64), limits.figure
         visible = np.full(cause.shape, np.nan)
-        views = Views(*np.nonzero(limits.cause == Cause.NONE))
-        poses = states.solid_poses(self.solids)
-        lines = self._sight_lines(box, states, views)
-        met = self._tester.met(lines, poses, near_pairs(lines, poses, self._opaque(box)), first_only=False)
-        hidden = np.zeros(len(views.camera), dtype=bool)
+        camera, at = np.nonzero(cause == Cause.NONE)
+        views = Views(box[at], camera, state[at])
+        lines = look.sight_lines(views)
+        met = self._tester.met(
+            lines, look.solid_poses, near_pairs(lines, look.solid_poses, look.opaque), first_only=False
+        )
+        hidden = np.zeros(len(at), dtype=bool)
         hidden[met[0]] = True
-        if shares or box.detector.min_visible < 1:
-            share = self._shares(box, states, views, lines, met)
-            if shares:
-                visible[views.state, views.camera] = share
-            hidden &= (share < box.detector.min_visible) | (box.detector.min_visible >= 1)
-        of_hidden = hidden[met[0]]
-        center = rows_of(states.box_poses(box)[:, :3, 3], views.state)
-        culprits = find_culprits(lines, center, poses, (met[0][of_hidden], met[1][of_hidden]))
-        state, camera = views.state[hidden], views.camera[hidden]
-        cause[state, camera], by[state, camera] = Cause.HIDDEN, culprits[hidden]
-        return BoxVerdicts(cause, by, figure, visible)
+        least = np.array([entry.detector.min_visible for entry in boxes])[views.box]
+        if shares:
+            visible[camera, at] = 1.0
+        line, share = visible_shares(lines, look.solid_poses, met if shares else _of_lines(met, least < 1))
+        if shares:
+            visible[camera[line], at[line]] = share
+        hidden[line] &= (share < least[line]) | (least[line] >= 1)
+        culprits = find_culprits(lines, look.centers(views), look.solid_poses, _of_lines(met, hidden))
+        cause[camera[hidden], at[hidden]], by[camera[hidden], at[hidden]] = Cause.HIDDEN, culprits[hidden]
+        found = (values.reshape(cameras, len(boxes), -1).transpose(1, 2, 0) for values in (cause, by, figure, visible))
+        return [BoxVerdicts(*entries) for entries in zip(*found, strict=True)]
 
 
-def _one_per_row(order: Rows, row: Rows, count: NDArray[np.int64], needed: int) -> Iterator[Rows]:
-    """Rounds over views that are ordered by row: in each, the next view of every row that has not got enough yet.
+@dataclass(frozen=True, eq=False)
+class _Questions:
+    """Whether each of several targets is covered in some states: q questions, ordered by target.
+
+    target, state: by index, shape (q,). needed: how many cameras must see the target, shape (q,). first_box, box_count:
+    the boxes of each target among those of all, in order, shape (targets,).
+    """
+
+    target: Indices
+    state: Indices
+    needed: Indices
+    first_box: Indices
+    box_count: Indices
+
+    @classmethod
+    def of(cls, targets: Sequence[Target], rows: Sequence[Indices]) -> _Questions:
+        """Questions about each target in its states `rows`."""
+        target = np.repeat(np.arange(len(targets)), [len(states) for states in rows])
+        count = np.array([len(entry.boxes) for entry in targets])
+        needed = np.array([entry.cameras for entry in targets])
+        return cls(target, np.concatenate(rows), needed[target], np.cumsum(count) - count, count)
+
+    def within_limits(self, look: Look) -> Mask:
+        """Whether each camera has all boxes of a question's target within its limits, shape (c, q)."""
+        turn, question = np.nonzero(np.arange(self.box_count.max())[:, None] < self.box_count[self.target])
+        box = self.first_box[self.target[question]] + turn
+        order = np.argsort(box, kind="stable")
+        within = np.ones((len(look.projections), len(self.target)), dtype=bool)
+        good = look.limits(box[order], self.state[question[order]]).cause == Cause.NONE
+        for number in range(self.box_count.max()):
+            here = turn[order] == number
+            within[:, question[order][here]] &= good[:, here]
+        return within
+
+    def boxes_of(self, asked: Indices) -> tuple[Indices, Indices, Indices]:
+        """The boxes of questions (v,): first boxes of all, then second ones and so on.
+
+        Returns the index into `asked`, the box and its number in its target, shape (n,) each.
+        """
+        target = self.target[asked]
+        number, view = np.nonzero(np.arange(self.box_count[target].max())[:, None] < self.box_count[target])
+        return view, self.first_box[target[view]] + number, number
+
+
+def _one_per_question(order: Indices, question: Indices, count: Indices, needed: Indices) -> Iterator[Indices]:
+    """Rounds over views that are ordered by question: in each, the next view of every one that has not got enough yet.
 
     A few views make one round.
     """
-    order = order[count[row[order]] < needed]
+
+    def open_ones(views: Indices) -> Indices:
+        return views[count[question[views]] < needed[question[views]]]
+
+    order = open_ones(order)
     if len(order) <= _TOGETHER:
         if len(order):
             yield order
         return
-    _, first, counts = np.unique(row[order], return_index=True, return_counts=True)
+    _, first, counts = np.unique(question[order], return_index=True, return_counts=True)
     for turn in range(int(counts.max())):
-        asked = order[first[counts > turn] + turn]
-        asked = asked[count[row[asked]] < needed]
+        asked = open_ones(order[first[counts > turn] + turn])
         if len(asked):
             yield asked
 
 
-def _of_lines(pairs: Pairs, lines: Rows) -> Pairs:
-    """The pairs of some of the sight lines."""
-    wanted = np.zeros(pairs[0].max(initial=-1) + 1, dtype=bool)
-    wanted[lines[lines < len(wanted)]] = True
+def _of_lines(pairs: Pairs, wanted: Mask) -> Pairs:
+    """The pairs of those sight lines (v,) that are wanted."""
     kept = wanted[pairs[0]]
     return pairs[0][kept], pairs[1][kept]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.programming.sensing.occlusion import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import SolidPoses
 from sqrp_cli.programming.solids import Solid
 from sqrp_cli.programming.targets import TargetBox
 

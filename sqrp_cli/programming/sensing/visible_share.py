@@ -12,15 +12,15 @@ silhouette; far less for others, of which every row measures another place.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, transform
-from sqrp_cli.programming.sensing.occlusion import Pairs, SolidPoses
-from sqrp_cli.programming.sensing.ray_grid import Outline, RayGrid, first_row, turns
-from sqrp_cli.programming.sensing.scene import rows_of
+from sqrp_cli.programming.ranges import begins_run
+from sqrp_cli.programming.sensing.outline import AHEAD, Outline, facing, signs
+from sqrp_cli.programming.sensing.ray_grid import RayGrid, turns
+from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs, SightLines, SolidPoses
 from sqrp_cli.programming.sensing.surface import Surface
 from sqrp_cli.programming.solids import BOX_TRIANGLES
 
@@ -30,155 +30,157 @@ _CHUNK = 256
 _MEMORY = 2_000_000
 """Triangles, each counted for each sight line, that are looked at together at most, to bound the memory."""
 
-_AHEAD = 1e-6
-"""Depth from which on a point counts as in front of the camera [m]."""
+_BOX = Surface.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
 
 Mask = NDArray[np.bool_]
 
 
-def visible_shares(
-    X_WC: Array,
-    X_WB: Array,
-    corners_B: Array,
-    hull: NDArray[np.int64],
-    state: NDArray[np.int64],
-    poses: SolidPoses,
-    pairs: Pairs,
-) -> Array:
-    """Visible share of each sight line's box, shape (v,).
+def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> tuple[Indices, Array]:
+    """The sight lines that the pairs name, by index, and the visible shares of their boxes; shape (n,) each.
 
-    X_WC: pose of the optical frame, shape (h, 4, 4). X_WB: pose of the box, shape (h, 4, 4). corners_B: corners (8, 3)
-    of the shrunk box in its own frame. hull: which of those two each sight line has, shape (v,). state: index of the
-    state of each, shape (v,). pairs: (sight line, solid) that reach into the view hulls; nothing else can block. All
-    corners must lie in front of the camera.
+    pairs: (sight line, solid) that may reach into the view hulls; nothing else can block. All corners of the boxes must
+    lie in front of the camera.
     """
-    shares = np.empty(len(state))
-    largest = max((len(poses.solids[index].triangles) for index in set(pairs[1].tolist())), default=0)
+    line, solid = pairs
+    begins = begins_run(line)
+    named, number = line[begins], np.cumsum(begins) - 1
+    shares = np.empty(len(named))
+    largest = max((len(poses.solids[index].triangles) for index in set(solid.tolist())), default=0)
     size = max(1, min(_CHUNK, _MEMORY // max(1, largest)))
-    for start in range(0, len(state), size):
+    for start in range(0, len(named), size):
         chunk = slice(start, start + size)
-        inside = (pairs[0] >= start) & (pairs[0] < start + size)
-        used, of = np.unique(hull[chunk], return_inverse=True)
-        view = _View.of(X_WC[used], X_WB[used], corners_B).repeated(of)
-        shares[chunk] = _shares(view, state[chunk], poses, (pairs[0][inside] - start, pairs[1][inside]))
-    return shares
+        within = slice(*np.searchsorted(number, (start, start + size)).tolist())
+        hull, state = lines.hull[named[chunk]], lines.state[named[chunk]]
+        begins = begins_run(hull)
+        view = _View.of(lines, hull[begins])
+        here = (number[within] - start, solid[within])
+        shares[chunk] = _shares(view, np.cumsum(begins) - 1, state, poses, here)
+    return named, shares
 
 
-def _shares(view: _View, state: NDArray[np.int64], poses: SolidPoses, pairs: Pairs) -> Array:
+def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs: Pairs) -> Array:
+    """Visible shares of l sight lines; hull: which of the views each has, state: index of its state, shape (l,)."""
     line, which = pairs
-    solids = {index: np.flatnonzero(which == index) for index in np.unique(which).tolist()}
-    X_WP, corners_P = np.empty((len(line), 4, 4)), np.empty((len(line), 8, 3))
-    for index, rows in solids.items():
-        X_WP[rows], corners_P[rows] = rows_of(poses.pose(index), state[line[rows]]), poses.solids[index].corners
-    X_BP = inverse(view.X_WB)[line] @ X_WP
-    eyes_P = transform(inverse(X_BP), view.eyes[line, None])[:, 0]
-    maps = view.grid.maps(line, view.X_CB[line] @ X_BP)
-    all_before = view.places(line, transform(X_BP, corners_P)).all_before()
+    hulls, lines = len(view.eyes), len(hull)
+    at = hull[line]
+    X_WP = poses.at(which, state[line])
+    X_CP, X_BP = view.X_CW[at] @ X_WP, view.X_BW[at] @ X_WP
+    eyes_P, maps = inverse(X_CP)[:, :3, 3], view.grid.maps(at, X_CP)
+    bounds_P = np.stack([solid.corners for solid in poses.solids])[which]
+    all_before = view.places(at, transform(X_BP, bounds_P)).all_before()
 
-    outlines, blocked = [], np.zeros(view.silhouette.shape, dtype=bool)
-    for index, rows in solids.items():
+    outlines, marked = [view.outline()], []  # one layer for each silhouette, then one for what hides each line
+    for index in np.flatnonzero(np.bincount(which)).tolist():
+        rows = np.flatnonzero(which == index)
         surface = Surface.of(poses.solids[index])
-        facing = _facing(surface, eyes_P[rows])
+        turned = facing(surface, eyes_P[rows])
         doubtful = np.flatnonzero(~all_before[rows])
         if len(doubtful):
-            lines = line[rows[doubtful]]
-            points_B = transform(X_BP[rows[doubtful]], surface.vertices)
-            before, beyond = view.places(lines, points_B).of(surface.triangles)
-            facing[:-1, doubtful] *= before.T
+            of = rows[doubtful]
+            points_B = transform(X_BP[of], surface.vertices)
+            before, beyond = view.places(at[of], points_B).of(surface.triangles)
+            turned[:-1, doubtful] *= before.T
             row, triangle = np.nonzero(~before & ~beyond)
             corners_B = np.moveaxis(points_B[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
-            view.mark(lines[row], corners_B, blocked)
-        outlines.append(_outline(line[rows], maps[:, :, rows], surface, facing))
-    blocked |= view.grid.inside(Outline.joined(outlines))
-    seen, all_rays = _count(view.silhouette & ~blocked), _count(view.silhouette)
+            column, hit, grid_row = view.blocked(at[of[row]], corners_B)
+            marked.append((column, line[of[row[hit]]], grid_row))
+        outlines.append(Outline.of(hulls + line[rows], maps[:, :, rows], surface, turned))
+    inside = Outline.joined(outlines).inside(hulls + lines)
+    silhouette, blocked = inside[:, :hulls], inside[:, hulls:]
+    for rays in marked:
+        blocked[rays] = True
+    seen, all_rays = _count(silhouette[:, hull] & ~blocked), _count(silhouette)[hull]
     return np.where(all_rays > 0, seen / np.maximum(all_rays, 1), 1.0)  # nothing hides what has no area in the image
-
-
-@lru_cache(maxsize=256)
-def _box_surface(*bounds: float) -> Surface:
-    """The surface of a box from its least x, y, z to its greatest."""
-    low, high = np.split(np.array(bounds), 2)
-    return Surface.of_triangles(np.where(BOX_SIGNS < 0, low, high), BOX_TRIANGLES)
 
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """Boxes as l sight lines see them.
+    """Boxes as cameras see them, one for each of h view hulls.
 
-    X_WB: pose of each box, shape (l, 4, 4). X_CB: in its (turned) optical frame, shape (l, 4, 4). eyes: camera centres
-    in the boxes' frames, shape (l, 3). nearest: least depth of each box, shape (l,). low, high: where the box's far
-    faces lie on its axes, shape (l, 3) each; infinite where the face on that side looks to the camera. silhouette: rays
-    that meet the box, shape (COLUMNS, l, ROWS).
+    X_CW: world in the (turned) optical frame, shape (h, 4, 4). X_BW: world in the box's frame, shape (h, 4, 4).
+    X_CB: box in the optical frame, shape (h, 4, 4). eyes: camera centres in the boxes' frames, shape (h, 3). nearest:
+    least depth of each box, shape (h,). low, high: least and greatest coordinates of each box, shape (h, 3).
     """
 
-    X_WB: Array
+    X_CW: Array
+    X_BW: Array
     X_CB: Array
     eyes: Array
     nearest: Array
     low: Array
     high: Array
     grid: RayGrid
-    silhouette: Mask
 
     @classmethod
-    def of(cls, X_WC: Array, X_WB: Array, corners_B: Array) -> _View:
-        X_CB = inverse(X_WC) @ X_WB
-        corners_C = np.moveaxis(transform(X_CB, corners_B), -1, 0)
-        X_CB = turns(corners_C[:2] / corners_C[2]) @ X_CB
-        corners_C = np.moveaxis(transform(X_CB, corners_B), -1, 0)
+    def of(cls, lines: SightLines, hulls: Indices) -> _View:
+        """The views of some of the hulls of sight lines."""
+        X_WC, corners_W = lines.X_WC[hulls], lines.corners[hulls]
+        X_CW = inverse(X_WC)
+        corners_C = transform(X_CW, corners_W).transpose(2, 0, 1)
+        X_CW = turns(corners_C[:2] / corners_C[2]) @ X_CW
+        corners_C = transform(X_CW, corners_W).transpose(2, 0, 1)
         image = corners_C[:2] / corners_C[2]
-        grid = RayGrid.over(image.min(axis=-1), image.max(axis=-1))
-        eye_B = inverse(X_CB)[:, :3, 3]
-        low, high = corners_B.min(axis=0), corners_B.max(axis=0)
-        far = np.where(eye_B > low, low, -np.inf), np.where(eye_B < high, high, np.inf)
-        box, lines = _box_surface(*low.tolist(), *high.tolist()), np.arange(len(X_CB))
-        outline = _outline(lines, grid.maps(lines, X_CB), box, _facing(box, eye_B))
-        return cls(X_WB, X_CB, eye_B, corners_C[2].min(axis=-1), *far, grid, grid.inside(outline))
-
-    def repeated(self, of: NDArray[np.int64]) -> _View:
-        """Some of them, or some more than once: those of the given indices, shape (n,)."""
-        return _View(
-            X_WB=self.X_WB[of],
-            X_CB=self.X_CB[of],
-            eyes=self.eyes[of],
-            nearest=self.nearest[of],
-            low=self.low[of],
-            high=self.high[of],
-            grid=self.grid.repeated(of),
-            silhouette=self.silhouette[:, of],
+        X_BW = inverse(lines.X_WB[hulls])
+        half, middle = lines.half_size[hulls], lines.offset[hulls]
+        return cls(
+            X_CW=X_CW,
+            X_BW=X_BW,
+            X_CB=X_CW @ lines.X_WB[hulls],
+            eyes=transform(X_BW, X_WC[:, None, :3, 3])[:, 0],
+            nearest=corners_C[2].min(axis=-1),
+            low=middle - half,
+            high=middle + half,
+            grid=RayGrid.over(image.min(axis=-1), image.max(axis=-1)),
         )
 
-    def places(self, lines: NDArray[np.int64], points_B: Array) -> _Places:
-        """Where points (k, n, 3) lie that k of the sight lines see."""
-        X_CB = self.X_CB[lines]
+    def outline(self) -> Outline:
+        """The silhouettes of the boxes, each in a layer of its own."""
+        half, middle = 0.5 * (self.high - self.low), 0.5 * (self.high + self.low)
+        X_BU = np.zeros_like(self.X_CB)  # the box from -1 to 1, stretched and moved to its place
+        X_BU[:, range(3), range(3)], X_BU[:, :3, 3], X_BU[:, 3, 3] = half, middle, 1.0
+        hulls = np.arange(len(half))
+        sides = np.stack([self.eyes < self.low, self.eyes > self.high], axis=-1).reshape(-1, 6).T
+        return Outline.of(hulls, self.grid.maps(hulls, self.X_CB @ X_BU), _BOX, signs(np.repeat(sides, 2, axis=0)))
+
+    def places(self, hull: Indices, points_B: Array) -> _Places:
+        """Where points (k, n, 3) lie that are seen in k of the views."""
+        X_CB = self.X_CB[hull]
         depth = (points_B @ X_CB[:, 2, :3, None])[..., 0] + X_CB[:, 2, 3, None]
-        ahead = depth > _AHEAD
+        ahead = depth > AHEAD
+        low, high = self._far_sides(hull)
         beyond = [
             side
             for axis in range(3)
-            for side in (
-                points_B[..., axis] <= self.low[lines, axis, None],
-                points_B[..., axis] >= self.high[lines, axis, None],
-            )
+            for side in (points_B[..., axis] <= low[:, axis, None], points_B[..., axis] >= high[:, axis, None])
         ]
-        nearer = ahead & (depth < self.nearest[lines, None])
+        nearer = ahead & (depth < self.nearest[hull, None])
         return _Places((nearer, ahead & ~np.logical_or.reduce(beyond)), (~ahead, *beyond))
 
-    def mark(self, line: NDArray[np.int64], corners_B: Array, blocked: Mask) -> None:
-        """Mark in `blocked` (COLUMNS, l, ROWS) the rays that n triangles block before the far sides.
+    def blocked(self, hull: Indices, corners_B: Array) -> tuple[Indices, Indices, Indices]:
+        """The rays that n triangles block before the far sides: column, index of the triangle and row of each.
 
-        corners_B: shape (3, 3, n), coordinate first.
+        hull: in which view each triangle is looked at, shape (n,). corners_B: shape (3, 3, n), coordinate first.
         """
-        R, t = self.X_CB[line, :3, :3], self.X_CB[line, :3, 3]
+        R, t = self.X_CB[hull, :3, :3], self.X_CB[hull, :3, 3]
         corners = np.einsum("nij,jkn->ikn", R, corners_B) + t.T[:, None]
-        touching = self.grid.may_hold(line, corners)
-        hits = self.grid.hits(line[touching], corners[:, :, touching])
-        line = line[touching][hits.triangle]
-        u, v = self.grid.rays(line, hits.row, hits.column)
+        touching = np.flatnonzero(self.grid.may_hold(hull, corners))
+        hits = self.grid.hits(hull[touching], corners[:, :, touching])
+        triangle = touching[hits.triangle]
+        hull = hull[triangle]
+        u, v = self.grid.rays(hull, hits.row, hits.column)
         ray_C = np.stack([u, v, np.ones(len(u))], axis=-1)
-        point_B = self.eyes[line] + hits.depth[:, None] * (ray_C[:, None] @ self.X_CB[line, :3, :3])[:, 0]
-        blocks = ((point_B > self.low[line]) & (point_B < self.high[line])).all(axis=1)
-        blocked[hits.column[blocks], line[blocks], hits.row[blocks]] = True
+        point_B = self.eyes[hull] + hits.depth[:, None] * (ray_C[:, None] @ self.X_CB[hull, :3, :3])[:, 0]
+        low, high = self._far_sides(hull)
+        blocks = ((point_B > low) & (point_B < high)).all(axis=1)
+        return hits.column[blocks], triangle[blocks], hits.row[blocks]
+
+    def _far_sides(self, hull: Indices) -> tuple[Array, Array]:
+        """Where the boxes' far faces lie on their axes, shape (k, 3) each.
+
+        They are infinite where the face on that side looks to the camera.
+        """
+        eyes, low, high = self.eyes[hull], self.low[hull], self.high[hull]
+        return np.where(eyes > low, low, -np.inf), np.where(eyes < high, high, np.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,33 +214,3 @@ def _count(rays: Mask) -> Array:
     # First over the columns, in small numbers: an ordinary sum is several times slower.
     count: Array = np.add.reduce(rays.view(np.uint8), axis=0, dtype=np.uint8).sum(axis=1, dtype=float)
     return count
-
-
-def _facing(surface: Surface, eye: Array) -> NDArray[np.int8]:
-    """1 where an eye (k, 3) is in front of a triangle and -1 where not, shape (F + 1, k); 0 for no triangle."""
-    facing = np.zeros((len(surface.normals) + 1, len(eye)), dtype=np.int8)
-    facing[:-1] = 2 * (surface.normals @ eye.T > surface.offsets[:, None]).view(np.int8) - 1
-    return facing
-
-
-def _outline(lines: NDArray[np.int64], maps: Array, surface: Surface, facing: NDArray[np.int8]) -> Outline:
-    """The edges between triangles that face different ways, each triangle taken as if it faced the camera.
-
-    maps: from the surface's frame into the grids of the sight lines, shape (3, 4, k).
-    """
-    # Vertex by vertex, so that edges which share an end give it the same row to the last bit.
-    column, row, depth = surface.vertices @ maps[:, :3] + maps[:, 3:]
-    depth = np.maximum(depth, _AHEAD)  # what lies behind the camera belongs to no triangle that counts
-    column, row = column / depth, row / depth
-    whole_row = first_row(row)
-
-    left, right = facing[surface.left], facing[surface.right]
-    bends = np.flatnonzero(left != right)
-    weight = left.take(bends) - right.take(bends)
-    edge, view = np.divmod(bends, len(lines))
-    start, end = (vertices[edge] * len(lines) + view for vertices in (surface.start, surface.end))
-    crossing = whole_row.take(start) != whole_row.take(end)
-    crossing &= np.maximum(column.take(start), column.take(end)) > 0.0  # others have no ray before them
-    start, end = start[crossing], end[crossing]
-    first, last = (np.stack([column.take(at), row.take(at)]) for at in (start, end))
-    return Outline(lines[view[crossing]], first, last, weight[crossing])

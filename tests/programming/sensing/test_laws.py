@@ -25,7 +25,7 @@ from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.quality import average_quality, interest_quality
 from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
 from sqrp_cli.programming.sensing.cause import SIDES, Cause
-from sqrp_cli.programming.sensing.observer import Observer, TargetCoverage
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer, TargetCoverage
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.stage import Stage
@@ -55,8 +55,19 @@ class Watch:
     target: Target
     states: SceneStates
 
-    def coverage(self) -> TargetCoverage:
-        return Observer(self.cameras, load_solids(self.parts)).coverage(self.target, self.states, np.arange(STATES))
+    @property
+    def observer(self) -> Observer:
+        return Observer(self.cameras, load_solids(self.parts))
+
+    def coverage(self, rows: NDArray[np.int64] | None = None) -> TargetCoverage:
+        rows = np.arange(STATES) if rows is None else rows
+        (found,) = self.observer.coverage([self.target], self.states, [rows])
+        return found
+
+    @property
+    def matrix(self) -> tuple[BoxVerdicts, ...]:
+        (boxes,) = self.observer.verdicts([self.target], self.states)
+        return boxes
 
     @property
     def covered(self) -> NDArray[np.bool_]:
@@ -122,9 +133,7 @@ def same_response(first: Array, second: Array) -> bool:
 def test_coverage_alone_is_what_the_full_matrix_gives_response_included(seed: int) -> None:
     watch = random_watch(seed)
     quick = watch.coverage()
-    matrix = Observer(watch.cameras, load_solids(watch.parts)).verdicts(watch.target, watch.states)
-
-    sees = np.all([box.cause == Cause.NONE for box in matrix], axis=0)
+    sees = np.all([box.cause == Cause.NONE for box in watch.matrix], axis=0)
     assert quick.covered.tolist() == (sees.sum(axis=1) >= watch.target.cameras).tolist()
     for state in range(STATES):
         responses = sorted(c.response for c, seen in zip(watch.cameras, sees[state], strict=True) if seen)
@@ -139,18 +148,38 @@ def test_coverage_alone_is_what_the_full_matrix_gives_response_included(seed: in
 def test_coverage_of_some_states_is_that_of_all_at_those(seed: int, states: list[int]) -> None:
     watch = random_watch(seed)
     rows = np.array(sorted(states), dtype=np.int64)
-    some = Observer(watch.cameras, load_solids(watch.parts)).coverage(watch.target, watch.states, rows)
-    whole = watch.coverage()
+    some, whole = watch.coverage(rows), watch.coverage()
     assert some.covered.tolist() == whole.covered[rows].tolist()
     assert same_response(some.response, whole.response[rows])
+
+
+@few
+@given(seed=SEEDS, data=st.data())
+def test_targets_looked_at_together_give_what_each_gives_alone(seed: int, data: st.DataObject) -> None:
+    watch = random_watch(seed)
+    counts = st.integers(1, 3)
+    alone = [replace(watch, target=Target(Atom(box.name), data.draw(counts), (box,))) for box in watch.target.boxes]
+    watches = [watch, *alone]
+    asked = [np.array(sorted(data.draw(st.sets(st.integers(0, STATES - 1)))), dtype=np.int64) for _ in watches]
+
+    together = watch.observer.coverage([w.target for w in watches], watch.states, asked)
+    matrices = watch.observer.verdicts([w.target for w in watches], watch.states)
+
+    for each, rows, coverage, matrix in zip(watches, asked, together, matrices, strict=True):
+        expected = each.coverage(rows)
+        assert coverage.covered.tolist() == expected.covered.tolist()
+        assert same_response(coverage.response, expected.response)
+        for box, other in zip(matrix, each.matrix, strict=True):
+            assert all(
+                np.array_equal(getattr(box, f.name), getattr(other, f.name), equal_nan=True) for f in fields(box)
+            )
 
 
 @few
 @given(seed=SEEDS)
 def test_a_cause_is_given_exactly_when_a_box_is_not_covered(seed: int) -> None:
     watch = random_watch(seed)
-    matrix = Observer(watch.cameras, load_solids(watch.parts)).verdicts(watch.target, watch.states)
-    for box, verdicts in zip(watch.target.boxes, matrix, strict=True):
+    for box, verdicts in zip(watch.target.boxes, watch.matrix, strict=True):
         cause, by, figure, visible = verdicts.cause, verdicts.by, verdicts.figure, verdicts.visible
         hidden, outside, seen = cause == Cause.HIDDEN, cause == Cause.OUT_OF_IMAGE, cause == Cause.NONE
         assert ((by >= 0) == (hidden | outside)).all()
@@ -185,7 +214,7 @@ def test_the_order_of_the_solids_does_not_matter(seed: int, order: list[int]) ->
     watch = random_watch(seed)
     shuffled = replace(watch, parts=tuple(watch.parts[i] for i in order))
     assert watch.covered.tolist() == shuffled.covered.tolist()
-    first, second = (Observer(w.cameras, load_solids(w.parts)).verdicts(w.target, w.states) for w in (watch, shuffled))
+    first, second = (w.matrix for w in (watch, shuffled))
     for box, other in zip(first, second, strict=True):
         hidden = box.cause == Cause.HIDDEN
         assert (box.cause == other.cause).all()

@@ -17,7 +17,7 @@ from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.sensing.cause import SIDES, Cause
-from sqrp_cli.programming.sensing.limits import check_limits, hull_area
+from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits, hull_area
 from tests.programming.sensing.views import make_camera, make_detector, random_rotation
 
 CLOSE = 1e-7
@@ -121,12 +121,22 @@ def random_case(seed: int) -> tuple[Camera, Detector, tuple[float, float, float]
     return camera, detector, tuple(rng.uniform(0.001, 0.25, 3).tolist()), X_CB, normal
 
 
+def checked(camera: Camera, detector: Detector, corners_C: Array, normal_C: Array) -> LimitVerdicts:
+    """Verdicts of boxes with corners (n, 8, 3) and normals (n, 3) in the optical frame of one camera."""
+    box = np.zeros(len(corners_C), dtype=np.int64)
+    corners_first = corners_C.transpose(2, 1, 0)[:, :, None]
+    return check_limits([Projection.of(camera)], [detector], box, corners_first, normal_C.T[:, None])
+
+
+def normal_in(X_CB: Array, normal: Array | None) -> Array:
+    return X_CB[:, :3, :3] @ (np.zeros(3) if normal is None else normal)
+
+
 def verdict(
     camera: Camera, detector: Detector, size: tuple[float, ...], X_CB: Array, normal: Array | None
 ) -> tuple[Cause, str | None, float]:
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * size
-    normal_C = None if normal is None else (X_CB[:3, :3] @ normal)[None, None]
-    found = check_limits([Projection.of(camera)], detector, transform(X_CB, corners)[None, None], normal_C)
+    found = checked(camera, detector, transform(X_CB, corners)[None], normal_in(X_CB[None], normal))
     cause = Cause(int(found.cause[0, 0]))
     side = SIDES[found.side[0, 0]] if cause is Cause.OUT_OF_IMAGE else None
     assert cause is Cause.OUT_OF_IMAGE or found.side[0, 0] == -1
@@ -158,8 +168,7 @@ def test_many_states_at_once_give_what_each_gives_alone() -> None:
     rng = np.random.default_rng(7)
     poses = np.stack([pose(random_rotation(rng), rng.uniform((-0.6, -0.5, 0.1), (0.6, 0.5, 2.5))) for _ in range(200)])
     corners = np.array(list(product((-0.5, 0.5), repeat=3))) * size
-    normals = None if normal is None else (poses[:, :3, :3] @ normal)[None]
-    together = check_limits([Projection.of(camera)], detector, transform(poses, corners)[None], normals)
+    together = checked(camera, detector, transform(poses, corners), normal_in(poses, normal))
     alone = [verdict(camera, detector, size, X_CB, normal) for X_CB in poses]
     assert [Cause(int(code)) for code in together.cause[0]] == [cause for cause, _, _ in alone]
     assert together.figure[0] == pytest.approx([figure for _, _, figure in alone], abs=1e-9)

@@ -217,7 +217,7 @@ class Comparison:
         }
 
     def _look(self, box: TargetBox) -> BoxVerdicts:
-        return self.observer.verdicts(Target(Atom("seen"), 1, (box,)), self.states)[0]
+        return self.observer.verdicts([Target(Atom("seen"), 1, (box,))], self.states)[0][0]
 
     def name_of(self, solid: int) -> str:
         part = self.solids[solid].part

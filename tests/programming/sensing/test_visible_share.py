@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
 from sqrp_cli.knowledge.scene import Box, Part
-from sqrp_cli.programming.sensing.occlusion import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import SightLines, SolidPoses
 from sqrp_cli.programming.sensing.visible_share import visible_shares
 from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
 
@@ -38,9 +38,10 @@ def solid_of(vertices: Array, triangles: NDArray[np.int64]) -> Solid:
 def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
     poses = SolidPoses(tuple(solids), {"world": pose()[None]})
     pairs = np.zeros(len(solids), dtype=np.int64), np.arange(len(solids))
-    corners_B = 0.5 * size * BOX_SIGNS
     one = np.zeros(1, dtype=np.int64)
-    return float(visible_shares(X_WC[None], X_WB[None], corners_B, one, one, poses, pairs)[0])
+    lines = SightLines(one, one, one, X_WC[None], X_WB[None], 0.5 * size[None], np.zeros((1, 3)))
+    _, shares = visible_shares(lines, poses, pairs)
+    return float(shares[0])
 
 
 def random_rays(X_WC: Array, X_WB: Array, size: Array) -> tuple[Array, Array]:

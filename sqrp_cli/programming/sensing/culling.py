@@ -1,0 +1,164 @@
+"""Which solids may reach into which view hulls, by bounds alone: what is left has to be looked at exactly.
+
+First balls around the solids are held against cones around the hulls, for all states at once; then boxes around those
+that remain against ten planes around the hull, and the hull against the boxes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.sensing.sight_lines import TOUCH, Indices, Pairs, SightLines, SolidPoses
+
+_LINES_AT_ONCE = 4096
+"""Sight lines that are compared with all solids at once: what that takes should fit the cache."""
+
+_LEAST_DEPTH = 1e-6
+"""Depth of a box's nearest corner [m] below which the box has no bounded image, and its hull no cone."""
+
+
+def near_pairs(lines: SightLines, poses: SolidPoses, opaque: NDArray[np.bool_]) -> Pairs:
+    """Pairs (sight line, index of solid) whose hull and bounding volume may touch, ordered by sight line.
+
+    opaque: which solids can hide which box, shape (s, b).
+    """
+    solids = np.flatnonzero(opaque.any(axis=1))
+    if not len(lines.state) or not len(solids):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    hulls = _Hulls.of(lines)
+    balls = _Balls.of(poses, solids, int(lines.state.max()) + 1)
+    found = []
+    for start in range(0, len(lines.state), _LINES_AT_ONCE):
+        chunk = slice(start, start + _LINES_AT_ONCE)
+        hull, state = lines.hull[chunk], lines.state[chunk]
+        near = hulls.meet(hull, balls, state) & opaque[solids][:, lines.box[hull]]
+        line, row = np.nonzero(near.T)
+        kept = _meets_box(hulls, hull[line], balls.centers[:, row, state[line]], poses, solids[row], state[line])
+        found.append((line[kept] + start, solids[row[kept]]))
+    lines_found, solids_found = zip(*found, strict=True)
+    return np.concatenate(lines_found), np.concatenate(solids_found)
+
+
+@dataclass(frozen=True, eq=False)
+class _Balls:
+    """Balls around s solids in m states.
+
+    centers: in the world, shape (3, s, m). radii: shape (s, 1) [m].
+    """
+
+    centers: Array
+    radii: Array
+
+    @classmethod
+    def of(cls, poses: SolidPoses, solids: Indices, count: int) -> _Balls:
+        centers = np.empty((3, len(solids), count))
+        for row, index in enumerate(solids.tolist()):
+            X_WP = poses.pose(index)[:count]
+            center = np.append(poses.solids[index].center, 1.0)
+            # One product with a vector, in place of one for every state.
+            centers[:, row] = (X_WP.reshape(-1, 4) @ center).reshape(-1, 4)[:, :3].T
+        return cls(centers, np.array([[poses.solids[index].radius] for index in solids.tolist()]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Hulls:
+    """Bounds of h view hulls, coordinate first.
+
+    cones: x, y, z of the eye, x, y, z of the axis (unit), cosine and sine of half the opening, and length [m], shape
+    (9, h). planes: unit normal n and offset o of ten planes, with n . p > o for every point p outside the plane, shape
+    (10, 4, h). points: corners of the boxes, and the eyes, shape (3, 9, h).
+    """
+
+    cones: Array
+    planes: Array
+    points: Array
+
+    @classmethod
+    def of(cls, lines: SightLines) -> _Hulls:
+        eyes, corners = lines.eyes.T, np.ascontiguousarray(lines.corners.transpose(2, 1, 0))
+        rays = corners - eyes[:, None]
+        axis = rays.mean(axis=1)
+        axis /= _norm(axis)
+        depth = _dot(rays, axis[:, None])
+        bounded = depth.min(axis=0) > _LEAST_DEPTH
+        cosine = np.where(bounded, (depth / _norm(rays)).min(axis=0), 0.0)
+        sine = np.where(bounded, np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0)), 0.0)
+        length = np.where(bounded, depth.max(axis=0), np.inf)
+        planes = _planes(eyes, rays, axis, np.where(bounded, depth, 1.0))
+        planes[:, :, ~bounded] = 0.0
+        points = np.concatenate([corners, eyes[:, None]], axis=1)
+        return cls(np.concatenate([eyes, axis, [cosine, sine, length]]), planes, points)
+
+    def meet(self, hull: Indices, balls: _Balls, state: Indices) -> NDArray[np.bool_]:
+        """Whether the cone of each hull (n,) may touch each ball in a state (n,); shape (s, n)."""
+        *eye_and_axis, cosine, sine, length = self.cones[:, hull]
+        x, y, z = (balls.centers[axis][:, state] - eye_and_axis[axis] for axis in range(3))
+        along = _dot((x, y, z), eye_and_axis[3:])
+        aside = np.sqrt(np.maximum(_dot((x, y, z), (x, y, z)) - along * along, 0.0))
+        reach = balls.radii + TOUCH
+        meets: NDArray[np.bool_] = aside * cosine - along * sine <= reach
+        # A hull without a cone has an infinite length, and anything may touch it.
+        meets &= ((along >= -reach) & (along <= reach + length)) | np.isinf(length)
+        return meets
+
+
+def _planes(eyes: Array, rays: Array, axis: Array, depth: Array) -> Array:
+    """Ten planes around each view hull: eight beside it, through the eye, one behind the box and one behind the eye.
+
+    The eight bound the box's image by an octagon. eyes, axis: shape (3, h). rays: from the eyes to the corners, shape
+    (3, 8, h); depth: of the corners, shape (8, h). Returns shape (10, 4, h).
+    """
+    zero = np.zeros_like(axis[0])
+    upright = np.abs(axis[2]) < 0.9  # across the axis and whichever of z and x is far from parallel to it
+    right = np.where(upright, np.stack([axis[1], -axis[0], zero]), np.stack([zero, axis[2], -axis[1]]))
+    right /= _norm(right)
+    up = np.stack([right[(i + 1) % 3] * axis[(i + 2) % 3] - right[(i + 2) % 3] * axis[(i + 1) % 3] for i in range(3)])
+    a, b = _dot(rays, right[:, None]) / depth, _dot(rays, up[:, None]) / depth
+    diagonal = np.sqrt(0.5)
+    slopes = np.stack([a, b, diagonal * (a + b), diagonal * (a - b)])
+    across = np.stack([right, up, diagonal * (right + up), diagonal * (right - up)])
+    planes = np.empty((10, 4, axis.shape[1]))
+    planes[0:4, :3] = across - slopes.max(axis=1)[:, None] * axis
+    planes[4:8, :3] = slopes.min(axis=1)[:, None] * axis - across
+    planes[8, :3], planes[9, :3] = axis, -axis
+    planes[:, :3] /= np.sqrt((planes[:, :3] ** 2).sum(axis=1))[:, None]
+    planes[:, 3] = _dot(planes[:, :3].swapaxes(0, 1), eyes)
+    planes[8, 3] += depth.max(axis=0)
+    return planes
+
+
+def _meets_box(
+    hulls: _Hulls, hull: Indices, center: Array, poses: SolidPoses, solid: Indices, state: Indices
+) -> Indices:
+    """Which hulls (n,) may touch the box around a solid (n,) with its centre (3, n) in a state (n,), by index."""
+    axes_P = np.array([entry.half_axes for entry in poses.solids])[solid]
+    half_axes = np.ascontiguousarray((axes_P @ poses.at(solid, state)[:, :3, :3].swapaxes(1, 2)).transpose(1, 2, 0))
+    planes = hulls.planes[:, :, hull]
+    normals = planes[:, :3].swapaxes(0, 1)
+    extent = sum(np.abs(_dot(normals, half_axis)) for half_axis in half_axes)
+    kept = np.flatnonzero((_dot(normals, center) - extent <= planes[:, 3] + TOUCH).all(axis=0))
+    half_axes = half_axes[:, :, kept]
+    points = hulls.points[:, :, hull[kept]] - center[:, None, kept]
+    meets = np.ones(len(kept), dtype=bool)
+    for half_axis in half_axes:
+        # The hull does not reach into the box if all of its points lie beyond the same face.
+        along, length = _dot(points, half_axis), _norm(half_axis)
+        reach = length * (length + TOUCH)
+        meets &= (along.min(axis=0) <= reach) & (along.max(axis=0) >= -reach)
+    return kept[meets]
+
+
+def _dot(a: Array | tuple[Array, ...], b: Array | list[Array] | tuple[Array, ...]) -> Array:
+    """Inner products of vectors whose coordinates come first."""
+    product: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+def _norm(vectors: Array) -> Array:
+    """Lengths of vectors whose coordinates come first."""
+    length: Array = np.sqrt(_dot(vectors, vectors))
+    return length
