@@ -12,6 +12,7 @@ from sqrp_cli import __version__
 from sqrp_cli.cli import audit, check, diff, explain, init, program, rank, schema, score, show
 from sqrp_cli.cli import run as run_program
 from sqrp_cli.errors import ExitCode, InputError
+from sqrp_cli.memory import keep_freed_memory
 
 UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
 
@@ -47,6 +48,7 @@ def main() -> None:
     """Run a command and leave with its exit code."""
     # Processes share the cores already; threads of linear algebra would get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    keep_freed_memory()
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`

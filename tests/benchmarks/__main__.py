@@ -8,6 +8,8 @@ import platform
 from importlib.metadata import version
 from textwrap import fill
 
+from sqrp_cli.memory import keep_freed_memory
+
 PARTS = ("rank", "coverage", "growth", "candidates", "planning")
 
 
@@ -52,4 +54,5 @@ def main() -> None:
 if __name__ == "__main__":
     # One core for everybody: NumPy's linear algebra would otherwise start a thread per core.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    keep_freed_memory()  # as the program itself does
     main()

@@ -54,7 +54,7 @@ class Outline:
         weight = left.take(bends) - right.take(bends)
         edge, view = np.divmod(bends, len(layer))
         # Vertex by vertex, so that edges which share an end give it the same row to the last bit.
-        column, row, depth = (surface.vertices @ maps[:, :3] + maps[:, 3:]).reshape(3, -1)
+        column, row, depth = (surface.homogeneous @ maps).reshape(3, -1)
         ends = np.concatenate([surface.start[edge], surface.end[edge]]).reshape(2, -1) * len(layer) + view
         column, row, depth = column.take(ends), row.take(ends), depth.take(ends)
         depth = np.maximum(depth, AHEAD)  # what lies behind the camera belongs to no triangle that counts

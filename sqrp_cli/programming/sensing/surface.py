@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,11 @@ class Surface:
     end: Indices
     left: Indices
     right: Indices
+
+    @cached_property
+    def homogeneous(self) -> Array:
+        """The vertices with a one as fourth coordinate, shape (V, 4)."""
+        return np.column_stack([self.vertices, np.ones(len(self.vertices))])
 
     @staticmethod
     @lru_cache(maxsize=512)
