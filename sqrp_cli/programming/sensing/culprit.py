@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, cross, inverse, transform
-from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, SolidPoses
-from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
+from sqrp_cli.programming.sensing.clipping import clipped_distances, distances_to_origin, hull_half_spaces
+from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs, SightLines, SolidPoses
+from sqrp_cli.programming.solids import Solid
 
 _PRODUCTS = 50_000
 """Pairs of ray and triangle that are compared at once: about what fits the cache."""
 
+_CORNERS = 10_000_000
+"""Corners of triangles that are held against half spaces at once, at most, to bound the memory."""
+
 _FIRST = 4
 """Triangles of each line that are clipped first, to know how near the others must be to matter."""
 
-_EDGES = np.array(list(combinations(range(8), 2))).T
-"""Pairs of a box's corners, shape (2, 28)."""
 
-
-def find_culprits(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pairs) -> NDArray[np.int64]:
+def find_culprits(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pairs) -> Indices:
     """Index of the solid that hides each sight line's box, shape (v,); -1 where no pair names the sight line.
 
     It is the solid whose first hit along the ray from the camera to the box's centre (v, 3) is nearest or, if none
@@ -45,7 +46,7 @@ def find_culprits(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pa
     return culprits
 
 
-def _name_least(culprits: NDArray[np.int64], pairs: Pairs, values: Array) -> None:
+def _name_least(culprits: Indices, pairs: Pairs, values: Array) -> None:
     """Make the solid with the least value among the pairs of a line its culprit; the first of equals."""
     order = np.lexsort((values, pairs[0]))
     named, first = np.unique(pairs[0][order], return_index=True)
@@ -57,13 +58,14 @@ def _along_rays(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pair
 
     It is infinite if it meets none of the solid's triangles. Rays and edges are compared by their Plücker coordinates.
     """
-    factors = np.full(len(pairs[0]), np.inf)
-    for index in np.unique(pairs[1]).tolist():
-        here = np.flatnonzero(pairs[1] == index)
-        line = pairs[0][here]
-        X_PW = inverse(_at(poses.pose(index), lines.state[line]))
-        ends = transform(X_PW, np.stack([lines.eyes[lines.hull[line]], center[line]], axis=1))
-        factors[here] = _first_hits(ends[:, 0], ends[:, 1] - ends[:, 0], poses.solids[index])
+    line, solid = pairs
+    factors = np.full(len(line), np.inf)
+    X_PW = inverse(poses.at(solid, lines.state[line]))
+    eye, ray = transform(X_PW, np.stack([lines.eyes[lines.hull[line]], center[line]], axis=1)).swapaxes(0, 1)
+    ray = ray - eye
+    for index in np.flatnonzero(np.bincount(solid)).tolist():
+        here = np.flatnonzero(solid == index)
+        factors[here] = _first_hits(eye[here], ray[here], poses.solids[index])
     return factors
 
 
@@ -101,28 +103,53 @@ def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array
     It may be too large, up to infinite, where another solid of the same line is nearer anyway.
     """
     nearest = np.full(len(pairs[0]), np.inf)
-    polygons, of_pair = [], []
-    hulls, hull_of = np.unique(lines.hull[pairs[0]], return_inverse=True)
-    half_spaces = _hull_half_spaces(lines.corners[hulls] - lines.eyes[hulls, None])
-    bits = 1 << np.arange(half_spaces.shape[1], dtype=np.int64)
-    for number, (line, index) in enumerate(zip(*(side.tolist() for side in pairs), strict=True)):
-        X_WP = _at(poses.pose(index), lines.state[line : line + 1])[0]
-        vertices = transform(X_WP, poses.solids[index].vertices) - lines.eyes[lines.hull[line]]
-        space = half_spaces[hull_of[number]]
-        outside = (vertices @ space[:, :3].T > space[:, 3]) @ bits
-        inside = vertices[outside == 0]
-        nearest[number] = np.sqrt(np.einsum("vi,vi->v", inside, inside).min(initial=np.inf))
-        a, b, c = outside[poses.solids[index].triangles].T
-        kept = vertices[poses.solids[index].triangles[(a & b & c) == 0]]
-        polygons.append(kept)
-        of_pair.append(np.full(len(kept), number))
-    row, triangles = np.concatenate(of_pair), np.concatenate(polygons)
+    hull_of = lines.hull[pairs[0]]
+    hulls, hull = np.unique(hull_of, return_inverse=True)
+    half_spaces = hull_half_spaces(lines.corners[hulls] - lines.eyes[hulls, None])
+    X_EP = poses.at(pairs[1], lines.state[pairs[0]])  # E: at the eye, with the axes of the world
+    X_EP[:, :3, 3] -= lines.eyes[hull_of]
+    rows, polygons = [], []
+    for row, solid in _by_solid(pairs[1], half_spaces.shape[1], poses):
+        outside = _outside(solid.vertices, X_EP[row], half_spaces[hull[row]])
+        points = transform(X_EP[row], solid.vertices)
+        vertex, at = np.nonzero(outside == 0)
+        inside = points[at, vertex]
+        np.minimum.at(nearest, row[at], np.sqrt(np.einsum("ni,ni->n", inside, inside)))
+        a, b, c = (outside[corner] for corner in solid.triangles.T)
+        triangle, at = np.nonzero((a & b & c) == 0)
+        rows.append(row[at])
+        polygons.append(points[at[:, None], solid.triangles[triangle]])
+    row, triangles = np.concatenate(rows), np.concatenate(polygons)
     least = np.full(int(pairs[0].max()) + 1, np.inf)
     np.minimum.at(least, pairs[0], nearest)
     near = np.flatnonzero(_lower_bounds(triangles) < least[pairs[0][row]])
     row, triangles = row[near], triangles[near]
-    np.minimum.at(nearest, row, _least_distances(triangles, half_spaces[hull_of[row]], pairs[0][row], least))
+    np.minimum.at(nearest, row, _least_distances(triangles, half_spaces[hull[row]], pairs[0][row], least))
     return nearest
+
+
+def _by_solid(solids: Indices, spaces: int, poses: SolidPoses) -> Iterator[tuple[Indices, Solid]]:
+    """The rows of the pairs (n,) of each solid, as many at once as fit the memory."""
+    for index in np.flatnonzero(np.bincount(solids)).tolist():
+        solid, rows = poses.solids[index], np.flatnonzero(solids == index)
+        for row in np.array_split(rows, 1 + len(rows) * spaces * len(solid.triangles) // _CORNERS):
+            yield row, solid
+
+
+def _outside(vertices: Array, X_EP: Array, half_spaces: Array) -> NDArray[np.uint64]:
+    """Which half spaces (n, k, 4) each vertex (V, 3) lies outside of, one bit each, shape (V, n).
+
+    X_EP: from the frame of the vertices to that of the half spaces, shape (n, 4, 4).
+    """
+    normals, offsets = half_spaces[..., :3], half_spaces[..., 3]
+    heights = (normals @ X_EP[:, :3, 3, None])[..., 0] - offsets
+    directions = (normals @ X_EP[:, :3, :3]).reshape(-1, 3)
+    outside = (vertices @ directions.T > -heights.reshape(-1)).reshape(len(vertices), *offsets.shape)
+    bits = np.zeros((*outside.shape[:2], 8), dtype=np.uint8)  # a hull has at most 6 + 28 half spaces
+    packed = np.packbits(outside, axis=2)
+    bits[..., : packed.shape[2]] = packed
+    found: NDArray[np.uint64] = bits.view(np.uint64)[..., 0]
+    return found
 
 
 def _lower_bounds(triangles: Array) -> Array:
@@ -140,7 +167,7 @@ def _least_distances(triangles: Array, spaces: Array, line: NDArray[np.int64], l
     spaces: half spaces that each is clipped by, shape (n, k, 4). least: least distance known so far of each line.
     """
     normals = cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    whole = _distances_to_origin(triangles, np.full(len(triangles), 3), normals)
+    whole = distances_to_origin(triangles, np.full(len(triangles), 3), normals)
     order = np.lexsort((whole, line))
     _, start, count = np.unique(line[order], return_index=True, return_counts=True)
     place = np.empty(len(line), dtype=np.int64)
@@ -148,77 +175,6 @@ def _least_distances(triangles: Array, spaces: Array, line: NDArray[np.int64], l
     distances, least = np.full(len(line), np.inf), least.copy()
     for chosen in (place < _FIRST, place >= _FIRST):
         asked = np.flatnonzero(chosen & (whole < least[line]))
-        distances[asked] = _clipped_distances(triangles[asked], normals[asked], spaces[asked])
+        distances[asked] = clipped_distances(triangles[asked], normals[asked], spaces[asked])
         np.minimum.at(least, line[asked], distances[asked])
     return distances
-
-
-def _hull_half_spaces(corners: Array) -> Array:
-    """Half spaces whose intersection is the hull of the eye (the origin) and a box's corners (h, 8, 3).
-
-    Rows (n, o) of shape (h, k, 4) for the points p with n . p <= o; rows of zeros, which hold everything, come last.
-    """
-    faces = [corners[:, BOX_TRIANGLES[::2, k]] for k in range(3)]
-    normals = cross(faces[1] - faces[0], faces[2] - faces[0])
-    offsets = np.einsum("hki,hki->hk", normals, faces[0])
-    behind = np.where((offsets > 0)[..., None], np.concatenate([normals, offsets[..., None]], axis=2), 0.0)
-    normals = cross(corners[:, _EDGES[0]], corners[:, _EDGES[1]])
-    heights = normals @ np.swapaxes(corners, 1, 2)
-    below, above = heights.max(axis=2) <= 1e-12, heights.min(axis=2) >= -1e-12
-    beside = np.zeros((*normals.shape[:2], 4))
-    beside[..., :3] = np.where(below[..., None], normals, np.where(above[..., None], -normals, 0.0))
-    spaces = np.concatenate([behind, beside], axis=1)
-    bounding = np.any(spaces != 0, axis=2)
-    order = np.argsort(~bounding, axis=1, kind="stable")[:, : int(bounding.sum(axis=1).max(initial=0))]
-    return np.take_along_axis(spaces, order[..., None], axis=1)
-
-
-def _clipped_distances(triangles: Array, normals: Array, spaces: Array) -> Array:
-    """Distance from the origin to the part of each triangle (n, 3, 3) inside its half spaces (n, k, 4); shape (n,).
-
-    It is infinite where nothing is left. The triangles are clipped side by side (Sutherland and Hodgman 1974).
-    """
-    polygons, counts = triangles, np.full(len(triangles), 3)
-    for space in np.swapaxes(spaces, 0, 1):
-        width = polygons.shape[1]
-        present = np.arange(width) < counts[:, None]
-        heights = (polygons @ space[:, :3, None])[..., 0] - space[:, 3:]
-        following = _following(counts, width)
-        after = np.take_along_axis(heights, following, axis=1)
-        ends = np.take_along_axis(polygons, following[..., None], axis=1)
-        inside, crosses = present & (heights <= 0), present & ((heights > 0) != (after > 0))
-        share = heights / np.where(crosses, heights - after, 1.0)
-        points = np.stack([polygons, polygons + share[..., None] * (ends - polygons)], axis=2)
-        kept = np.stack([inside, crosses], axis=2).reshape(len(polygons), 2 * width)
-        counts = kept.sum(axis=1)
-        order = np.argsort(~kept, axis=1, kind="stable")[:, : max(1, int(counts.max(initial=0)))]
-        polygons = np.take_along_axis(points.reshape(len(polygons), 2 * width, 3), order[..., None], axis=1)
-    return _distances_to_origin(polygons, counts, normals)
-
-
-def _following(counts: NDArray[np.int64], width: int) -> NDArray[np.int64]:
-    """Index of the next point around polygons of `counts` points, shape (n, width)."""
-    following = np.arange(1, width + 1)
-    return np.where(following < counts[:, None], following, 0)
-
-
-def _distances_to_origin(polygons: Array, counts: NDArray[np.int64], normals: Array) -> Array:
-    """Distance from the origin to convex planar polygons (n, p, 3) of the first `counts` points; shape (n,)."""
-    width = polygons.shape[1]
-    present = np.arange(width) < counts[:, None]
-    sides = np.take_along_axis(polygons, _following(counts, width)[..., None], axis=1) - polygons
-    squares = np.maximum(np.einsum("npi,npi->np", sides, sides), 1e-300)
-    share = np.clip(-np.einsum("npi,npi->np", polygons, sides) / squares, 0.0, 1.0)
-    to_sides = np.where(present, np.linalg.norm(polygons + share[..., None] * sides, axis=2), np.inf)
-    lengths = np.maximum(np.einsum("ni,ni->n", normals, normals), 1e-300)
-    feet = normals * (np.einsum("ni,ni->n", polygons[:, 0], normals) / lengths)[:, None]
-    turns = (cross(sides, feet[:, None] - polygons) @ normals[:, :, None])[..., 0]
-    surrounded = ((turns >= 0) | ~present).all(axis=1) | ((turns <= 0) | ~present).all(axis=1)
-    surrounded &= (counts > 2) & (lengths > 1e-30)
-    to_plane = np.where(surrounded, np.linalg.norm(feet, axis=1), np.inf)
-    distances: Array = np.minimum(to_plane, to_sides.min(axis=1))
-    return distances
-
-
-def _at(X_WP: Array, state: NDArray[np.int64]) -> Array:
-    return X_WP[state] if len(X_WP) > 1 else X_WP
