@@ -98,6 +98,7 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
         name = Text.assemble(*_named(columns[0].title), head, style="bold")
         paragraph = Text.assemble(name, ": " if told else "", Text(", ").join(told))
         for number, piece in enumerate(paragraph.wrap(console, console.width - 2)):
+            piece.rstrip()
             console.print(Text.assemble("  " if number else "", piece))
 
 
@@ -138,7 +139,10 @@ def _grid(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequ
 
 def say(text: Styled = "", style: str | None = None) -> None:
     """A paragraph of results, folded at the terminal's width."""
-    output().print(text, style=style, markup=False)
+    console = output()
+    for line in Text.assemble(text, style=style or "").wrap(console, console.width):
+        line.rstrip()
+        console.print(line, soft_wrap=True)
 
 
 def say_raw(text: str) -> None:

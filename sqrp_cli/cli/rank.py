@@ -159,7 +159,8 @@ def _write_chosen(
         why = "no candidate can be done" if choose == "best" else f"{name} is infeasible ({reason})"
         return ExitCode.NONE_FEASIBLE, f"{why}{consequence}"
     if program is None:
-        return ExitCode.OK, ""
+        told = "" if choose == "best" else f"{chosen.assessment.candidate.name} is chosen; --program FILE writes it"
+        return ExitCode.OK, told
     step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
     add_steps(session.cell, [step], session.assignment.sampling, program)
     return ExitCode.OK, f"{chosen.assessment.candidate.name} is now the last step of {program}"

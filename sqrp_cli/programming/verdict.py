@@ -100,7 +100,9 @@ class BlindStretch:
     def __str__(self) -> str:
         when = f"from {self.start:.1f} s to {self.end:.1f} s"
         if not self.causes:
-            return f"{self.atom} needs {self.needed} cameras that see it, but there are only {len(self.seeing)}, {when}"
+            cameras = "1 camera that sees" if self.needed == 1 else f"{self.needed} cameras that see"
+            there = f"{'is' if len(self.seeing) == 1 else 'are'} only {len(self.seeing)}"
+            return f"{self.atom} needs {cameras} it, but there {there}, {when}"
         nearest, *others = self.causes
         sentence = f"{nearest.told(_SENTENCES, self.atom)} {when}"
         groups: dict[str, list[str]] = defaultdict(list)

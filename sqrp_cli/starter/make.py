@@ -62,7 +62,11 @@ def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None) ->
     _check_free(folder)
     draft = folder.with_name(f".{folder.name}.{os.getpid()}")  # beside it, so that relative paths stay true
     try:
-        _copy_shipped(draft, own_arm=robot is None)
+        try:
+            _copy_shipped(draft, own_arm=robot is None)
+        except OSError as error:
+            message = f"this folder cannot be made: {error.strerror or error}"
+            raise InputError(Problem("cannot-write", message, Place(folder))) from error
         description = describe_robot(str(draft / OWN_ARM) if robot is None else robot, draft)
         layout, warnings = _fill(draft, description, guessed=robot is not None)
         if crowd is not None and layout.cubes:

@@ -171,6 +171,15 @@ def test_nothing_is_overwritten_or_left_behind(there: str, tmp_path: Path) -> No
     assert sorted(tmp_path.rglob("*")) == before
 
 
+def test_where_no_folder_can_be_made_the_wanted_one_is_named() -> None:
+    folder = Path("/proc/cell")  # which takes no folders, whoever asks
+    with pytest.raises(InputError, match="this folder cannot be made") as caught:
+        make_starter(folder, None)
+    (problem,) = caught.value.problems
+    assert problem.place is not None
+    assert problem.place.file == folder
+
+
 def test_a_robot_that_cannot_be_used_leaves_nothing_behind(tmp_path: Path) -> None:
     (tmp_path / "arm.urdf").write_text("<robot name='table'><link name='top'/></robot>")
     with pytest.raises(InputError, match="no joint that moves an arm"):
