@@ -223,10 +223,8 @@ def _look(
     *,
     full: bool,
 ) -> Observation:
-    held = np.array(
-        [[target.atom in {literal.atom for literal in piece.literals} for target in targets] for piece in stage.pieces],
-        dtype=bool,
-    )
+    atoms = [{literal.atom for literal in piece.literals} for piece in stage.pieces]
+    held = np.array([[target.atom in of_piece for target in targets] for of_piece in atoms], dtype=bool)
     required = held[samples.piece]
     states = stage.states(samples)
     if full:

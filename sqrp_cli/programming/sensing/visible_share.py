@@ -64,20 +64,25 @@ def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs
     hulls, lines = len(view.eyes), len(hull)
     at = hull[line]
     X_WP = poses.at(which, state[line])
-    X_CP, X_BP = view.X_CW[at] @ X_WP, view.X_BW[at] @ X_WP
+    X_CP = view.X_CW[at] @ X_WP
     eyes_P, maps = inverse(X_CP)[:, :3, 3], view.grid.maps(at, X_CP)
     bounds_P = np.stack([solid.corners for solid in poses.solids])[which]
-    all_before = view.places(at, transform(X_BP, bounds_P)).all_before()
+    depth = (bounds_P @ X_CP[:, 2, :3, None])[..., 0] + X_CP[:, 2, 3, None]
+    reaching: Mask = np.any((depth <= AHEAD) | (depth >= view.nearest[at, None]), axis=1)
+    if reaching.any():
+        rows = np.flatnonzero(reaching)
+        bounds_B = transform(view.X_BW[at[rows]] @ X_WP[rows], bounds_P[rows])
+        reaching[rows] = ~view.places(at[rows], bounds_B).all_before()
 
     outlines, marked = [view.outline()], []  # one layer for each silhouette, then one for what hides each line
     for index in np.flatnonzero(np.bincount(which)).tolist():
         rows = np.flatnonzero(which == index)
         surface = Surface.of(poses.solids[index])
         turned = facing(surface, eyes_P[rows])
-        doubtful = np.flatnonzero(~all_before[rows])
+        doubtful = np.flatnonzero(reaching[rows])
         if len(doubtful):
             of = rows[doubtful]
-            points_B = transform(X_BP[of], surface.vertices)
+            points_B = transform(view.X_BW[at[of]] @ X_WP[of], surface.vertices)
             before, beyond = view.places(at[of], points_B).of(surface.triangles)
             turned[:-1, doubtful] *= before.T
             row, triangle = np.nonzero(~before & ~beyond)
