@@ -6,17 +6,14 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array
-
-if TYPE_CHECKING:
-    from sqrp_cli.knowledge.workspace import Workspace
-    from sqrp_cli.program import Pose, Program, ProgramPrimitive, ProgramTarget, ProgramWorld, Step
-    from sqrp_cli.trajectory import Trajectory
+from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.program import Pose, Program, ProgramPrimitive, ProgramTarget, ProgramWorld, Step
+from sqrp_cli.trajectory import Trajectory
 
 SAME_TIME = 1e-6
 """Times that differ by less count as equal [s]."""

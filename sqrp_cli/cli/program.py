@@ -68,7 +68,7 @@ def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as
     from sqrp_cli.cli.console import note, print_problems, say_raw
     from sqrp_cli.cli.json_text import as_text
     from sqrp_cli.cli.program_table import print_program, program_document
-    from sqrp_cli.program import load_program
+    from sqrp_cli.program_file import load_program
 
     program = load_program(file)
     workspace, doubts = _judged(program, file)
@@ -97,7 +97,7 @@ def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Proble
     from dataclasses import replace
 
     from sqrp_cli.knowledge.load import load_workspace
-    from sqrp_cli.program import check_program, stale, workspace_path
+    from sqrp_cli.program_file import check_program, stale, workspace_path
 
     path = workspace_path(program, file)
     try:
@@ -113,7 +113,7 @@ def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Proble
 
 def _without_last(program: Program, file: Path) -> tuple[Program, str]:
     """Save a program without its last step; returns it with what was done."""
-    from sqrp_cli.program import save_program
+    from sqrp_cli.program_file import save_program
 
     if not program.steps:
         raise InputError(Problem("no-steps", "this program has no step that could be dropped", Place(file)))

@@ -15,7 +15,8 @@ from sqrp_cli.cli.suggestion_table import print_suggested
 from sqrp_cli.errors import ExitCode, InputError
 from sqrp_cli.files import check_writable
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.program import Program, check_program, load_program, new_program
+from sqrp_cli.program import Program
+from sqrp_cli.program_file import check_program, load_program, new_program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.dependency_check import best_suggestion, check_candidate
 from sqrp_cli.programming.pipeline import Assignment

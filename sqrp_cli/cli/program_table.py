@@ -9,7 +9,8 @@ from pathlib import Path
 from sqrp_cli.cli.console import Column, Styled, joined, percentage, plain, print_table, say
 from sqrp_cli.cli.json_text import SCHEMA, Document
 from sqrp_cli.joint_trajectory import action_name, tool_commands
-from sqrp_cli.program import Program, Step, workspace_path
+from sqrp_cli.program import Program, Step
+from sqrp_cli.program_file import workspace_path
 from sqrp_cli.program_totals import Totals
 
 

@@ -113,7 +113,7 @@ def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
 def open_program(path: Path) -> tuple[Program, Workspace]:
     """A program with at least one step, and its workspace. Raises InputError if it does not fit the workspace."""
     from sqrp_cli.cli.options import open_workspace
-    from sqrp_cli.program import check_program, load_program
+    from sqrp_cli.program_file import check_program, load_program
 
     program = load_program(path)
     workspace = open_workspace(Path(os.path.normpath(path.absolute().parent / program.workspace)))

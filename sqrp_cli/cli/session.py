@@ -10,7 +10,8 @@ from sqrp_cli.cli.console import progress
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.files import check_writable
 from sqrp_cli.knowledge.workspace import Workspace, World
-from sqrp_cli.program import Program, check_program, load_program, new_program, save_program
+from sqrp_cli.program import Program
+from sqrp_cli.program_file import check_program, load_program, new_program, save_program
 from sqrp_cli.programming.assessment import Assessment, Study, study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible

@@ -5,15 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.scene import Part
-
-if TYPE_CHECKING:
-    from sqrp_cli.knowledge.urdf import UrdfModel
-
-Geometry = Literal["collision", "visual"]
+from sqrp_cli.knowledge.scene import Geometry, Part
+from sqrp_cli.knowledge.urdf import UrdfModel
 
 
 @dataclass(frozen=True)

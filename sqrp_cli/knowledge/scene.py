@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from sqrp_cli.geometry import Array
+
+Geometry = Literal["collision", "visual"]
+"""Which of the two geometries of a link."""
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from sqrp_cli.knowledge.entries import (
     Time,
     mapping_or_else,
 )
-from sqrp_cli.knowledge.robot import Geometry
+from sqrp_cli.knowledge.scene import Geometry
 
 PixelCount = Annotated[int, Field(strict=True, gt=0, le=100_000)]
 PerJoint = Annotated[

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sqrp_cli.program import load_program
+from sqrp_cli.program_file import load_program
 
 Document = dict[str, Any]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sqrp_cli.program import load_program, save_program
+from sqrp_cli.program_file import load_program, save_program
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from pathlib import Path
 
 from sqrp_cli.cli.console import Column, print_table
 from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.program import load_program
+from sqrp_cli.program_file import load_program
 from sqrp_cli.runtime.simulation.requirements import check_simulator
 from tests.trials.jobs import WORKSPACE, Counts, Job, Results, fingerprint, jobs_of, run, write_programs
 from tests.trials.lines import (

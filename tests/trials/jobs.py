@@ -15,7 +15,8 @@ from typing import Any
 
 from sqrp_cli.cli.run import LazyReplanner
 from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.program import Step, load_program, new_program, save_program
+from sqrp_cli.program import Step
+from sqrp_cli.program_file import load_program, new_program, save_program
 from sqrp_cli.programming.assessment import study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from copy import copy
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,9 +13,7 @@ from sqrp_cli.runtime.simulation.controller import Controller, Payload
 from sqrp_cli.runtime.simulation.engine import mujoco
 from sqrp_cli.runtime.simulation.hold import Fingers, Hold, Suction, body_pose
 from sqrp_cli.runtime.simulation.model import TIME_STEP, build_model, quaternion
-
-if TYPE_CHECKING:
-    from sqrp_cli.runtime.simulation.cell import Reference
+from sqrp_cli.runtime.simulation.reference import Reference
 
 
 def things_of(world: World) -> dict[str, Array]:

@@ -1,0 +1,103 @@
+"""The program file: a YAML file that can be executed as it stands."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.files import write_atomically
+from sqrp_cli.knowledge.source import MAX_BYTES, Document, read_document
+from sqrp_cli.knowledge.validation import validate
+from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.program import Program
+from sqrp_cli.program_check import Flaw, flaws, flaws_in
+
+SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
+
+
+def load_program(path: Path) -> Program:
+    """Read and validate a program file. Raises InputError with the place of what is wrong, see `program_check`."""
+    document = read_document(path)
+    if "sqrp_program" not in document.data:
+        message = "this is no program: it lacks the key `sqrp_program`"
+        raise InputError(Problem("no-program", message, Place(path), mend="sqrp rank WORKSPACE TASK --program FILE"))
+    program = validate(document, Program)
+    problems = _problems(document, flaws(program))
+    for number, step in enumerate(program.steps):
+        for index, formula in enumerate(step.formulas):
+            parse_formula(formula.formula, document.value_place(("steps", number, "formulas", index, "formula")))
+    if problems:
+        raise InputError(*problems)
+    return program
+
+
+def _problems(document: Document, found: Iterable[Flaw]) -> list[Problem]:
+    return [document.problem(flaw.code, flaw.at, flaw.message) for flaw in found]
+
+
+def save_program(program: Program, path: Path) -> None:
+    """Write a program file that can be executed, all or nothing.
+
+    Raises InputError where it cannot be written, or would be too large to be read again.
+    """
+    head = f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n"
+    numbers = program.model_dump(mode="json")
+    text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
+    if len(text.encode()) > MAX_BYTES:
+        message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
+        raise InputError(Problem("file-too-large", message, Place(path), mend=f"--after {path} --program ANOTHER"))
+    write_atomically(path, text, executable=True)
+
+
+def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Program:
+    """A program without steps, to be saved at `path`."""
+    relative = os.path.relpath(workspace.path, path.absolute().parent)
+    return Program(workspace=relative, digest=workspace.digest, joints=joints, steps=())
+
+
+def check_program(program: Program, path: Path, workspace: Workspace) -> None:
+    """Raises InputError if a program was made for another workspace, or for one that has changed since."""
+    made_for = workspace_path(program, path)
+    if made_for != workspace.path:
+        message = f"this program was made for {made_for}, not for {workspace.path}"
+        raise InputError(Problem("other-workspace", message, Place(path)))
+    if program.digest != workspace.digest:
+        raise InputError(stale(program, path, workspace))
+    if any(flaws_in(program, workspace)):
+        raise InputError(*_problems(read_document(path), flaws_in(program, workspace)))
+
+
+def workspace_path(program: Program, path: Path) -> Path:
+    """The workspace file that a program at `path` was made for."""
+    return Path(os.path.normpath(path.absolute().parent / program.workspace))
+
+
+def stale(program: Program, path: Path, workspace: Workspace) -> Problem:
+    """The problem of a program whose workspace has changed, with the commands that make its steps anew."""
+    message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
+    tasks = [step.short_task for step in program.steps] or ["TASK"]
+    again = (f"sqrp rank {_quoted(workspace.path.parent)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
+    return Problem("stale-program", message, Place(path), mend=" && ".join([f"rm {_quoted(path)}", *again]))
+
+
+def _quoted(word: object) -> str:
+    return shlex.quote(str(word))
+
+
+class _Dumper(yaml.SafeDumper):
+    """Lists of plain values on one line, everything else in blocks."""
+
+    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:  # noqa: ANN401
+        plain = not any(isinstance(item, Mapping) for item in sequence)
+        return super().represent_sequence(tag, sequence, flow_style=plain if flow_style is None else flow_style)
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ANN401, ARG002
+        """Write everything out: an alias would be refused or surprise whoever reads the file."""
+        return True
