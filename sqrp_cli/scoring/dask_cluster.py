@@ -11,9 +11,10 @@ from typing import Any
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.relocation import files_to_load
+from sqrp_cli.scoring.cluster_tasks import prepare_worker, run_packed
 from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job
-from sqrp_cli.scoring.shipping import prepare, run_shipped
+from sqrp_cli.scoring.shipping import Shipment
 
 CONNECT_TIMEOUT = 10.0
 """How long to wait for the scheduler [s]."""
@@ -52,7 +53,7 @@ class DaskWorkers:
             self._client.close()
             message = f"the cluster at `{cluster}` has no workers"
             raise InputError(Problem("no-cluster", message, mend=f"dask worker {cluster}"))
-        self._client.run(prepare, wait=False, on_error="ignore")  # while we read workspaces
+        self._client.run(prepare_worker, wait=False, on_error="ignore")  # while we read workspaces
         self.count, self.ahead, self.portion, self.aside = len(addresses), JOBS_PER_WORKER, CANDIDATES_PER_JOB, True
         # Where a worker dies, or another one has nothing to do, the scheduler gives its jobs to others.
         options = {"pure": False, "allow_other_workers": True}
@@ -71,7 +72,7 @@ class DaskWorkers:
         files = self._files[digest]
         contents = {digest: self._content(path, digest) for path, digest in files.items()}
         executor: Executor = self._executors[worker]
-        return executor.submit(run_shipped, job, program_digest(), files, contents)
+        return executor.submit(run_packed, Shipment(job, files).packed(), program_digest(), contents)
 
     def restart(self, worker: int) -> None:
         """Nothing to do: the cluster starts its workers itself."""

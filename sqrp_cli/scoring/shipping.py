@@ -6,9 +6,10 @@ import contextlib
 import ctypes
 import hashlib
 import os
+import pickle
 import tempfile
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -19,19 +20,32 @@ from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job, run_job
 
 
-def run_shipped(job: Job, program: str, files: Mapping[Path, str], contents: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Do a job whose workspace's files are not on this machine.
+@dataclass(frozen=True, eq=False)
+class Shipment:
+    """A job and the files that it needs. files: the digest of each file to load, by where it is at the sender's."""
 
-    program: digest of the program that sent it. files: the digest of each file to load. contents: of the files, by
-    digest. Raises InputError as `run_job`, and where this machine runs another program or version.
+    job: Job
+    files: Mapping[Path, str]
+
+    def packed(self) -> bytes:
+        """As bytes, which pass through a cluster unread."""
+        return pickle.dumps(self, pickle.HIGHEST_PROTOCOL)
+
+
+def run_shipped(packed: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Do the job of a `Shipment`, whose workspace's files are not on this machine.
+
+    program: digest of the program that sent it. contents: of the files, by digest. Raises InputError as `run_job`, and
+    where this machine runs another program or version.
     """
     if program != program_digest():
         message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
         raise InputError(Problem("version-mismatch", message, mend="install the same versions on every worker"))
     prepare()
-    places = {path: _materialized(path, digest, contents[digest]) for path, digest in files.items()}
+    shipment: Shipment = pickle.loads(packed)  # noqa: S301 # what the same program packed
+    places = {path: _materialized(path, digest, contents[digest]) for path, digest in shipment.files.items()}
     try:
-        return run_job(job, lambda workspace: relocated(workspace, lambda path: places[path]))
+        return run_job(shipment.job, lambda workspace: relocated(workspace, lambda path: places[path]))
     except InputError as error:
         raise InputError(*(_translated(problem, places) for problem in error.problems)) from error
 

@@ -1,0 +1,23 @@
+"""What a Dask cluster is told to do.
+
+Its scheduler imports what every task names, too, and works for nobody else meanwhile: nothing here loads the program
+before a worker does it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+
+def prepare_worker() -> None:
+    """Load the program, see `shipping.prepare`."""
+    from sqrp_cli.scoring.shipping import prepare
+
+    prepare()
+
+
+def run_packed(job: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Do a job that travels as bytes, see `shipping.run_shipped`."""
+    from sqrp_cli.scoring.shipping import run_shipped
+
+    return run_shipped(job, program, contents)
