@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import ceil
 from pathlib import Path
 
 from sqrp_cli.errors import Problem
@@ -70,7 +69,6 @@ class Computer:
         self.computed = self.failed = 0
         self._seed = seed
         self._results = results
-        self._portion = workers.portion
         self._dispatcher = Dispatcher(workers, self._keep)
         self._awaited: set[str] = set()  # keys of what is begun
         self._problems: dict[str, tuple[Problem, ...]] = {}  # of what cannot be computed, by key
@@ -144,12 +142,7 @@ class Computer:
         return candidate_key(content, candidate, self.sampling, self._seed, coverage=coverage)
 
     def _jobs(self, wanted: Sequence[Wanted], *, coverage: bool) -> Iterator[Job]:
-        """Portions of the candidates of one workspace, each of one skill and of equal size as far as possible."""
+        """One for each candidate of a workspace."""
         packed = PackedWorkspace.of(wanted[0].workspace)
-        groups: dict[str, list[Candidate]] = {}
         for want in wanted:
-            groups.setdefault(want.content, []).append(want.candidate)
-        for content, candidates in groups.items():
-            count = ceil(len(candidates) / self._portion)
-            for index in range(count):
-                yield Job(packed, content, tuple(candidates[index::count]), self.sampling, self._seed, coverage)
+            yield Job(packed, want.content, (want.candidate,), self.sampling, self._seed, coverage)

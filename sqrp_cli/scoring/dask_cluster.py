@@ -19,8 +19,8 @@ from sqrp_cli.scoring.shipping import Shipment
 CONNECT_TIMEOUT = 10.0
 """How long to wait for the scheduler [s]."""
 
-CANDIDATES_PER_JOB = 3
-"""A job takes some 10 ms to get to a worker, a candidate some 100 ms to compute."""
+JOBS_AT_ONCE = 10
+"""Jobs done as one: that takes all processes together some 20 ms to send and answer, and a candidate some 50 ms."""
 
 JOBS_PER_WORKER = 2
 """Jobs that a worker has at a time, so that it never waits for us."""
@@ -54,7 +54,7 @@ class DaskWorkers:
             message = f"the cluster at `{cluster}` has no workers"
             raise InputError(Problem("no-cluster", message, mend=f"dask worker {cluster}"))
         self._client.run(prepare_worker, wait=False, on_error="ignore")  # while we read workspaces
-        self.count, self.ahead, self.portion, self.aside = len(addresses), JOBS_PER_WORKER, CANDIDATES_PER_JOB, True
+        self.count, self.ahead, self.portion, self.aside = len(addresses), JOBS_PER_WORKER, JOBS_AT_ONCE, True
         # Where a worker dies, or another one has nothing to do, the scheduler gives its jobs to others.
         options = {"pure": False, "allow_other_workers": True}
         self._executors = [self._client.get_executor(workers=[address], **options) for address in addresses]

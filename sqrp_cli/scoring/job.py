@@ -5,8 +5,8 @@ from __future__ import annotations
 import pickle
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.assessment import Assessment, study
@@ -58,6 +58,20 @@ class Job:
     sampling: Sampling
     seed: int
     coverage: bool
+
+    def goes_with(self, other: Job) -> bool:
+        """Whether a job of the same run can be done as one with this."""
+        return (self.content, self.coverage) == (other.content, other.coverage) and (
+            self.workspace.digest == other.workspace.digest
+        )
+
+
+def joined(jobs: Sequence[Job]) -> Job:
+    """Jobs that go with each other as one."""
+    first, *others = jobs
+    if not others:
+        return first
+    return replace(first, candidates=tuple(candidate for job in jobs for candidate in job.candidates))
 
 
 def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) -> tuple[str, ...]:

@@ -19,8 +19,7 @@ class Workers(Protocol):
     """Where jobs are done.
 
     count: of workers, each of which does one job at a time. ahead: so many jobs a worker should have, so that it never
-    waits for us. portion: so many candidates make a good job: few, so that little is lost with a worker, but enough
-    that sending them costs little. aside: whether they work while this process does something else.
+    waits for us. portion: so many jobs at most are done as one, few enough that little is lost with a worker. aside: whether they work while this process does something else.
     """
 
     count: int
