@@ -6,11 +6,16 @@ before a worker does it.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Mapping
 
 
-def prepare_worker() -> None:
-    """Load the program, see `shipping.prepare`."""
+async def prepare_worker() -> None:
+    """Load the program, see `shipping.prepare`, beside whatever the worker does for others."""
+    await asyncio.to_thread(_prepare)
+
+
+def _prepare() -> None:
     from sqrp_cli.scoring.shipping import prepare
 
     prepare()

@@ -11,6 +11,7 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.scoring.dask_client import Cluster
 from sqrp_cli.scoring.dispatcher import Dispatcher, Done
 from sqrp_cli.scoring.identity import candidate_key
 from sqrp_cli.scoring.job import Job, PackedWorkspace
@@ -23,12 +24,12 @@ from sqrp_cli.scoring.workers import Workers, open_workers
 class Means:
     """How to compute: how, with what, and where results are kept; None: in memory only.
 
-    jobs: processes of this machine; cluster: a Dask cluster instead, see `open_workers`. seed: of what planning draws.
+    jobs: processes of this machine; cluster: what computes instead of them. seed: of what planning draws.
     """
 
     sampling: Sampling
     jobs: int = 1
-    cluster: str | None = None
+    cluster: Cluster | None = None
     out: Path | None = None
     seed: int = 0
 
@@ -37,7 +38,7 @@ class Means:
 def open_computer(means: Means) -> Iterator[Computer]:
     """What computes candidates by these means; at Ctrl-C what is under way is finished and kept before it goes on.
 
-    Raises InputError for a folder or a cluster that cannot be used.
+    Raises InputError for a folder that cannot be used.
     """
     with results_in(means.out) as results, open_workers(means.jobs, means.cluster) as workers:
         computer = Computer(workers, results, means.sampling, means.seed)
