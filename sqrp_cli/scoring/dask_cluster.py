@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.relocation import files_to_load
 from sqrp_cli.scoring.cluster_tasks import run_packed
 from sqrp_cli.scoring.dask_client import Cluster
 from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job
-from sqrp_cli.scoring.shipping import Shipment
+from sqrp_cli.scoring.shipping import packed
 
 JOBS_AT_ONCE = 10
 """Jobs done as one: that takes all processes together some 20 ms to send and answer, and a candidate some 50 ms."""
@@ -36,20 +34,15 @@ class DaskWorkers:
         options = {"pure": False, "allow_other_workers": True}
         self._executors = [self._client.get_executor(workers=[address], **options) for address in cluster.workers]
         self._contents: dict[str, Any] = {}
-        self._files: dict[str, Mapping[Path, str]] = {}
 
     def submit(self, job: Job, worker: int) -> Future[tuple[str, ...]]:
         """See `Workers`."""
         if self._client.status not in ("running", "connecting"):
             message = "the connection to the cluster is lost; what is finished is kept where --out was given"
             raise InputError(Problem("no-cluster", message, mend="run the same command again, with --out and --resume"))
-        digest = job.workspace.digest
-        if digest not in self._files:
-            self._files[digest] = files_to_load(job.workspace.unpack())
-        files = self._files[digest]
-        contents = {digest: self._content(path, digest) for path, digest in files.items()}
+        contents = {digest: self._content(path, digest) for path, digest in job.workspace.files.items()}
         executor: Executor = self._executors[worker]
-        return executor.submit(run_packed, Shipment(job, files).packed(), program_digest(), contents)
+        return executor.submit(run_packed, packed(job), program_digest(), contents)
 
     def restart(self, worker: int) -> None:
         """Nothing to do: the cluster starts its workers itself."""

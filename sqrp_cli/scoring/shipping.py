@@ -9,7 +9,7 @@ import os
 import pickle
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -20,20 +20,13 @@ from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job, run_job
 
 
-@dataclass(frozen=True, eq=False)
-class Shipment:
-    """A job and the files that it needs. files: the digest of each file to load, by where it is at the sender's."""
-
-    job: Job
-    files: Mapping[Path, str]
-
-    def packed(self) -> bytes:
-        """As bytes, which pass through a cluster unread."""
-        return pickle.dumps(self, pickle.HIGHEST_PROTOCOL)
+def packed(job: Job) -> bytes:
+    """A job as bytes, which pass through a cluster unread."""
+    return pickle.dumps(job, pickle.HIGHEST_PROTOCOL)
 
 
-def run_shipped(packed: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Do the job of a `Shipment`, whose workspace's files are not on this machine.
+def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Do a `packed` job whose workspace's files are not on this machine.
 
     program: digest of the program that sent it. contents: of the files, by digest. Raises InputError as `run_job`, and
     where this machine runs another program or version.
@@ -42,10 +35,10 @@ def run_shipped(packed: bytes, program: str, contents: Mapping[str, bytes]) -> t
         message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
         raise InputError(Problem("version-mismatch", message, mend="install the same versions on every worker"))
     prepare()
-    shipment: Shipment = pickle.loads(packed)  # noqa: S301 # what the same program packed
-    places = {path: _materialized(path, digest, contents[digest]) for path, digest in shipment.files.items()}
+    job: Job = pickle.loads(data)  # noqa: S301 # what the same program packed
+    places = {path: _materialized(path, digest, contents[digest]) for path, digest in job.workspace.files.items()}
     try:
-        return run_job(shipment.job, lambda workspace: relocated(workspace, lambda path: places[path]))
+        return run_job(job, lambda workspace: relocated(workspace, lambda path: places[path]))
     except InputError as error:
         raise InputError(*(_translated(problem, places) for problem in error.problems)) from error
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from types import SimpleNamespace
@@ -155,7 +155,7 @@ class PortionWorkers(FakeWorkers):
     """Workers that do several candidates as one job; which of them are in trouble is known by their name."""
 
     def __init__(self, count: int, portion: int) -> None:
-        super().__init__(count, portion=portion)
+        super().__init__(count, aside=False, portion=portion)  # they begin when all is there
         self.portions: list[list[str]] = []
 
     def submit(self, job, worker):
@@ -181,7 +181,7 @@ class PortionWorkers(FakeWorkers):
 
 
 def candidate_jobs(workspace: str, names: list[str], content: str = "") -> list[Job]:
-    packed = PackedWorkspace(workspace, b"")
+    packed = PackedWorkspace(workspace, {}, b"")
     return [Job(packed, content, (SimpleNamespace(name=name),), Adaptive(), 0, coverage=False) for name in names]
 
 
@@ -191,7 +191,7 @@ def run_portions(workers: PortionWorkers, groups: list[list[Job]]) -> dict[str, 
         monkeypatch.setattr("sqrp_cli.scoring.dispatcher.wait", lambda _futures, **_options: workers.work())
         dispatcher = Dispatcher(workers, lambda done: kept.update({done.job.candidates[0].name: done}))
         for group in groups:
-            dispatcher._unclaimed.append(deque(group))  # without beginning at once
+            dispatcher.add(group)
         dispatcher.finish()
     return kept
 
