@@ -31,14 +31,17 @@ def command(
 
     Say what differs, field by field, and which literal is no longer seen by which camera, and when, because of it.
     """
-    from sqrp_cli.cli.console import progress
-    from sqrp_cli.cli.score_run import show
-    from sqrp_cli.cli.score_table import print_difference
-    from sqrp_cli.scoring.compute import Means, open_computer
-    from sqrp_cli.scoring.difference import difference, read_versions
+    from sqrp_cli.scoring.dask_client import connected
 
-    means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), cluster, out, seed)
-    old, new = read_versions(before, after)
-    with open_computer(means) as computer:
-        findings = difference(old, new, computer, allow, progress)
-    return show(findings, print_difference, as_json=as_json)
+    with connected(cluster) as workers:
+        from sqrp_cli.cli.console import progress
+        from sqrp_cli.cli.score_run import show
+        from sqrp_cli.cli.score_table import print_difference
+        from sqrp_cli.scoring.compute import Means, open_computer
+        from sqrp_cli.scoring.difference import difference, read_versions
+
+        means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
+        old, new = read_versions(before, after)
+        with open_computer(means) as computer:
+            findings = difference(old, new, computer, allow, progress)
+        return show(findings, print_difference, as_json=as_json)

@@ -47,20 +47,24 @@ def command(
 
     Each task's best candidate is held against the thresholds that its workspace states, and against a baseline.
     """
-    from sqrp_cli.cli.score_run import Outputs, ScoreRequest, run_score
-    from sqrp_cli.cli.sweep_run import SweepRequest, run_sweep
-    from sqrp_cli.scoring.compute import Means
+    from sqrp_cli.scoring.dask_client import connected
 
     if resume and out is None:
         mend = "name the folder of the interrupted run: --out DIR --resume"
         raise InputError(Problem("bad-option", "--resume needs the folder with the results", mend=mend))
-    means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), cluster, out, seed)
-    outputs = Outputs(junit, summary, save_baseline, report)
-    if vary:
+    if not vary and (draws is not None or patch is not None):
+        given = "--draws" if draws is not None else "--patch"
+        raise InputError(Problem("bad-option", f"{given} is about --vary, which is missing"))
+    with connected(cluster) as workers:
+        from sqrp_cli.cli.score_run import Outputs, ScoreRequest, run_score
+        from sqrp_cli.cli.sweep_run import SweepRequest, run_sweep
+        from sqrp_cli.scoring.compute import Means
+
+        means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
+        outputs = Outputs(junit, summary, save_baseline, report)
+        if not vary:
+            request = ScoreRequest(paths, baseline, allow, outputs)
+            return run_score(request, means, context.obj, as_json=as_json)
         if baseline is not None or outputs.paths:
             raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
         return run_sweep(SweepRequest(paths, tuple(vary), draws, patch), means, as_json=as_json)
-    if draws is not None or patch is not None:
-        given = "--draws" if draws is not None else "--patch"
-        raise InputError(Problem("bad-option", f"{given} is about --vary, which is missing"))
-    return run_score(ScoreRequest(paths, baseline, allow, outputs), means, context.obj, as_json=as_json)

@@ -60,7 +60,7 @@ class ScoreRequest:
 def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
     """Score all, compare with the baseline, write the files that were asked for and print; arguments: of the command.
 
-    Raises InputError for paths, clusters, folders and files of no use.
+    Raises InputError for paths, folders and files of no use.
     """
     outputs = request.outputs
     outputs.check()
@@ -101,7 +101,7 @@ class ScoreRun:
     def open(cls, paths: Sequence[str], outputs: Outputs, means: Means) -> Iterator[ScoreRun]:
         """Hire workers and read the workspaces; workers begin with those that are read.
 
-        Raises InputError for paths, clusters and folders of no use, and where an output is a file of a workspace.
+        Raises InputError for paths and folders of no use, and where an output is a file of a workspace.
         """
         files = find_workspaces(paths)
         check_not_read(outputs.paths, files)

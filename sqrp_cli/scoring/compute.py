@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import ceil
 from pathlib import Path
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.scoring.dask_client import Cluster
 from sqrp_cli.scoring.dispatcher import Dispatcher, Done
 from sqrp_cli.scoring.identity import candidate_key
 from sqrp_cli.scoring.job import Job, PackedWorkspace
@@ -24,12 +24,12 @@ from sqrp_cli.scoring.workers import Workers, open_workers
 class Means:
     """How to compute: how, with what, and where results are kept; None: in memory only.
 
-    jobs: processes of this machine; cluster: a Dask cluster instead, see `open_workers`. seed: of what planning draws.
+    jobs: processes of this machine; cluster: what computes instead of them. seed: of what planning draws.
     """
 
     sampling: Sampling
     jobs: int = 1
-    cluster: str | None = None
+    cluster: Cluster | None = None
     out: Path | None = None
     seed: int = 0
 
@@ -38,7 +38,7 @@ class Means:
 def open_computer(means: Means) -> Iterator[Computer]:
     """What computes candidates by these means; at Ctrl-C what is under way is finished and kept before it goes on.
 
-    Raises InputError for a folder or a cluster that cannot be used.
+    Raises InputError for a folder that cannot be used.
     """
     with results_in(means.out) as results, open_workers(means.jobs, means.cluster) as workers:
         computer = Computer(workers, results, means.sampling, means.seed)
@@ -70,7 +70,6 @@ class Computer:
         self.computed = self.failed = 0
         self._seed = seed
         self._results = results
-        self._portion = workers.portion
         self._dispatcher = Dispatcher(workers, self._keep)
         self._awaited: set[str] = set()  # keys of what is begun
         self._problems: dict[str, tuple[Problem, ...]] = {}  # of what cannot be computed, by key
@@ -144,12 +143,7 @@ class Computer:
         return candidate_key(content, candidate, self.sampling, self._seed, coverage=coverage)
 
     def _jobs(self, wanted: Sequence[Wanted], *, coverage: bool) -> Iterator[Job]:
-        """Portions of the candidates of one workspace, each of one skill and of equal size as far as possible."""
+        """One for each candidate of a workspace."""
         packed = PackedWorkspace.of(wanted[0].workspace)
-        groups: dict[str, list[Candidate]] = {}
         for want in wanted:
-            groups.setdefault(want.content, []).append(want.candidate)
-        for content, candidates in groups.items():
-            count = ceil(len(candidates) / self._portion)
-            for index in range(count):
-                yield Job(packed, content, tuple(candidates[index::count]), self.sampling, self._seed, coverage)
+            yield Job(packed, want.content, (want.candidate,), self.sampling, self._seed, coverage)

@@ -6,10 +6,18 @@ from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
 from dataclasses import dataclass
+from itertools import islice
+from math import ceil
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.scoring.job import Job
+from sqrp_cli.scoring.job import Job, joined
 from sqrp_cli.scoring.workers import Workers
+
+SHARES = 2
+"""A worker gets at most one in so many of its part of the jobs that are left, so that all of them end together."""
+
+Running = tuple[tuple[Job, ...], int]
+"""Jobs that a worker does as one, and which worker that is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,8 +33,10 @@ class Dispatcher:
     """Hands jobs to workers, and every job to `keep` as it is done, in whatever order that is.
 
     The jobs of one workspace go to one worker, which loads it once. A worker that has none left takes over the later
-    half of what another one still has to begin, so that all of them work to the end. When a worker dies, what it was
-    doing is done again after all the rest, one job at a time; a job whose worker dies again is given up.
+    half of what another one still has to begin, so that all of them work to the end. Where sending a job costs much a
+    worker gets several at once, fewer as the end comes near; if they fail each is done again, since one of them may be
+    the cause. When a worker dies, what it was doing is done again after all the rest, one job at a time; a job whose
+    worker dies again is given up.
     """
 
     def __init__(self, workers: Workers, keep: Callable[[Done], None]) -> None:
@@ -34,8 +44,9 @@ class Dispatcher:
         self._keep = keep
         self._unclaimed: deque[deque[Job]] = deque()  # by workspace
         self._claimed: list[deque[Job]] = [deque() for _ in range(workers.count)]  # by worker
-        self._running: dict[Future[tuple[str, ...]], tuple[Job, int]] = {}  # with the worker
-        self._lost: deque[Job] = deque()
+        self._running: dict[Future[tuple[str, ...]], Running] = {}
+        self._apart: deque[Job] = deque()  # failed together with others
+        self._lost: deque[Job] = deque()  # with their worker
 
     def add(self, jobs: Sequence[Job]) -> None:
         """Take on the jobs of a workspace; workers that are other processes begin with them at once."""
@@ -58,15 +69,15 @@ class Dispatcher:
     def give_up(self) -> None:
         """Begin nothing more, and keep what is under way as soon as it is done."""
         self._unclaimed.clear()
-        for claimed in self._claimed:
-            claimed.clear()
+        for waiting in (self._apart, *self._claimed):
+            waiting.clear()
         for future in self._running:
             future.cancel()
         wait(self._running)
-        for future, (job, _) in self._running.items():
-            done = _result(future, job)
-            if done is not None and done.outcomes:
-                self._keep(done)
+        for future, (jobs, _) in self._running.items():
+            for done in _results(future, jobs) or ():
+                if done.outcomes:
+                    self._keep(done)
         self._running.clear()
 
     def _hand_out(self) -> None:
@@ -74,12 +85,15 @@ class Dispatcher:
         under_way = Counter(worker for _, worker in self._running.values())
         for ahead in range(self._workers.ahead):
             for worker in range(self._workers.count):
-                if under_way[worker] == ahead and (job := self._next_for(worker)) is not None:
-                    self._running[self._submit(job, worker)] = (job, worker)
+                if under_way[worker] == ahead and (jobs := self._next_for(worker)):
+                    self._running[self._submit(jobs, worker)] = (jobs, worker)
                     under_way[worker] += 1
 
-    def _next_for(self, worker: int) -> Job | None:
+    def _next_for(self, worker: int) -> tuple[Job, ...]:
         """What a worker should do next: more of what it has loaded, a workspace of its own, or half of another one."""
+        if self._apart:
+            return (self._apart.popleft(),)
+        most = self._most_at_once()
         claimed = self._claimed[worker]
         if not claimed and self._unclaimed:
             claimed.extend(self._unclaimed.popleft())
@@ -87,9 +101,17 @@ class Dispatcher:
             longest = max(self._claimed, key=len)
             taken = [longest.pop() for _ in range((len(longest) + 1) // 2)]
             claimed.extend(reversed(taken))
-        return claimed.popleft() if claimed else None
+        jobs: list[Job] = []
+        while claimed and len(jobs) < most and (not jobs or claimed[0].goes_with(jobs[0])):
+            jobs.append(claimed.popleft())
+        return tuple(jobs)
 
-    def _submit(self, job: Job, worker: int) -> Future[tuple[str, ...]]:
+    def _most_at_once(self) -> int:
+        left = sum(map(len, (*self._unclaimed, *self._claimed)))
+        return min(self._workers.portion, ceil(left / (SHARES * self._workers.count)))
+
+    def _submit(self, jobs: tuple[Job, ...], worker: int) -> Future[tuple[str, ...]]:
+        job = joined(jobs)
         try:
             return self._workers.submit(job, worker)
         except BrokenExecutor:
@@ -106,43 +128,49 @@ class Dispatcher:
     def _collect(self, *, wait_for_one: bool = True) -> None:
         """Keep what is done, and replace workers that died."""
         wait(self._running, timeout=None if wait_for_one else 0, return_when=FIRST_COMPLETED)
-        lost: dict[int, list[Job]] = {}
+        lost: dict[int, list[tuple[Job, ...]]] = {}
         for future in [future for future in self._running if future.done()]:
-            job, worker = self._running.pop(future)
-            done = _result(future, job)
-            if done is None:
-                lost.setdefault(worker, []).append(job)
+            jobs, worker = self._running.pop(future)
+            results = _results(future, jobs)
+            if results is None:
+                lost.setdefault(worker, []).append(jobs)
+            elif len(jobs) > 1 and results[0].problems:
+                self._apart.extend(jobs)
             else:
-                self._keep(done)
+                for done in results:
+                    self._keep(done)
         for worker, (first, *others) in lost.items():
             self._workers.restart(worker)
-            self._lost.append(first)  # the one that it was doing; it had not begun with the others
-            self._claimed[worker].extendleft(reversed(others))
+            self._lost.extend(first)  # what it was doing; it had not begun with the others
+            self._claimed[worker].extendleft(job for jobs in reversed(others) for job in reversed(jobs))
 
     def _again(self, job: Job) -> None:
         """Do a job whose worker died with nothing else under way, in case there was too little memory for both."""
-        future = self._submit(job, 0)
-        self._running[future] = (job, 0)
+        future = self._submit((job,), 0)
+        self._running[future] = ((job,), 0)
         wait([future])
-        done = _result(future, job)
-        if done is None:
+        results = _results(future, (job,))
+        if results is None:
             self._workers.restart(0)
-            done = Done(job, problems=(_died(job),))
+            results = [Done(job, problems=(_died(job),))]
         del self._running[future]
-        self._keep(done)
+        for done in results:
+            self._keep(done)
 
 
-def _result(future: Future[tuple[str, ...]], job: Job) -> Done | None:
-    """What a job came to; None where its worker died."""
+def _results(future: Future[tuple[str, ...]], jobs: Sequence[Job]) -> list[Done] | None:
+    """What jobs that were done as one came to; None where their worker died."""
     try:
-        return Done(job, outcomes=future.result())
+        outcomes = iter(future.result())
+        return [Done(job, outcomes=tuple(islice(outcomes, len(job.candidates)))) for job in jobs]
     except InputError as error:
-        return Done(job, problems=error.problems)
+        problems = error.problems
     except (BrokenExecutor, CancelledError):
         return None
     except Exception as error:
         message = " ".join(f"{type(error).__name__}: {error}".split())
-        return Done(job, problems=(Problem("internal-error", message),))
+        problems = (Problem("internal-error", message),)
+    return [Done(job, problems=problems) for job in jobs]
 
 
 def _died(job: Job) -> Problem:

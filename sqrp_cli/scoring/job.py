@@ -5,9 +5,11 @@ from __future__ import annotations
 import pickle
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
+from sqrp_cli.knowledge.relocation import files_to_load
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.assessment import Assessment, study
 from sqrp_cli.programming.cell import Cell
@@ -27,16 +29,18 @@ CELLS_KEPT = 4
 class PackedWorkspace:
     """A workspace as bytes: packed once, and unpacked only by a worker that has not loaded its cell yet.
 
-    digest: of the workspace, under which a worker keeps its cell.
+    digest: of the workspace, under which a worker keeps its cell. files: the digest of each file that is read to load
+    it, by where it is on the machine that packed it.
     """
 
     digest: str
+    files: Mapping[Path, str]
     data: bytes
 
     @classmethod
     def of(cls, workspace: Workspace) -> PackedWorkspace:
         """Pack a workspace."""
-        return cls(workspace.digest, pickle.dumps(workspace, pickle.HIGHEST_PROTOCOL))
+        return cls(workspace.digest, files_to_load(workspace), pickle.dumps(workspace, pickle.HIGHEST_PROTOCOL))
 
     def unpack(self) -> Workspace:
         """The workspace."""
@@ -58,6 +62,20 @@ class Job:
     sampling: Sampling
     seed: int
     coverage: bool
+
+    def goes_with(self, other: Job) -> bool:
+        """Whether a job of the same run can be done as one with this."""
+        return (self.content, self.coverage) == (other.content, other.coverage) and (
+            self.workspace.digest == other.workspace.digest
+        )
+
+
+def joined(jobs: Sequence[Job]) -> Job:
+    """Jobs that go with each other as one."""
+    first, *others = jobs
+    if not others:
+        return first
+    return replace(first, candidates=tuple(candidate for job in jobs for candidate in job.candidates))
 
 
 def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) -> tuple[str, ...]:

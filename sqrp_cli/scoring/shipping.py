@@ -6,6 +6,7 @@ import contextlib
 import ctypes
 import hashlib
 import os
+import pickle
 import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
@@ -19,17 +20,23 @@ from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job, run_job
 
 
-def run_shipped(job: Job, program: str, files: Mapping[Path, str], contents: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Do a job whose workspace's files are not on this machine.
+def packed(job: Job) -> bytes:
+    """A job as bytes, which pass through a cluster unread."""
+    return pickle.dumps(job, pickle.HIGHEST_PROTOCOL)
 
-    program: digest of the program that sent it. files: the digest of each file to load. contents: of the files, by
-    digest. Raises InputError as `run_job`, and where this machine runs another program or version.
+
+def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Do a `packed` job whose workspace's files are not on this machine.
+
+    program: digest of the program that sent it. contents: of the files, by digest. Raises InputError as `run_job`, and
+    where this machine runs another program or version.
     """
     if program != program_digest():
         message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
         raise InputError(Problem("version-mismatch", message, mend="install the same versions on every worker"))
     prepare()
-    places = {path: _materialized(path, digest, contents[digest]) for path, digest in files.items()}
+    job: Job = pickle.loads(data)  # noqa: S301 # what the same program packed
+    places = {path: _materialized(path, digest, contents[digest]) for path, digest in job.workspace.files.items()}
     try:
         return run_job(job, lambda workspace: relocated(workspace, lambda path: places[path]))
     except InputError as error:

@@ -12,6 +12,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from contextlib import contextmanager
 from typing import Protocol
 
+from sqrp_cli.scoring.dask_client import Cluster
 from sqrp_cli.scoring.job import Job, run_job
 
 
@@ -19,8 +20,8 @@ class Workers(Protocol):
     """Where jobs are done.
 
     count: of workers, each of which does one job at a time. ahead: so many jobs a worker should have, so that it never
-    waits for us. portion: so many candidates make a good job: few, so that little is lost with a worker, but enough
-    that sending them costs little. aside: whether they work while this process does something else.
+    waits for us. portion: so many jobs at most are done as one, few enough that little is lost with a worker.
+    aside: whether they work while this process does something else.
     """
 
     count: int
@@ -43,11 +44,8 @@ class Workers(Protocol):
 
 
 @contextmanager
-def open_workers(jobs: int, cluster: str | None) -> Iterator[Workers]:
-    """Processes of this machine, or the workers of a Dask cluster: its scheduler's address, or scheduler file.
-
-    Raises InputError for a cluster that cannot be reached.
-    """
+def open_workers(jobs: int, cluster: Cluster | None) -> Iterator[Workers]:
+    """So many processes of this machine, or the workers of a cluster."""
     if cluster is not None:
         from sqrp_cli.scoring.dask_cluster import DaskWorkers
 

@@ -12,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.programming.sampling import Adaptive
 from sqrp_cli.scoring.dispatcher import Dispatcher, Done
+from sqrp_cli.scoring.job import Job, PackedWorkspace
 
 
 def make_job(name: str, trouble: str = "", workspace: str = "") -> SimpleNamespace:
@@ -25,10 +27,8 @@ class FakeWorkers:
     A job that kills its worker takes with it whatever else that worker had, and nothing of the others.
     """
 
-    portion = 1
-
-    def __init__(self, count: int, ahead: int = 2, *, aside: bool = True) -> None:
-        self.count, self.ahead, self.aside = count, ahead, aside
+    def __init__(self, count: int, ahead: int = 2, *, aside: bool = True, portion: int = 1) -> None:
+        self.count, self.ahead, self.aside, self.portion = count, ahead, aside, portion
         self.waiting: list[list[tuple[Future, SimpleNamespace]]] = [[] for _ in range(count)]
         self.begun: Counter[str] = Counter()
         self.broken: set[int] = set()
@@ -149,6 +149,83 @@ def test_a_workspace_is_loaded_again_only_where_a_worker_had_nothing_else_to_do(
     halvings = max(sizes).bit_length()
     assert changes <= len(sizes) + 2 * (count - 1) * halvings
     assert max(map(len, workers.done_by.values())) - min(map(len, workers.done_by.values())) <= workers.ahead
+
+
+class PortionWorkers(FakeWorkers):
+    """Workers that do several candidates as one job; which of them are in trouble is known by their name."""
+
+    def __init__(self, count: int, portion: int) -> None:
+        super().__init__(count, aside=False, portion=portion)  # they begin when all is there
+        self.portions: list[list[str]] = []
+
+    def submit(self, job, worker):
+        names = [candidate.name for candidate in job.candidates]
+        self.portions.append(names)
+        assert len(names) <= self.portion
+        future: Future = Future()
+        self.waiting[worker].append((future, names))
+        return future
+
+    def work(self) -> None:
+        worker = max(range(self.count), key=lambda at: len(self.waiting[at]))
+        future, names = self.waiting[worker].pop(0)
+        troubles = {name.partition(" ")[2] for name in names}
+        if "dies" in troubles:
+            for lost, _ in [(future, names), *self.waiting[worker]]:
+                lost.set_exception(BrokenProcessPool("a worker died"))
+            self.waiting[worker].clear()
+        elif "bad" in troubles:
+            future.set_exception(InputError(Problem("bad", "no good")))
+        else:
+            future.set_result(tuple(f"result of {name}" for name in names))
+
+
+def candidate_jobs(workspace: str, names: list[str], content: str = "") -> list[Job]:
+    packed = PackedWorkspace(workspace, {}, b"")
+    return [Job(packed, content, (SimpleNamespace(name=name),), Adaptive(), 0, coverage=False) for name in names]
+
+
+def run_portions(workers: PortionWorkers, groups: list[list[Job]]) -> dict[str, Done]:
+    kept: dict[str, Done] = {}
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr("sqrp_cli.scoring.dispatcher.wait", lambda _futures, **_options: workers.work())
+        dispatcher = Dispatcher(workers, lambda done: kept.update({done.job.candidates[0].name: done}))
+        for group in groups:
+            dispatcher.add(group)
+        dispatcher.finish()
+    return kept
+
+
+@given(
+    st.lists(st.lists(st.sampled_from(["", " bad", " dies"]), max_size=9), max_size=6),
+    st.integers(1, 3),
+    st.integers(1, 6),
+)
+def test_only_the_candidate_that_is_in_trouble_is_without_outcome(found, count, portion):
+    groups = [
+        candidate_jobs(f"{at}", [f"{at}.{index}{trouble}" for index, trouble in enumerate(group)])
+        for at, group in enumerate(found)
+    ]
+    kept = run_portions(PortionWorkers(count, portion), groups)
+    assert set(kept) == {job.candidates[0].name for group in groups for job in group}
+    for name, done in kept.items():
+        if " " in name:
+            assert done.problems
+        else:
+            assert done.outcomes == (f"result of {name}",)
+
+
+def test_portions_are_of_one_workspace_and_one_skill_and_get_smaller_as_the_end_comes_near():
+    workers = PortionWorkers(2, 5)
+    pick, place = ([f"{skill}{index:02}" for index in range(7)] for skill in ("pick", "place"))
+    first = [*candidate_jobs("a", pick, "pick"), *candidate_jobs("a", place, "place")]
+    run_portions(workers, [first, candidate_jobs("b", [f"b{index:02}" for index in range(20)])])
+    kinds = [{name.rstrip("0123456789") for name in names} for names in workers.portions]
+    assert all(len(kind) == 1 for kind in kinds)
+    sizes = [len(names) for names in workers.portions]
+    assert sizes[0] == 5
+    assert sizes[-1] == 1
+    assert len(sizes) < sum(sizes) / 2
 
 
 def test_workers_that_are_this_process_begin_only_when_they_are_waited_for():

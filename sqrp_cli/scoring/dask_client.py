@@ -1,0 +1,78 @@
+"""The connection to a Dask cluster. The only module that imports Dask, and none that takes long to load."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.scoring.cluster_tasks import prepare_worker
+
+CONNECT_TIMEOUT = 10.0
+"""How long to wait for the scheduler [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cluster:
+    """A Dask cluster that answers: the client that is connected to it, and the addresses of its workers."""
+
+    client: Any
+    workers: tuple[str, ...]
+
+
+@contextmanager
+def connected(address: str | None) -> Iterator[Cluster | None]:
+    """The cluster of a scheduler, given by its address or its scheduler file; None where none is given.
+
+    Its workers begin to load the program: a command that connects before it loads it itself does not wait for them
+    later. Raises InputError where no scheduler answers, or it has no workers.
+    """
+    if address is None:
+        yield None
+        return
+    client = _client(address)
+    try:
+        workers = tuple(sorted(client.nthreads()))
+        if not workers:
+            message = f"the cluster at `{address}` has no workers"
+            raise InputError(Problem("no-cluster", message, mend=f"dask worker {address}"))
+        client.run(prepare_worker, wait=False, on_error="ignore")
+        yield Cluster(client, workers)
+    finally:
+        client.close()
+
+
+def _client(cluster: str) -> Any:  # noqa: ANN401 # a client of Dask's
+    try:
+        import distributed
+    except ImportError as error:
+        message = "--cluster needs Dask, which is not installed"
+        raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[cluster]'")) from error
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    try:
+        return distributed.Client(_checked_address(cluster), timeout=CONNECT_TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, TypeError, LookupError) as error:
+        message = f"no Dask scheduler answers at `{cluster}`: {error}"
+        mend = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
+        raise InputError(Problem("no-cluster", message, mend=mend)) from error
+
+
+def _checked_address(cluster: str) -> str:
+    """The address of a scheduler, from its file if that is what is given.
+
+    Raises ValueError, TypeError or LookupError for what is none: a client that never had an address fails as it ends.
+    """
+    from distributed.comm import parse_address, parse_host_port
+    from distributed.comm.registry import get_backend
+
+    path = Path(cluster)
+    address = str(json.loads(path.read_text(encoding="utf-8"))["address"]) if path.is_file() else cluster
+    scheme, place = parse_address(address)
+    get_backend(scheme)
+    parse_host_port(place)
+    return address

@@ -1,0 +1,36 @@
+"""What a Dask cluster is told to do, and when."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import threading
+
+import pytest
+
+
+def test_a_scheduler_reads_tasks_without_loading_the_program():
+    code = """
+import pickle, sys
+from sqrp_cli.scoring.cluster_tasks import run_packed
+pickle.loads(pickle.dumps(run_packed))
+print(*({"numpy", "coal", "pinocchio", "sqrp_cli.scoring.job"} & set(sys.modules)))
+"""
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
+
+
+def test_workers_load_the_program_before_there_are_jobs(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    from sqrp_cli.scoring import shipping
+    from sqrp_cli.scoring.dask_client import connected
+
+    prepared = threading.Event()
+    monkeypatch.setattr(shipping, "prepare", prepared.set)
+    options = {"dashboard_address": ":0", "protocol": "tcp", "local_directory": str(tmp_path)}
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **options) as local,
+        connected(local.scheduler_address) as cluster,
+    ):
+        assert cluster is not None
+        assert len(cluster.workers) == 1
+        assert prepared.wait(timeout=60)
