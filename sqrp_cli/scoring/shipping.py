@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import hashlib
 import os
 import pickle
@@ -16,6 +14,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.files import write_atomically
 from sqrp_cli.knowledge.relocation import relocated
+from sqrp_cli.memory import keep_freed_memory
 from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job, run_job
 
@@ -45,20 +44,9 @@ def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tup
 
 @cache
 def prepare() -> None:
-    """Load the program, and let this process keep the memory that arrays use for the next ones.
-
-    Dask tells its workers to return it at once (MALLOC_TRIM_THRESHOLD_), which makes a system call of every array:
-    assessing a candidate then takes twice as long. Where the C library has no such setting, nothing is done.
-    """
-    with contextlib.suppress(OSError, AttributeError):
-        library = ctypes.CDLL(None)
-        library.mallopt(_M_MMAP_THRESHOLD, 64 * 1024 * 1024)
-        library.mallopt(_M_TRIM_THRESHOLD, 256 * 1024 * 1024)
+    """Load the program, and see to the memory of this process."""
+    keep_freed_memory()
     program_digest()
-
-
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-"""Numbers of mallopt(3)."""
 
 
 def _materialized(path: Path, digest: str, content: bytes) -> Path:
