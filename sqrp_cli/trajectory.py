@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -105,24 +106,36 @@ class Path:
         An s outside [0, 1] counts as the nearest end. At a break the piece that begins there is evaluated.
         """
         inside = np.minimum(np.maximum(np.asarray(s, dtype=float), 0.0), 1.0)
-        piece = _piece(self.breaks, inside)
         start, width = self.breaks[:-1], self.breaks[1:] - self.breaks[:-1]
-        coefficients = self.coefficients.swapaxes(0, 1)
+        coefficients = self._derived(order)
         if order:
-            coefficients = np.polynomial.chebyshev.chebder(coefficients, order) * (2.0 / width[:, None]) ** order
-        x = 2.0 * (inside - start[piece]) / width[piece] - 1.0
-        of_piece = coefficients if len(width) == 1 else coefficients[:, piece]
-        values: Array = np.polynomial.chebyshev.chebval(x[:, None], of_piece, tensor=False)
-        return values
+            coefficients = coefficients * (2.0 / width[:, None]) ** order
+        if len(width) > 1:
+            piece = _piece(self.breaks, inside)
+            start, width, coefficients = start[piece], width[piece], coefficients[:, piece]
+        x = 2.0 * (inside - start) / width - 1.0
+        return _chebyshev_sum(coefficients, x[:, None])
 
     def derivative_bounds(self, order: int = 1) -> Array:
         """An upper bound of the derivative's magnitude over each piece, for every joint, shape (p, n).
 
         It is the sum of the magnitudes of the derivative's Chebyshev coefficients, as |T_k| <= 1; exact for lines.
         """
-        derivative = np.polynomial.chebyshev.chebder(self.coefficients, order, axis=1)
-        bounds: Array = np.abs(derivative).sum(axis=1) * (2.0 / np.diff(self.breaks)[:, None]) ** order
+        width = self.breaks[1:] - self.breaks[:-1]
+        bounds: Array = np.abs(self._derived(order)).sum(axis=0) * (2.0 / width[:, None]) ** order
         return bounds
+
+    def _derived(self, order: int) -> Array:
+        """Chebyshev coefficients of the derivative of an order with respect to x in [-1, 1], shape (..., p, n)."""
+        derived = self._derivatives
+        while len(derived) <= order:
+            derived.append(_chebyshev_derivative(derived[-1]))
+        return derived[order]
+
+    @cached_property
+    def _derivatives(self) -> list[Array]:
+        """What `_derived` has found so far, by order."""
+        return [self.coefficients.swapaxes(0, 1)]
 
     def shifted(self, offset: ArrayLike) -> Path:
         """The same path moved by a constant, shape (n,), such as whole turns of some joints."""
@@ -212,6 +225,33 @@ def chain_rule(law: Array, path: Sequence[Array]) -> Array:
         derivative = path[2] * ds**3 + 3 * path[1] * ds * dds + path[0] * ddds
     else:
         raise ValueError(f"the order of a derivative is 1, 2 or 3, not {len(path)}")
+    return derivative
+
+
+def _chebyshev_sum(coefficients: Array, x: Array) -> Array:
+    """The sum of coefficients (k, ...) times Chebyshev polynomials at x, by the recurrence of C. W. Clenshaw (1955)."""
+    if len(coefficients) == 1:
+        return coefficients[0] + 0.0 * x
+    lower, upper = coefficients[-2], coefficients[-1]
+    for coefficient in coefficients[-3::-1]:
+        lower, upper = coefficient - upper, lower + upper * (2 * x)
+    total: Array = lower + upper * x
+    return total
+
+
+def _chebyshev_derivative(coefficients: Array) -> Array:
+    """Chebyshev coefficients of the derivative of a series with coefficients (k, ...), shape (max(k - 1, 1), ...)."""
+    degree = len(coefficients) - 1
+    if degree == 0:
+        return np.zeros_like(coefficients)
+    derivative = np.empty_like(coefficients[1:])
+    above = coefficients.copy()
+    for k in range(degree, 2, -1):
+        derivative[k - 1] = 2 * k * above[k]
+        above[k - 2] += k * above[k] / (k - 2)
+    if degree > 1:
+        derivative[1] = 4 * above[2]
+    derivative[0] = above[1]
     return derivative
 
 
