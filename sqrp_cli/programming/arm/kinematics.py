@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -120,7 +121,7 @@ class RobotModel:
             _pinocchio=PinocchioChain(chain_tree, chain_couplings, tree.mounts[robot.tool_frame].X_JL),
         )
 
-    @property
+    @cached_property
     def joints(self) -> tuple[str, ...]:
         """The joints that are driven: those of the arm, then those of the fingers; n + f of them."""
         return (*self.arm, *self.fingers.joints)
@@ -129,6 +130,12 @@ class RobotModel:
     def hand_links(self) -> frozenset[str]:
         """The links that may touch what they grasp: those of the tool, and the fingers of a robot that has its own."""
         return self.tool_links | self.fingers.links
+
+    @cached_property
+    def _moved_mounts(self) -> tuple[NDArray[np.intp], Array]:
+        """Of the L links that joints carry: the index of the joint, (L,), and the link's pose in it, (L, 4, 4)."""
+        moved = [mount for mount in self._tree.mounts.values() if mount.joint >= 0]
+        return np.array([mount.joint for mount in moved]), np.stack([mount.X_JL for mount in moved])
 
     def with_fingers(self, q: Array, fingers: Array | None = None) -> Array:
         """Positions of all driven joints, shape (..., n + f), from those of the arm, (..., n), unless q has all.
@@ -146,13 +153,12 @@ class RobotModel:
         With those of the arm alone, shape (m, n), the fingers are open.
         """
         X_WJ = self._tree.poses(self._couplings.positions(self.with_fingers(q)))
-        mounts = self._tree.mounts.values()
-        moved = [mount for mount in mounts if mount.joint >= 0]
-        X_WL = X_WJ[:, [mount.joint for mount in moved]] @ np.stack([mount.X_JL for mount in moved])
-        moving = iter(np.moveaxis(X_WL, 1, 0))
+        mounts = self._tree.mounts
+        joints, X_JL = self._moved_mounts
+        moving = iter((X_WJ[:, joints] @ X_JL).swapaxes(0, 1))
         return {
             link: next(moving) if mount.joint >= 0 else np.broadcast_to(mount.X_JL, (len(q), 4, 4))
-            for link, mount in self._tree.mounts.items()
+            for link, mount in mounts.items()
         }
 
     def frame_poses(self, q: Array) -> Array:
@@ -161,7 +167,9 @@ class RobotModel:
         Shape (m, N + 1, 4, 4), at m positions of the driven joints, shape (m, n + f).
         """
         X_WJ = self._tree.poses(self._couplings.positions(q))
-        return np.concatenate([X_WJ, np.broadcast_to(np.eye(4), (len(q), 1, 4, 4))], axis=1)
+        X_WF = np.empty((len(q), X_WJ.shape[1] + 1, 4, 4))
+        X_WF[:, :-1], X_WF[:, -1] = X_WJ, np.eye(4)
+        return X_WF
 
     def tool_pose(self, q: Array) -> Array:
         """World pose X_WT of the tool frame, shape (4, 4), at arm positions of shape (n,)."""
@@ -179,12 +187,13 @@ class RobotModel:
 
     def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
         """As `tool_pose` and `jacobian` at m positions of shape (m, n): shapes (m, 4, 4) and (m, 6, n)."""
-        turns = self._chain.turns[:, None]
         X_WJ = self._chain.poses(self._chain_couplings.positions(q))
         X_WT = X_WJ[:, -1] @ self._tree.mounts[self.tool_frame].X_JL
         axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]
         arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
-        columns = np.concatenate([np.where(turns, cross(axes, arms), axes), np.where(turns, axes, 0.0)], axis=-1)
+        columns = np.concatenate([cross(axes, arms), axes], axis=-1)
+        if len(slides := self._chain.sliding):
+            columns[:, slides, :3], columns[:, slides, 3:] = axes[:, slides], 0.0
         return X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios
 
     @property
