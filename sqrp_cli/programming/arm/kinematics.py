@@ -218,6 +218,10 @@ class RobotModel:
         origins: Array = X_WJ[[joint.mimic is None for joint in self._chain.joints], :3, 3]
         return origins
 
+    def arm_positions(self, values: Mapping[str, float]) -> Array:
+        """Positions of the arm's joints, shape (n,), from those of joints by name [rad or m]."""
+        return np.array([values[name] for name in self.arm])
+
     def joint_values(self, q: Array) -> dict[str, float]:
         """Position [rad or m] of every movable joint of robot and tool, at positions as `link_poses` takes them."""
         positions = self._couplings.positions(self.with_fingers(q)).tolist()

@@ -13,7 +13,7 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision_body import Body, distance_within, placement_at
-from sqrp_cli.programming.motion.contact import CLEARANCE, Pairs, pair
+from sqrp_cli.programming.motion.contact import CLEARANCE, Contact, Pairs, pair
 from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.motion_bound import MotionBound
 from sqrp_cli.programming.motion.placed_bodies import BodyPairs, PlacedBodies
@@ -51,6 +51,7 @@ class CollisionScene:
         )
         self._clearance = {thing.name: CLEARANCE + (padding if thing.fixed else 0.0) for thing in objects}
         self._placed: WeakKeyDictionary[World, PlacedScene] = WeakKeyDictionary()
+        self._contacts: WeakKeyDictionary[World, Contact | None] = WeakKeyDictionary()
 
     def placed(self, world: World, allowed: Pairs = frozenset()) -> PlacedScene:
         """The scene with every object where `world` has it; contacts of `allowed` pairs do not count.
@@ -60,6 +61,12 @@ class CollisionScene:
         if world not in self._placed:
             self._placed[world] = self._place(world)
         return self._placed[world].allowing(allowed) if allowed else self._placed[world]
+
+    def contact_in(self, world: World) -> Contact | None:
+        """A contact in a world before anything moves, or None when everything keeps its clearance."""
+        if world not in self._contacts:
+            self._contacts[world] = self.placed(world).check(self.model.arm_positions(world.joints))
+        return self._contacts[world]
 
     def _place(self, world: World) -> PlacedScene:
         """See `placed`."""
