@@ -15,6 +15,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision_body import Body, distance_within, placement_at
 from sqrp_cli.programming.motion.contact import CLEARANCE, Contact, Pairs, pair
 from sqrp_cli.programming.motion.finger_joints import finger_positions
+from sqrp_cli.programming.motion.low_bodies import LowBodies
 from sqrp_cli.programming.motion.motion_bound import MotionBound
 from sqrp_cli.programming.motion.placed_bodies import BodyPairs, PlacedBodies
 from sqrp_cli.programming.motion.placed_scene import PlacedScene
@@ -49,6 +50,7 @@ class CollisionScene:
             for j, b in enumerate(self.bodies[:i])
             if depth[a.name] != depth[b.name] and pair(a.name, b.name) not in skipped
         )
+        self._low = LowBodies(model, self.bound, self.bodies)
         self._clearance = {thing.name: CLEARANCE + (padding if thing.fixed else 0.0) for thing in objects}
         self._placed: WeakKeyDictionary[World, PlacedScene] = WeakKeyDictionary()
         self._contacts: WeakKeyDictionary[World, Contact | None] = WeakKeyDictionary()
@@ -91,7 +93,8 @@ class CollisionScene:
                 pairs += [(i, len(places), clearance) for i, clearance in partners]
                 places.append((body, depth[self.model.tool_frame], carried))
         bodies = PlacedBodies.of(places)
-        return PlacedScene(self.model, self.bound, bodies, BodyPairs.of(pairs), finger_positions(self.model, world))
+        fingers = finger_positions(self.model, world)
+        return PlacedScene(self.model, self.bound, self._low, bodies, BodyPairs.of(pairs), fingers)
 
     def supports(self, name: str, X_WO: Array, world: World) -> frozenset[str]:
         """Names of the objects that carry object `name` at `X_WO`: those it touches, but not once raised a little."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, inverse, transform
+from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.joint_tree import Mount
 from sqrp_cli.programming.motion.collision_body import Body, Placement, placement_at
 from sqrp_cli.programming.motion.contact import Pairs
@@ -67,9 +67,10 @@ class PlacedBodies:
         at: which of the m rows of X_WF, (m, N + 1, 4, 4). boxed, covered: which bodies. Shape (k,) each.
         """
         X_WB = X_WF[at, self.frame[boxed]] @ self.X_FB[boxed]
-        centers = transform(inverse(X_WB) @ X_WF[at, self.frame[covered]], self.centers[covered])
-        outside = np.maximum(np.abs(centers) - self.half[boxed][:, None], 0.0)
-        gap: Array = (np.sqrt((outside * outside).sum(axis=-1)) - self.radii[covered]).min(axis=-1)
+        centers = transform(X_WF[at, self.frame[covered]], self.centers[covered])
+        in_box = (centers - X_WB[:, None, :3, 3]) @ X_WB[:, :3, :3]
+        outside = np.maximum(np.abs(in_box) - self.half[boxed][:, None], 0.0)
+        gap: Array = (np.sqrt(np.einsum("kci,kci->kc", outside, outside)) - self.radii[covered]).min(axis=-1)
         return gap
 
     def placements(self, X_WF: Array, at: Indices, body: Indices) -> dict[tuple[int, int], Placement]:

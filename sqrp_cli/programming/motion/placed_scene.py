@@ -10,14 +10,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision_body import body_distance
 from sqrp_cli.programming.motion.contact import Contact, Pairs, pair
 from sqrp_cli.programming.motion.finger_joints import finger_steps
+from sqrp_cli.programming.motion.low_bodies import LowBodies
 from sqrp_cli.programming.motion.motion_bound import MotionBound
-from sqrp_cli.programming.motion.placed_bodies import BodyPairs, PlacedBodies
+from sqrp_cli.programming.motion.placed_bodies import BodyPairs, Indices, PlacedBodies
 from sqrp_cli.programming.motion.stretches import Stretches
 from sqrp_cli.trajectory import Path, Trajectory
 
@@ -47,20 +49,36 @@ class PlacedScene:
     """A collision scene with every object in its place."""
 
     def __init__(
-        self, model: RobotModel, bound: MotionBound, bodies: PlacedBodies, pairs: BodyPairs, fingers: Array
+        self,
+        model: RobotModel,
+        bound: MotionBound,
+        low: LowBodies,
+        bodies: PlacedBodies,
+        pairs: BodyPairs,
+        fingers: Array,
     ) -> None:
-        """pairs: those that must not touch. fingers: positions of the joints that drive them, shape (f,)."""
+        """low: those of the robot's bodies, with which `bodies` begins. pairs: those that must not touch.
+
+        fingers: positions of the joints that drive them, shape (f,).
+        """
         self.bound = bound
-        self._model, self._bodies, self._pairs, self._fingers = model, bodies, pairs, fingers
+        self._model, self._low, self._bodies, self._pairs, self._fingers = model, low, bodies, pairs, fingers
         size = bodies.radii.max(axis=1)
         inner_is_larger = size[pairs.inner] >= size[pairs.outer]
         self._boxed = np.where(inner_is_larger, pairs.inner, pairs.outer)
         self._covered = np.where(inner_is_larger, pairs.outer, pairs.inner)
+        self._moving = np.flatnonzero(bodies.depth > 0)
+        self._moving_row = np.searchsorted(self._moving, pairs.outer)  # the arm always moves the outer one
+        self._inner_depth = bodies.depth[pairs.inner]
+        low_row = np.full(len(bodies.bodies), -1)
+        low_row[: len(low.row)] = low.row
+        at_rest = bodies.frame[pairs.inner] < 0
+        self._low_row = np.where(at_rest & inner_is_larger, low_row[pairs.outer], -1)
 
     def allowing(self, allowed: Pairs) -> PlacedScene:
         """The same scene, in which contacts of these pairs of names do not count."""
         pairs = self._pairs.without(allowed, self._bodies)
-        return PlacedScene(self._model, self.bound, self._bodies, pairs, self._fingers)
+        return PlacedScene(self._model, self.bound, self._low, self._bodies, pairs, self._fingers)
 
     def check(self, q: Array) -> Contact | None:
         """A contact at joint positions q, shape (n,), or None when everything keeps its clearance."""
@@ -135,15 +153,18 @@ class PlacedScene:
         q = self._model.with_fingers(stretches.q, self._fingers)
         X_WF = self._model.frame_poses(q)
         centers = bodies.world_centers(X_WF)
-        motion = self.bound.between(X_WF, stretches.variation, centers, bodies.radius, bodies.depth)
-        bound = motion[stretch, outer, bodies.depth[inner]]
+        moving = self._moving
+        spheres = centers[:, moving], bodies.radius[moving], bodies.depth[moving]
+        bound = self.bound.between(X_WF, stretches.variation, *spheres)
+        bound = bound[stretch, self._moving_row[pairs], self._inner_depth[pairs]]
         need = bound + clearance
         between = centers[stretch, inner] - centers[stretch, outer]
         reach = bodies.radius[inner] + bodies.radius[outer] + need
-        close = np.flatnonzero((between * between).sum(axis=1) < reach * reach)
+        close = np.flatnonzero(np.einsum("ki,ki->k", between, between) < reach * reach)
         close = close[
             bodies.gap(X_WF, stretch[close], self._boxed[pairs[close]], self._covered[pairs[close]]) < need[close]
         ]
+        close = close[~self._stay_off(stretches, X_WF, close, clearance + resolution)]
         stretch, inner, outer = stretch[close], inner[close], outer[close]
         placements = bodies.placements(X_WF, np.tile(stretch, 2), np.concatenate([inner, outer]))
         columns = (values.tolist() for values in (close, stretch, inner, outer, bound[close], clearance[close]))
@@ -153,3 +174,19 @@ class PlacedScene:
             if distance is not None:
                 contact = Contact(first.name, second.name, float(stretches.s[at]), kept)
                 yield _Near(k, at, moved, distance <= kept or moved < resolution, contact)
+
+    def _stay_off(self, stretches: Stretches, X_WF: Array, chosen: Indices, margin: Array) -> NDArray[np.bool_]:
+        """Whether a low body is proven to stay off what is at rest over its whole stretch, for chosen combinations.
+
+        X_WF: frames in the middle of the stretches, (m, N + 1, 4, 4). margin: of all combinations [m]. At that margin
+        no part of the stretch can count as a contact.
+        """
+        pairs = stretches.pairs[chosen]
+        stays = self._low_row[pairs] >= 0
+        pairs, at = pairs[stays], stretches.stretch[chosen[stays]]
+        if len(pairs):
+            box = self._pairs.inner[pairs]
+            X_WB, half = self._bodies.X_FB[box], self._bodies.half[box]
+            places = X_WF[at], stretches.variation[at], self._low_row[pairs], X_WB, half
+            stays[stays] = self._low.stay_off(*places, margin[chosen[stays]])
+        return stays
