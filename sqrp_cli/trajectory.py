@@ -41,13 +41,25 @@ class PiecewiseCubic:
 
         A time outside the law counts as the nearest end. At a break the piece that begins there is evaluated.
         """
-        inside = np.clip(np.asarray(t, dtype=float), 0.0, self.breaks[-1])
+        u, (c0, c1, c2, c3) = self._within_pieces(t)
+        derivatives = np.empty((4, *u.shape))
+        derivatives[0] = c0 + u * (c1 + u * (c2 + u * c3))
+        derivatives[1] = c1 + u * (2 * c2 + u * 3 * c3)
+        derivatives[2] = 2 * c2 + u * 6 * c3
+        derivatives[3] = 6 * c3
+        return derivatives
+
+    def positions(self, t: ArrayLike) -> Array:
+        """The parameter s alone at times t [s] of shape (m,), shape (m,), as `derivatives` gives it."""
+        u, (c0, c1, c2, c3) = self._within_pieces(t)
+        s: Array = c0 + u * (c1 + u * (c2 + u * c3))
+        return s
+
+    def _within_pieces(self, t: ArrayLike) -> tuple[Array, Array]:
+        """The time since the piece began that each time lies in, shape (m,), and the piece's coefficients, (4, m)."""
+        inside = np.minimum(np.maximum(np.asarray(t, dtype=float), 0.0), self.breaks[-1])
         piece = _piece(self.breaks, inside)
-        u = inside - self.breaks[piece]
-        c0, c1, c2, c3 = self.coefficients[piece].T
-        return np.stack(
-            [c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2 * c2 + u * 3 * c3), 2 * c2 + u * 6 * c3, 6 * c3 + 0 * u]
-        )
+        return inside - self.breaks[piece], self.coefficients[piece].T
 
     def stretched(self, factor: float) -> PiecewiseCubic:
         """The same law `factor` times as slow: derivatives of order i shrink by factor^i."""
@@ -55,7 +67,7 @@ class PiecewiseCubic:
 
     def time_at(self, s: float) -> float:
         """The first time [s] at which a law that never falls reaches `s`, to the resolution of floating point."""
-        reached = self.derivatives(self.breaks)[0]
+        reached = self.positions(self.breaks)
         piece = int(np.clip(np.searchsorted(reached, s) - 1, 0, len(self.coefficients) - 1))
         c0, c1, c2, c3 = self.coefficients[piece].tolist()
         start = float(self.breaks[piece])
@@ -164,7 +176,7 @@ class Trajectory:
 
     def positions(self, t: ArrayLike) -> Array:
         """Joint positions [rad or m] at times t [s] of shape (m,), shape (m, n); the nearest end for times outside."""
-        return self.path.positions(self.law.derivatives(t)[0])
+        return self.path.positions(self.law.positions(t))
 
     def derivatives(self, t: ArrayLike, order: int) -> Array:
         """Joint velocities, accelerations or jerks (order 1, 2, 3) at times t [s] of shape (m,), shape (m, n).
@@ -259,4 +271,4 @@ def _piece(breaks: Array, values: Array) -> NDArray[np.intp]:
     """Index of the piece that each value lies in; the later one at a break, the last one at the end."""
     if len(breaks) == 2:
         return np.zeros(values.shape, dtype=np.intp)
-    return np.clip(np.searchsorted(breaks, values, side="right") - 1, 0, len(breaks) - 2)
+    return np.minimum(np.maximum(breaks.searchsorted(values, side="right") - 1, 0), len(breaks) - 2)

@@ -11,6 +11,7 @@ from ruckig import InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.programming.ranges import ranges
 from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory, chain_rule
 
 SAMPLES_PER_DEGREE, LEAST_SAMPLES = 32, 17
@@ -172,8 +173,12 @@ def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:
     A phase lasts from one break of law or path to the next. Each gets `least` of them, and its share of another
     `whole`, by how much of the path it covers.
     """
-    joints = [trajectory.law.time_at(s) for s in trajectory.path.breaks[1:-1]]
-    breaks = np.unique(np.concatenate([trajectory.law.breaks, joints]))
-    counts = least + np.ceil(whole * np.diff(trajectory.law.derivatives(breaks)[0])).astype(int)
-    ends = zip(breaks[:-1], np.nextafter(breaks[1:], 0.0), counts, strict=True)
-    return np.concatenate([np.linspace(start, end, count) for start, end, count in ends])
+    law, breaks = trajectory.law, trajectory.law.breaks
+    if joints := [law.time_at(s) for s in trajectory.path.breaks[1:-1]]:
+        breaks = np.unique(np.concatenate([breaks, joints]))
+    counts = least + np.ceil(whole * np.diff(law.positions(breaks))).astype(int)
+    starts, ends = breaks[:-1], np.nextafter(breaks[1:], 0.0)
+    phase, number = ranges(np.zeros(len(counts)), counts)
+    instants: Array = number * ((ends - starts) / (counts - 1))[phase] + starts[phase]
+    instants[np.cumsum(counts) - 1] = ends
+    return instants
