@@ -64,15 +64,15 @@ class MotionBound:
         plus what the joints further out have moved the point. The motion of the whole is at most the sum.
         """
         n = len(self.joints)
-        motion = np.zeros((*centers.shape[:2], n + 1))
+        motion = np.zeros((n + 1, *centers.shape[:2]))
         if not variation.any():
-            return motion
+            return motion.transpose(1, 2, 0)
         axes = self.axes(X_WF)[..., None]
         arms = centers[:, None] - X_WF[:, self.joints][:, :, None, :3, 3]
         along = (arms @ axes)[..., 0]
         levers = np.sqrt(np.maximum(np.einsum("...i,...i", arms, arms) - along * along, 0.0)) + radii
-        moves = depth > np.arange(n)[:, None]
+        steps = variation.T[:, :, None] * (depth > np.arange(n)[:, None, None])
         for j in reversed(range(n)):
-            lever = levers[:, j] + motion[..., j + 1] if self._turns[j] else 1.0
-            motion[..., j] = motion[..., j + 1] + variation[:, j, None] * lever * moves[j]
-        return motion
+            lever = levers[:, j] + motion[j + 1] if self._turns[j] else 1.0
+            motion[j] = motion[j + 1] + steps[j] * lever
+        return motion.transpose(1, 2, 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,11 +73,9 @@ class PlacedBodies:
         gap: Array = (np.sqrt(np.einsum("kci,kci->kc", outside, outside)) - self.radii[covered]).min(axis=-1)
         return gap
 
-    def placements(self, X_WF: Array, at: Indices, body: Indices) -> dict[tuple[int, int], Placement]:
+    def placements(self, X_WF: Array, at: Indices, body: Indices) -> Iterator[Placement]:
         """Where geometries are, for coal, by row of X_WF, (m, N + 1, 4, 4), and body; both of shape (k,)."""
-        rows, which = np.divmod(np.unique(at * len(self.bodies) + body), len(self.bodies))
-        X_WG = X_WF[rows, self.frame[which]] @ self.X_FG[which]
-        return dict(zip(zip(rows.tolist(), which.tolist(), strict=True), map(placement_at, X_WG), strict=True))
+        return map(placement_at, X_WF[at, self.frame[body]] @ self.X_FG[body])
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,6 +26,9 @@ from sqrp_cli.trajectory import Path, Trajectory
 RESOLUTION = 0.5e-3
 """Two solids that may come closer than the clearance while they move by less than this [m] count as touching."""
 
+WORTH_PROVING = 8
+"""Distances of low bodies that a proof should at least spare; fewer are found sooner than it."""
+
 FIRST_LOOK = 9
 """Places along a path that `PlacedScene.is_free` looks at before it proves anything."""
 
@@ -166,11 +169,11 @@ class PlacedScene:
         ]
         close = close[~self._stay_off(stretches, X_WF, close, clearance + resolution)]
         stretch, inner, outer = stretch[close], inner[close], outer[close]
-        placements = bodies.placements(X_WF, np.tile(stretch, 2), np.concatenate([inner, outer]))
-        columns = (values.tolist() for values in (close, stretch, inner, outer, bound[close], clearance[close]))
-        for k, at, i, j, moved, kept in zip(*columns, strict=True):
-            first, second = bodies.bodies[j], bodies.bodies[i]
-            distance = body_distance(first, placements[at, j], second, placements[at, i], kept, kept + moved)
+        placements = (bodies.placements(X_WF, stretch, body) for body in (outer, inner))
+        columns = (values.tolist() for values in (close, stretch, outer, inner, bound[close], clearance[close]))
+        for k, at, i, j, moved, kept, X_1, X_2 in zip(*columns, *placements, strict=True):
+            first, second = bodies.bodies[i], bodies.bodies[j]
+            distance = body_distance(first, X_1, second, X_2, kept, kept + moved)
             if distance is not None:
                 contact = Contact(first.name, second.name, float(stretches.s[at]), kept)
                 yield _Near(k, at, moved, distance <= kept or moved < resolution, contact)
@@ -182,11 +185,12 @@ class PlacedScene:
         no part of the stretch can count as a contact.
         """
         pairs = stretches.pairs[chosen]
-        stays = self._low_row[pairs] >= 0
-        pairs, at = pairs[stays], stretches.stretch[chosen[stays]]
-        if len(pairs):
+        low = np.flatnonzero(self._low_row[pairs] >= 0)
+        stays = np.zeros(len(chosen), dtype=bool)
+        if len(low) >= WORTH_PROVING:
+            pairs, at = pairs[low], stretches.stretch[chosen[low]]
             box = self._pairs.inner[pairs]
             X_WB, half = self._bodies.X_FB[box], self._bodies.half[box]
             places = X_WF[at], stretches.variation[at], self._low_row[pairs], X_WB, half
-            stays[stays] = self._low.stay_off(*places, margin[chosen[stays]])
+            stays[low] = self._low.stay_off(*places, margin[chosen[low]])
         return stays
