@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill import JointMove, StraightMove
 from sqrp_cli.programming.arm.branches import chosen_branches
-from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.known_solutions import known_solutions
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.branch_search import Station
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.programming.motion.placed_scene import PlacedScene
+from sqrp_cli.programming.motion.side_by_side import side_by_side
 from sqrp_cli.programming.motion.straight_line import LIMIT_SAMPLES, LIMIT_SLACK, ToolLine, follow, limit_reason
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path, time_paths
 from sqrp_cli.trajectory import Path, Trajectory
@@ -153,7 +154,8 @@ class BranchFinder:
         followed = self._followed(section, begun)
         if begun and not followed:
             self._note_ends_out_of_reach(section)
-        branches = [Branch(*branch, self._turns(section, *branch)) for branch in followed]
+        turns = self._turns(section, followed) if followed else ()
+        branches = [Branch(*branch, of_branch) for branch, of_branch in zip(followed, turns, strict=True)]
         return [branch for branch in branches if len(branch.turns)]
 
     def _ends(self, section: Section) -> Array:
@@ -163,7 +165,7 @@ class BranchFinder:
             return self._q_start[None]
         if move.home:
             return self._model.home[None]
-        solutions = all_solutions(self._model, move.X_end, self._seed, self._samples)
+        solutions = known_solutions(self._model, move.X_end, self._seed, self._samples)
         ends: Array = solutions.solutions[chosen_branches(self._model, solutions.solutions, move.branches)]
         self._failures.out_of_reach |= not len(solutions.solutions)
         if not len(ends):
@@ -221,35 +223,50 @@ class BranchFinder:
         """Where a line could not be followed because its very end is out of reach, that is the most useful reason."""
         for primitive in section.tied:
             if primitive.kind is StraightMove:
-                solutions = all_solutions(self._model, primitive.X_end, self._seed, self._samples)
+                solutions = known_solutions(self._model, primitive.X_end, self._seed, self._samples)
                 if not len(solutions.solutions):
                     reason = f"{primitive.name} to `{primitive.to}`: {solutions.reason}"
                     self._failures.note(len(self._scenes), reason)
 
-    def _turns(self, section: Section, q: Array, trajectories: Sequence[Trajectory]) -> Array:
-        """Offsets by whole turns that keep a branch within the joints' limits, shape (k, n); only 0 if q is given.
+    def _turns(self, section: Section, branches: Sequence[_Begun]) -> list[Array]:
+        """Of each branch, offsets by whole turns that keep it within the joints' limits, (k, n); only 0 if q is given.
 
         A joint without limits goes at most one turn beyond where it is at the start and at home.
         """
-        low, high = q, q
-        for path in (trajectory.path for trajectory in trajectories if trajectory.path.coefficients.shape[1] > 1):
-            passed = path.positions(_LIMIT_SAMPLES)
-            low, high = np.minimum(low, passed.min(axis=0)), np.maximum(high, passed.max(axis=0))
+        low, high = _passed(branches)
         lower, upper = self._near_limits
         fewest = np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi))
         most = np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
         if section.is_fixed:
             fewest, most = np.maximum(fewest, 0.0), np.minimum(most, 0.0)
-        fewest[~self._model.turns], most[~self._model.turns] = 0.0, 0.0
-        counts = np.maximum(most - fewest + 1, 0).astype(int)
-        turns: Array = 2 * np.pi * (fewest + np.indices(counts).reshape(len(q), -1).T)
-        if not len(turns):
-            for k, (primitive, trajectory) in enumerate(zip(section.tied, trajectories, strict=True)):
-                reason = limit_reason(self._model, trajectory.path, ToolLine(primitive.X_start, primitive.X_end))
-                if reason is not None:
-                    self._failures.note(section.first + k, f"{primitive.name}: {reason}")
-                    break
+        fewest[:, ~self._model.turns], most[:, ~self._model.turns] = 0.0, 0.0
+        turns: list[Array] = []
+        for (_, trajectories), least, greatest in zip(branches, fewest.tolist(), most.tolist(), strict=True):
+            counts = [range(int(first), int(last) + 1) for first, last in zip(least, greatest, strict=True)]
+            turns.append(2 * np.pi * np.array(list(product(*counts)), dtype=float).reshape(-1, len(counts)))
+            if not len(turns[-1]):
+                self._note_limit(section, trajectories)
         return turns
+
+    def _note_limit(self, section: Section, trajectories: Sequence[Trajectory]) -> None:
+        """Note the first limit that a section's trajectories exceed, if they do without any turns."""
+        for k, (primitive, trajectory) in enumerate(zip(section.tied, trajectories, strict=True)):
+            reason = limit_reason(self._model, trajectory.path, ToolLine(primitive.X_start, primitive.X_end))
+            if reason is not None:
+                self._failures.note(section.first + k, f"{primitive.name}: {reason}")
+                break
+
+
+def _passed(branches: Sequence[_Begun]) -> tuple[Array, Array]:
+    """The least and the greatest joint positions of each branch, shape (b, n)."""
+    low = np.stack([q for q, _ in branches])
+    high = low.copy()
+    for trajectories in zip(*(trajectories for _, trajectories in branches), strict=True):
+        for rows, path in side_by_side([trajectory.path for trajectory in trajectories]):
+            if path.coefficients.shape[1] > 1:
+                q = path.positions(_LIMIT_SAMPLES).reshape(len(_LIMIT_SAMPLES), len(rows), -1)
+                low[rows], high[rows] = np.minimum(low[rows], q.min(axis=0)), np.maximum(high[rows], q.max(axis=0))
+    return low, high
 
 
 def near_limits(model: RobotModel, near: Array) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from ruckig import InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.programming.motion.side_by_side import side_by_side
 from sqrp_cli.programming.ranges import ranges
 from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory, chain_rule
 
@@ -138,11 +139,8 @@ def time_paths(paths: Sequence[Path], limits: MotionLimits, along: MotionLimits)
     """As `time_path` of each of several paths that have the same breaks."""
     law = rest_to_rest(along)
     factors = np.ones(len(paths))
-    degrees = np.array([path.coefficients.shape[1] for path in paths])
-    for degree in np.unique(degrees):
-        rows = np.flatnonzero(degrees == degree)
-        side_by_side = np.concatenate([paths[row].coefficients for row in rows.tolist()], axis=2)
-        factors[rows] = _stretches(Trajectory(Path(paths[0].breaks, side_by_side), law), limits)
+    for rows, joined in side_by_side(paths):
+        factors[rows] = _stretches(Trajectory(joined, law), limits)
     return [
         Trajectory(path, law.stretched(factor) if factor > 1.0 else law)
         for path, factor in zip(paths, factors.tolist(), strict=True)
