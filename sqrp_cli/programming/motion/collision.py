@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import dist
 from weakref import WeakKeyDictionary
 
-import numpy as np
-
-from sqrp_cli.geometry import Array, pose, transform
+from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.joint_tree import Mount
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import World
@@ -118,5 +117,5 @@ class CollisionScene:
 
 def _may_touch(a: Body, X_WA: Array, b: Body, X_WB: Array) -> bool:
     """Whether the spheres around two bodies come within the clearance."""
-    apart = np.linalg.norm(transform(X_WA, a.center[None]) - transform(X_WB, b.center[None]))
-    return bool(apart < a.radius + b.radius + CLEARANCE)
+    apart = dist(X_WA[:3, :3] @ a.center + X_WA[:3, 3], X_WB[:3, :3] @ b.center + X_WB[:3, 3])
+    return apart < a.radius + b.radius + CLEARANCE
