@@ -104,10 +104,10 @@ class JointTree:
         sines, versines = np.sin(positions), 1.0 - np.cos(positions)
         if len(self.sliding):
             sines[:, self.sliding], versines[:, self.sliding] = positions[:, self.sliding], 0.0
-        X_WJ: Array = sines[..., None, None] * self.sine
-        X_WJ += self.still
-        X_WJ += versines[..., None, None] * self.versine
+        by_joint: Array = sines.T[..., None, None] * self.sine[:, None]  # joints first, which is quicker
+        by_joint += self.still[:, None]
+        by_joint += versines.T[..., None, None] * self.versine[:, None]
         for index, parent in enumerate(self.parents):
             if parent >= 0:
-                X_WJ[:, index] = X_WJ[:, parent] @ X_WJ[:, index]
-        return X_WJ
+                by_joint[index] = by_joint[parent] @ by_joint[index]
+        return by_joint.swapaxes(0, 1)

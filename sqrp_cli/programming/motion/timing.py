@@ -148,21 +148,36 @@ def time_paths(paths: Sequence[Path], limits: MotionLimits, along: MotionLimits)
 
 
 def _stretches(trajectory: Trajectory, limits: MotionLimits) -> Array:
-    """By how much b motions of n joints each, as one of b n joints, have to be slowed down, shape (b,); at least 1."""
+    """By how much b motions of n joints each, as one of b n joints, have to be slowed down, shape (b,); at least 1.
+
+    An order of derivatives whose bounds ask for no more than what is found already need not be sampled.
+    """
     path, law = trajectory.path, trajectory.law
-    n = len(limits.velocity)
-    every = np.tile(np.stack([limits.velocity, limits.acceleration, limits.jerk]), path.coefficients.shape[2] // n)
+    every = (limits.velocity, limits.acceleration, limits.jerk)
+
+    def ratios(motion: Array, order: int) -> Array:
+        """The largest ratio of each motion's joints to their limits, shape (1, b); of magnitudes of shape (b n,)."""
+        largest: Array = (motion.reshape(-1, len(limits.velocity)) / every[order - 1]).max(axis=1)[None]
+        return largest
+
+    def factors(ratios: Array, order: int) -> Array:
+        factors: Array = (ratios ** (1.0 / np.array([[order]])))[0] * (1.0 + STRETCH_MARGIN)
+        return factors
+
     ends = np.concatenate([law.breaks[:-1], np.nextafter(law.breaks[1:], 0.0)])
     peaks = np.abs(law.derivatives(ends)[1:]).max(axis=1)
-    bounds = [path.derivative_bounds(order).max(axis=0) for order in (1, 2, 3)]
-    if all((chain_rule(peaks, bounds[:order]) <= every[order - 1]).all() for order in (1, 2, 3)):
-        return np.ones(every.shape[1] // n)
+    slopes = [path.derivative_bounds(order).max(axis=0) for order in (1, 2, 3)]
+    bounds = [ratios(chain_rule(peaks, slopes[:order]), order) for order in (1, 2, 3)]
+    stretches = np.ones(bounds[0].shape[1])
+    if max(bound.max() for bound in bounds) <= 1.0:
+        return stretches
     sampled = law.derivatives(phase_samples(trajectory, LEAST_SAMPLES, SAMPLES_PER_DEGREE * path.coefficients.shape[1]))
     slopes = [path.derivatives(sampled[0], order) for order in (1, 2, 3)]
-    motion = [np.abs(chain_rule(sampled[1:, :, None], slopes[:order])).max(axis=0) for order in (1, 2, 3)]
-    ratios = (np.stack(motion) / every).reshape(3, -1, n).max(axis=2)
-    factors: Array = (ratios ** (1.0 / np.array([[1], [2], [3]]))).max(axis=0) * (1.0 + STRETCH_MARGIN)
-    return np.maximum(factors, 1.0)
+    for order in (3, 2, 1):
+        if (factors(bounds[order - 1], order) > stretches).any():
+            motion = np.abs(chain_rule(sampled[1:, :, None], slopes[:order])).max(axis=0)
+            stretches = np.maximum(stretches, factors(ratios(motion, order), order))
+    return stretches
 
 
 def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:
