@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.body_pairs import BodyPairs
 from sqrp_cli.programming.motion.collision_body import body_distance
 from sqrp_cli.programming.motion.contact import Contact, Pairs, pair
 from sqrp_cli.programming.motion.finger_joints import finger_steps
 from sqrp_cli.programming.motion.low_bodies import LowBodies
 from sqrp_cli.programming.motion.motion_bound import MotionBound
-from sqrp_cli.programming.motion.placed_bodies import BodyPairs, Indices, PlacedBodies
+from sqrp_cli.programming.motion.placed_bodies import Indices, PlacedBodies
 from sqrp_cli.programming.motion.stretches import Stretches
 from sqrp_cli.trajectory import Path, Trajectory
 
@@ -60,23 +61,9 @@ class PlacedScene:
         pairs: BodyPairs,
         fingers: Array,
     ) -> None:
-        """low: those of the robot's bodies, with which `bodies` begins. pairs: those that must not touch.
-
-        fingers: positions of the joints that drive them, shape (f,).
-        """
+        """low: those of the robot's bodies. pairs: of bodies that must not touch. fingers: their positions, shape (f,)."""
         self.bound = bound
         self._model, self._low, self._bodies, self._pairs, self._fingers = model, low, bodies, pairs, fingers
-        size = bodies.radii.max(axis=1)
-        inner_is_larger = size[pairs.inner] >= size[pairs.outer]
-        self._boxed = np.where(inner_is_larger, pairs.inner, pairs.outer)
-        self._covered = np.where(inner_is_larger, pairs.outer, pairs.inner)
-        self._moving = np.flatnonzero(bodies.depth > 0)
-        self._moving_row = np.searchsorted(self._moving, pairs.outer)  # the arm always moves the outer one
-        self._inner_depth = bodies.depth[pairs.inner]
-        low_row = np.full(len(bodies.bodies), -1)
-        low_row[: len(low.row)] = low.row
-        at_rest = bodies.frame[pairs.inner] < 0
-        self._low_row = np.where(at_rest & inner_is_larger, low_row[pairs.outer], -1)
 
     def allowing(self, allowed: Pairs) -> PlacedScene:
         """The same scene, in which contacts of these pairs of names do not count."""
@@ -156,16 +143,16 @@ class PlacedScene:
         q = self._model.with_fingers(stretches.q, self._fingers)
         X_WF = self._model.frame_poses(q)
         centers = bodies.world_centers(X_WF)
-        moving = self._moving
+        moving = bodies.moving
         spheres = centers[:, moving], bodies.radius[moving], bodies.depth[moving]
         bound = self.bound.between(X_WF, stretches.variation, *spheres)
-        bound = bound[stretch, self._moving_row[pairs], self._inner_depth[pairs]]
+        bound = bound[stretch, self._pairs.mover[pairs], bodies.depth[inner]]
         need = bound + clearance
         between = centers[stretch, inner] - centers[stretch, outer]
         reach = bodies.radius[inner] + bodies.radius[outer] + need
         close = np.flatnonzero(np.einsum("ki,ki->k", between, between) < reach * reach)
         close = close[
-            bodies.gap(X_WF, stretch[close], self._boxed[pairs[close]], self._covered[pairs[close]]) < need[close]
+            bodies.gap(X_WF, stretch[close], self._pairs.boxed[pairs[close]], self._pairs.covered[pairs[close]]) < need[close]
         ]
         close = close[~self._stay_off(stretches, X_WF, close, clearance + resolution)]
         stretch, inner, outer = stretch[close], inner[close], outer[close]
@@ -185,12 +172,12 @@ class PlacedScene:
         no part of the stretch can count as a contact.
         """
         pairs = stretches.pairs[chosen]
-        low = np.flatnonzero(self._low_row[pairs] >= 0)
+        low = np.flatnonzero(self._pairs.low[pairs] >= 0)
         stays = np.zeros(len(chosen), dtype=bool)
         if len(low) >= WORTH_PROVING:
             pairs, at = pairs[low], stretches.stretch[chosen[low]]
             box = self._pairs.inner[pairs]
             X_WB, half = self._bodies.X_FB[box], self._bodies.half[box]
-            places = X_WF[at], stretches.variation[at], self._low_row[pairs], X_WB, half
+            places = X_WF[at], stretches.variation[at], self._pairs.low[pairs], X_WB, half
             stays[low] = self._low.stay_off(*places, margin[chosen[low]])
         return stays
