@@ -6,7 +6,7 @@ they can move against each other within it. Stretches over which they are not ar
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,8 +75,10 @@ class PlacedScene:
         return self.check_all(q[None])[0]
 
     def check_all(self, q: Array) -> tuple[Contact | None, ...]:
-        """A contact, or None, at each of m joint positions, shape (m, n)."""
-        found = {near.stretch: near.contact for near in self._near(self._still(q))}
+        """A contact, or None, at each of m joint positions, shape (m, n); of several, that of the last pair."""
+        found: dict[int, Contact] = {}
+        for near in self._near(self._still(q), backwards=True, known=found):
+            found[near.stretch] = near.contact
         return tuple(found.get(k) for k in range(len(q)))
 
     def touching_pairs(self, q: Array) -> tuple[Pairs, ...]:
@@ -136,8 +138,17 @@ class PlacedScene:
     def _still(self, q: Array, s: Array | None = None) -> Stretches:
         return Stretches.still(q, len(self._pairs.inner), s)
 
-    def _near(self, stretches: Stretches, resolution: float = RESOLUTION) -> Iterator[_Near]:
-        """The combinations that are not proven apart over their stretch, in order."""
+    def _near(
+        self,
+        stretches: Stretches,
+        resolution: float = RESOLUTION,
+        backwards: bool = False,
+        known: Container[int] = (),
+    ) -> Iterator[_Near]:
+        """The combinations that are not proven apart over their stretch, in order or backwards.
+
+        known: stretches of which no more need be told, once they are in it.
+        """
         bodies, stretch, pairs = self._bodies, stretches.stretch, stretches.pairs
         inner, outer, clearance = self._pairs.inner[pairs], self._pairs.outer[pairs], self._pairs.clearance[pairs]
         q = self._model.with_fingers(stretches.q, self._fingers)
@@ -155,10 +166,13 @@ class PlacedScene:
             bodies.gap(X_WF, stretch[close], self._pairs.boxed[pairs[close]], self._pairs.covered[pairs[close]]) < need[close]
         ]
         close = close[~self._stay_off(stretches, X_WF, close, clearance + resolution)]
+        close = close[::-1] if backwards else close
         stretch, inner, outer = stretch[close], inner[close], outer[close]
         placements = (bodies.placements(X_WF, stretch, body) for body in (outer, inner))
         columns = (values.tolist() for values in (close, stretch, outer, inner, bound[close], clearance[close]))
         for k, at, i, j, moved, kept, X_1, X_2 in zip(*columns, *placements, strict=True):
+            if at in known:
+                continue
             first, second = bodies.bodies[i], bodies.bodies[j]
             distance = body_distance(first, X_1, second, X_2, kept, kept + moved)
             if distance is not None:
