@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, cross, read_only
-from sqrp_cli.knowledge.joint_tree import JointTree
+from sqrp_cli.knowledge.joint_tree import JointTree, Mount
 from sqrp_cli.knowledge.robot import JointLimits, Robot
 from sqrp_cli.knowledge.scene import Part
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, read_urdf
@@ -132,10 +132,21 @@ class RobotModel:
         return self.tool_links | self.fingers.links
 
     @cached_property
-    def _moved_mounts(self) -> tuple[NDArray[np.intp], Array]:
-        """Of the L links that joints carry: the index of the joint, (L,), and the link's pose in it, (L, 4, 4)."""
-        moved = [mount for mount in self._tree.mounts.values() if mount.joint >= 0]
-        return np.array([mount.joint for mount in moved]), np.stack([mount.X_JL for mount in moved])
+    def still_links(self) -> frozenset[str]:
+        """The links that no driven joint moves."""
+        moves = (self._couplings.ratios != 0.0).any(axis=1)
+        return frozenset(link for link in self.links if not moves[self._tree.chain(link)].any())
+
+    @cached_property
+    def _offset_links(self) -> tuple[tuple[str, ...], NDArray[np.intp], Array]:
+        """The L links that joints carry elsewhere than in their own frames, the joints, (L,), and X_JL, (L, 4, 4)."""
+        offset = {
+            link: mount
+            for link, mount in self._tree.mounts.items()
+            if mount.joint >= 0 and not np.array_equal(mount.X_JL, np.eye(4))
+        }
+        joints = np.array([mount.joint for mount in offset.values()], dtype=np.intp)
+        return tuple(offset), joints, np.array([mount.X_JL for mount in offset.values()]).reshape(-1, 4, 4)
 
     def with_fingers(self, q: Array, fingers: Array | None = None) -> Array:
         """Positions of all driven joints, shape (..., n + f), from those of the arm, (..., n), unless q has all.
@@ -153,13 +164,15 @@ class RobotModel:
         With those of the arm alone, shape (m, n), the fingers are open.
         """
         X_WJ = self._tree.poses(self._couplings.positions(self.with_fingers(q)))
-        mounts = self._tree.mounts
-        joints, X_JL = self._moved_mounts
-        moving = iter((X_WJ[:, joints] @ X_JL).swapaxes(0, 1))
-        return {
-            link: next(moving) if mount.joint >= 0 else np.broadcast_to(mount.X_JL, (len(q), 4, 4))
-            for link, mount in mounts.items()
-        }
+        links, joints, X_JL = self._offset_links
+        offset = dict(zip(links, (X_WJ[:, joints] @ X_JL).swapaxes(0, 1), strict=True))
+
+        def poses(link: str, mount: Mount) -> Array:
+            if mount.joint < 0:
+                return np.broadcast_to(mount.X_JL, (len(q), 4, 4))
+            return offset[link] if link in offset else X_WJ[:, mount.joint]
+
+        return {link: poses(link, mount) for link, mount in self._tree.mounts.items()}
 
     def frame_poses(self, q: Array) -> Array:
         """World poses X_WF of the frames of all joints of `tree`, and of the world as the last (or index -1).
