@@ -184,8 +184,13 @@ class Trajectory:
         Where the law's pieces meet, jerk jumps: the later piece counts, and the earlier one just before
         (`numpy.nextafter`). The formulas are those of the chain rule.
         """
+        return self.motion(t, order)[order]
+
+    def motion(self, t: ArrayLike, order: int) -> list[Array]:
+        """Joint positions and their `derivatives` up to an order, at times t [s] of shape (m,), shape (m, n) each."""
         law = self.law.derivatives(t)
-        return chain_rule(law[1:, :, None], [self.path.derivatives(law[0], k) for k in range(1, order + 1)])
+        path = [self.path.derivatives(law[0], k) for k in range(order + 1)]
+        return [path[0], *(chain_rule(law[1:, :, None], path[1 : k + 1]) for k in range(1, order + 1))]
 
     def followed_by(self, other: Trajectory) -> Trajectory:
         """First this motion, then another one that begins where it ends, both from rest to rest.
