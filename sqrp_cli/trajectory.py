@@ -248,7 +248,8 @@ def chain_rule(law: Array, path: Sequence[Array]) -> Array:
 def _chebyshev_sum(coefficients: Array, x: Array) -> Array:
     """The sum of coefficients (k, ...) times Chebyshev polynomials at x, by the recurrence of C. W. Clenshaw (1955)."""
     if len(coefficients) == 1:
-        return coefficients[0] + 0.0 * x
+        constant: Array = coefficients[0] + 0.0 * x
+        return constant
     lower, upper = coefficients[-2], coefficients[-1]
     for coefficient in coefficients[-3::-1]:
         lower, upper = coefficient - upper, lower + upper * (2 * x)

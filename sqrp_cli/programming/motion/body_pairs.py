@@ -18,7 +18,8 @@ class BodyPairs:
     """P pairs of bodies that must not touch, by index, the outer one of the arm in `outer`, shape (P,) each.
 
     clearance: distance that they have to keep [m].
-    boxed, covered: the larger of the two, around which culling puts a box, and the other one, which it covers by spheres.
+    boxed, covered: the larger of the two, around which culling puts a box, and the other one, which it covers by
+    spheres.
     mover: index of the outer one among `PlacedBodies.moving`.
     low: which of `LowBodies` the outer one is if the inner one is larger and rests; -1 otherwise.
     """

@@ -83,7 +83,8 @@ class CollisionScene:
                 places.append((body, 0, Mount(-1, X_WO)))
                 clearance.append(self._clearance[name])
         moving = [i for i, body in enumerate(self.bodies) if depth[body.name] > 0]
-        pairs = [np.array(self.self_pairs, dtype=np.intp).reshape(-1, 2), _crossed(range(len(self.bodies), len(places)), moving)]
+        resting = range(len(self.bodies), len(places))
+        pairs = [np.array(self.self_pairs, dtype=np.intp).reshape(-1, 2), _crossed(resting, moving)]
         if world.held is not None and world.X_TO is not None:
             partners = [i for i, (body, *_) in enumerate(places) if body.name not in self.model.hand_links]
             carried = mounts[self.model.tool_frame].with_offset(world.X_TO)

@@ -11,11 +11,12 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill import JointMove, StraightMove
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.branch_finder import near_limits
 from sqrp_cli.programming.motion.branch_search import Question
 from sqrp_cli.programming.motion.contact import Contact
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.programming.motion.placed_scene import PlacedScene
-from sqrp_cli.programming.motion.sections import Branch, Failures, Section, Ways, near_limits
+from sqrp_cli.programming.motion.sections import Branch, Failures, Section, Ways
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.programming.motion.way_around import find_way
 from sqrp_cli.trajectory import Trajectory

@@ -61,7 +61,7 @@ class PlacedScene:
         pairs: BodyPairs,
         fingers: Array,
     ) -> None:
-        """low: those of the robot's bodies. pairs: of bodies that must not touch. fingers: their positions, shape (f,)."""
+        """low: those of the robot's bodies. pairs: of bodies that must not touch. fingers: their joints, shape (f,)."""
         self.bound = bound
         self._model, self._low, self._bodies, self._pairs, self._fingers = model, low, bodies, pairs, fingers
 
@@ -142,6 +142,7 @@ class PlacedScene:
         self,
         stretches: Stretches,
         resolution: float = RESOLUTION,
+        *,
         backwards: bool = False,
         known: Container[int] = (),
     ) -> Iterator[_Near]:
@@ -149,27 +150,14 @@ class PlacedScene:
 
         known: stretches of which no more need be told, once they are in it.
         """
-        bodies, stretch, pairs = self._bodies, stretches.stretch, stretches.pairs
+        X_WF = self._model.frame_poses(self._model.with_fingers(stretches.q, self._fingers))
+        close, bound = self._close(stretches, X_WF, resolution)
+        if backwards:
+            close, bound = close[::-1], bound[::-1]
+        bodies, stretch, pairs = self._bodies, stretches.stretch[close], stretches.pairs[close]
         inner, outer, clearance = self._pairs.inner[pairs], self._pairs.outer[pairs], self._pairs.clearance[pairs]
-        q = self._model.with_fingers(stretches.q, self._fingers)
-        X_WF = self._model.frame_poses(q)
-        centers = bodies.world_centers(X_WF)
-        moving = bodies.moving
-        spheres = centers[:, moving], bodies.radius[moving], bodies.depth[moving]
-        bound = self.bound.between(X_WF, stretches.variation, *spheres)
-        bound = bound[stretch, self._pairs.mover[pairs], bodies.depth[inner]]
-        need = bound + clearance
-        between = centers[stretch, inner] - centers[stretch, outer]
-        reach = bodies.radius[inner] + bodies.radius[outer] + need
-        close = np.flatnonzero(np.einsum("ki,ki->k", between, between) < reach * reach)
-        close = close[
-            bodies.gap(X_WF, stretch[close], self._pairs.boxed[pairs[close]], self._pairs.covered[pairs[close]]) < need[close]
-        ]
-        close = close[~self._stay_off(stretches, X_WF, close, clearance + resolution)]
-        close = close[::-1] if backwards else close
-        stretch, inner, outer = stretch[close], inner[close], outer[close]
         placements = (bodies.placements(X_WF, stretch, body) for body in (outer, inner))
-        columns = (values.tolist() for values in (close, stretch, outer, inner, bound[close], clearance[close]))
+        columns = (values.tolist() for values in (close, stretch, outer, inner, bound, clearance))
         for k, at, i, j, moved, kept, X_1, X_2 in zip(*columns, *placements, strict=True):
             if at in known:
                 continue
@@ -179,11 +167,31 @@ class PlacedScene:
                 contact = Contact(first.name, second.name, float(stretches.s[at]), kept)
                 yield _Near(k, at, moved, distance <= kept or moved < resolution, contact)
 
-    def _stay_off(self, stretches: Stretches, X_WF: Array, chosen: Indices, margin: Array) -> NDArray[np.bool_]:
+    def _close(self, stretches: Stretches, X_WF: Array, resolution: float) -> tuple[Indices, Array]:
+        """The combinations that culling does not prove apart, (k,), and how far each pair can move [m], (k,).
+
+        X_WF: frames in the middle of the stretches, (m, N + 1, 4, 4).
+        """
+        bodies, stretch, pairs = self._bodies, stretches.stretch, stretches.pairs
+        inner, outer = self._pairs.inner[pairs], self._pairs.outer[pairs]
+        centers, moving = bodies.world_centers(X_WF), bodies.moving
+        spheres = centers[:, moving], bodies.radius[moving], bodies.depth[moving]
+        motion = self.bound.between(X_WF, stretches.variation, *spheres)
+        bound = motion[stretch, self._pairs.mover[pairs], bodies.depth[inner]]
+        need = bound + self._pairs.clearance[pairs]
+        between = centers[stretch, inner] - centers[stretch, outer]
+        reach = bodies.radius[inner] + bodies.radius[outer] + need
+        close = np.flatnonzero(np.einsum("ki,ki->k", between, between) < reach * reach)
+        near = pairs[close]
+        gap = bodies.gap(X_WF, stretch[close], self._pairs.boxed[near], self._pairs.covered[near])
+        close = close[gap < need[close]]
+        close = close[~self._stay_off(stretches, X_WF, close, resolution)]
+        return close, bound[close]
+
+    def _stay_off(self, stretches: Stretches, X_WF: Array, chosen: Indices, resolution: float) -> NDArray[np.bool_]:
         """Whether a low body is proven to stay off what is at rest over its whole stretch, for chosen combinations.
 
-        X_WF: frames in the middle of the stretches, (m, N + 1, 4, 4). margin: of all combinations [m]. At that margin
-        no part of the stretch can count as a contact.
+        It stays so far off that no part of the stretch can count as a contact.
         """
         pairs = stretches.pairs[chosen]
         low = np.flatnonzero(self._pairs.low[pairs] >= 0)
@@ -191,7 +199,12 @@ class PlacedScene:
         if len(low) >= WORTH_PROVING:
             pairs, at = pairs[low], stretches.stretch[chosen[low]]
             box = self._pairs.inner[pairs]
-            X_WB, half = self._bodies.X_FB[box], self._bodies.half[box]
-            places = X_WF[at], stretches.variation[at], self._pairs.low[pairs], X_WB, half
-            stays[low] = self._low.stay_off(*places, margin[chosen[low]])
+            stays[low] = self._low.stay_off(
+                X_WF=X_WF[at],
+                variation=stretches.variation[at],
+                row=self._pairs.low[pairs],
+                X_WB=self._bodies.X_FB[box],
+                half=self._bodies.half[box],
+                margin=self._pairs.clearance[pairs] + resolution,
+            )
         return stays

@@ -12,13 +12,14 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDANCY_SAMPLES, REDUNDANCY_SAMPLES
 from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion.branch_finder import BranchFinder
 from sqrp_cli.programming.motion.branch_search import fastest_sequence
 from sqrp_cli.programming.motion.collision import CollisionScene
 from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives
 from sqrp_cli.programming.motion.joint_moves import JointMoves, Move
-from sqrp_cli.programming.motion.sections import BranchFinder, Failures, Ways, cut_into_sections
+from sqrp_cli.programming.motion.sections import Failures, Ways, cut_into_sections
 from sqrp_cli.trajectory import Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
