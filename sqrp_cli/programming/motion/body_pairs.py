@@ -21,6 +21,7 @@ class BodyPairs:
     boxed, covered: the larger of the two, around which culling puts a box, and the other one, which it covers by
     spheres.
     mover: index of the outer one among `PlacedBodies.moving`.
+    reach: distance of the centres of the spheres around them from which they keep it for sure [m].
     low: which of `LowBodies` the outer one is if the inner one is larger and rests; -1 otherwise.
     """
 
@@ -30,6 +31,7 @@ class BodyPairs:
     boxed: Indices
     covered: Indices
     mover: Indices
+    reach: Array
     low: Indices
 
     @staticmethod
@@ -46,6 +48,7 @@ class BodyPairs:
             boxed=np.where(inner_is_larger, inner, outer),
             covered=np.where(inner_is_larger, outer, inner),
             mover=np.searchsorted(bodies.moving, outer),
+            reach=bodies.radius[inner] + bodies.radius[outer] + clearance,
             low=np.where(inner_is_larger & (bodies.frame[inner] < 0), low_row[outer], -1),
         )
 
@@ -66,5 +69,6 @@ class BodyPairs:
             boxed=self.boxed[kept],
             covered=self.covered[kept],
             mover=self.mover[kept],
+            reach=self.reach[kept],
             low=self.low[kept],
         )

@@ -178,13 +178,12 @@ class PlacedScene:
         spheres = centers[:, moving], bodies.radius[moving], bodies.depth[moving]
         motion = self.bound.between(X_WF, stretches.variation, *spheres)
         bound = motion[stretch, self._pairs.mover[pairs], bodies.depth[inner]]
-        need = bound + self._pairs.clearance[pairs]
         between = centers[stretch, inner] - centers[stretch, outer]
-        reach = bodies.radius[inner] + bodies.radius[outer] + need
+        reach = self._pairs.reach[pairs] + bound
         close = np.flatnonzero(np.einsum("ki,ki->k", between, between) < reach * reach)
         near = pairs[close]
         gap = bodies.gap(X_WF, stretch[close], self._pairs.boxed[near], self._pairs.covered[near])
-        close = close[gap < need[close]]
+        close = close[gap < bound[close] + self._pairs.clearance[near]]
         close = close[~self._stay_off(stretches, X_WF, close, resolution)]
         return close, bound[close]
 

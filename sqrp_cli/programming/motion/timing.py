@@ -72,14 +72,9 @@ def _ramp(v: float, a: float, j: float) -> float:
 
 def joint_move_duration(q0: Array, q1: Array, limits: MotionLimits) -> Array:
     """Duration [s] of the joint moves between q0 and q1, shapes (..., n) that broadcast, as `joint_move` makes them."""
-    shape = np.broadcast_shapes(q0.shape, q1.shape)[:-1]
-    reach, *shares = (np.zeros(shape) for _ in range(4))
-    for j in range(q0.shape[-1]):
-        direction = np.abs(q1[..., j] - q0[..., j])
-        np.maximum(reach, direction, out=reach)
-        for share, limit in zip(shares, (limits.velocity, limits.acceleration, limits.jerk), strict=True):
-            np.maximum(share, direction / limit[j], out=share)
-    moving = reach > STANDSTILL
+    direction = np.abs(q1 - q0)
+    moving = direction.max(axis=-1) > STANDSTILL
+    shares = ((direction / limit).max(axis=-1) for limit in (limits.velocity, limits.acceleration, limits.jerk))
     along = MotionLimits(*(1.0 / np.where(moving, share, 1.0) for share in shares))
     return np.where(moving, rest_to_rest_duration(1.0, along), 0.0)
 
