@@ -75,7 +75,7 @@ class LowBodies:
         cosines = (self._bound.axes(X_WF) @ R_BW[cases, axis, :, None])[..., 0]
         sines = np.sqrt(np.maximum(1.0 - cosines * cosines, 0.0))
         moved = 0.0
-        for j in reversed(range(JOINTS)):
+        for j in reversed(range(min(JOINTS, variation.shape[1]))):
             steps = variation[:, j, None] * (self._levers[row, j] + moved)
             heights -= sines[:, j, None] * steps
             moved = moved + steps
