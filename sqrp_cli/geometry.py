@@ -133,7 +133,7 @@ def side_pose(size: tuple[float, float, float], side: str) -> Array:
     outward = np.zeros(3)
     outward[axis] = 1.0 if side[0] == "+" else -1.0
     x = np.eye(3)[1 if axis == 0 else 0]
-    return pose(np.column_stack([x, np.cross(-outward, x), -outward]), 0.5 * np.asarray(size) * outward)
+    return pose(np.stack([x, cross(-outward, x), -outward], axis=1), 0.5 * np.asarray(size) * outward)
 
 
 def box_corners(size: ArrayLike) -> Array:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -40,13 +41,25 @@ class PiecewiseCubic:
 
         A time outside the law counts as the nearest end. At a break the piece that begins there is evaluated.
         """
-        inside = np.clip(np.asarray(t, dtype=float), 0.0, self.breaks[-1])
+        u, (c0, c1, c2, c3) = self._within_pieces(t)
+        derivatives = np.empty((4, *u.shape))
+        derivatives[0] = c0 + u * (c1 + u * (c2 + u * c3))
+        derivatives[1] = c1 + u * (2 * c2 + u * 3 * c3)
+        derivatives[2] = 2 * c2 + u * 6 * c3
+        derivatives[3] = 6 * c3
+        return derivatives
+
+    def positions(self, t: ArrayLike) -> Array:
+        """The parameter s alone at times t [s] of shape (m,), shape (m,), as `derivatives` gives it."""
+        u, (c0, c1, c2, c3) = self._within_pieces(t)
+        s: Array = c0 + u * (c1 + u * (c2 + u * c3))
+        return s
+
+    def _within_pieces(self, t: ArrayLike) -> tuple[Array, Array]:
+        """The time since the piece began that each time lies in, shape (m,), and the piece's coefficients, (4, m)."""
+        inside = np.minimum(np.maximum(np.asarray(t, dtype=float), 0.0), self.breaks[-1])
         piece = _piece(self.breaks, inside)
-        u = inside - self.breaks[piece]
-        c0, c1, c2, c3 = self.coefficients[piece].T
-        return np.stack(
-            [c0 + u * (c1 + u * (c2 + u * c3)), c1 + u * (2 * c2 + u * 3 * c3), 2 * c2 + u * 6 * c3, 6 * c3 + 0 * u]
-        )
+        return inside - self.breaks[piece], self.coefficients[piece].T
 
     def stretched(self, factor: float) -> PiecewiseCubic:
         """The same law `factor` times as slow: derivatives of order i shrink by factor^i."""
@@ -54,7 +67,7 @@ class PiecewiseCubic:
 
     def time_at(self, s: float) -> float:
         """The first time [s] at which a law that never falls reaches `s`, to the resolution of floating point."""
-        reached = self.derivatives(self.breaks)[0]
+        reached = self.positions(self.breaks)
         piece = int(np.clip(np.searchsorted(reached, s) - 1, 0, len(self.coefficients) - 1))
         c0, c1, c2, c3 = self.coefficients[piece].tolist()
         start = float(self.breaks[piece])
@@ -105,24 +118,36 @@ class Path:
         An s outside [0, 1] counts as the nearest end. At a break the piece that begins there is evaluated.
         """
         inside = np.minimum(np.maximum(np.asarray(s, dtype=float), 0.0), 1.0)
-        piece = _piece(self.breaks, inside)
         start, width = self.breaks[:-1], self.breaks[1:] - self.breaks[:-1]
-        coefficients = self.coefficients.swapaxes(0, 1)
+        coefficients = self._derived(order)
         if order:
-            coefficients = np.polynomial.chebyshev.chebder(coefficients, order) * (2.0 / width[:, None]) ** order
-        x = 2.0 * (inside - start[piece]) / width[piece] - 1.0
-        of_piece = coefficients if len(width) == 1 else coefficients[:, piece]
-        values: Array = np.polynomial.chebyshev.chebval(x[:, None], of_piece, tensor=False)
-        return values
+            coefficients = coefficients * (2.0 / width[:, None]) ** order
+        if len(width) > 1:
+            piece = _piece(self.breaks, inside)
+            start, width, coefficients = start[piece], width[piece], coefficients[:, piece]
+        x = 2.0 * (inside - start) / width - 1.0
+        return _chebyshev_sum(coefficients, x[:, None])
 
     def derivative_bounds(self, order: int = 1) -> Array:
         """An upper bound of the derivative's magnitude over each piece, for every joint, shape (p, n).
 
         It is the sum of the magnitudes of the derivative's Chebyshev coefficients, as |T_k| <= 1; exact for lines.
         """
-        derivative = np.polynomial.chebyshev.chebder(self.coefficients, order, axis=1)
-        bounds: Array = np.abs(derivative).sum(axis=1) * (2.0 / np.diff(self.breaks)[:, None]) ** order
+        width = self.breaks[1:] - self.breaks[:-1]
+        bounds: Array = np.abs(self._derived(order)).sum(axis=0) * (2.0 / width[:, None]) ** order
         return bounds
+
+    def _derived(self, order: int) -> Array:
+        """Chebyshev coefficients of the derivative of an order with respect to x in [-1, 1], shape (..., p, n)."""
+        derived = self._derivatives
+        while len(derived) <= order:
+            derived.append(_chebyshev_derivative(derived[-1]))
+        return derived[order]
+
+    @cached_property
+    def _derivatives(self) -> list[Array]:
+        """What `_derived` has found so far, by order."""
+        return [self.coefficients.swapaxes(0, 1)]
 
     def shifted(self, offset: ArrayLike) -> Path:
         """The same path moved by a constant, shape (n,), such as whole turns of some joints."""
@@ -151,7 +176,7 @@ class Trajectory:
 
     def positions(self, t: ArrayLike) -> Array:
         """Joint positions [rad or m] at times t [s] of shape (m,), shape (m, n); the nearest end for times outside."""
-        return self.path.positions(self.law.derivatives(t)[0])
+        return self.path.positions(self.law.positions(t))
 
     def derivatives(self, t: ArrayLike, order: int) -> Array:
         """Joint velocities, accelerations or jerks (order 1, 2, 3) at times t [s] of shape (m,), shape (m, n).
@@ -159,8 +184,13 @@ class Trajectory:
         Where the law's pieces meet, jerk jumps: the later piece counts, and the earlier one just before
         (`numpy.nextafter`). The formulas are those of the chain rule.
         """
+        return self.motion(t, order)[order]
+
+    def motion(self, t: ArrayLike, order: int) -> list[Array]:
+        """Joint positions and their `derivatives` up to an order, at times t [s] of shape (m,), shape (m, n) each."""
         law = self.law.derivatives(t)
-        return chain_rule(law[1:, :, None], [self.path.derivatives(law[0], k) for k in range(1, order + 1)])
+        path = [self.path.derivatives(law[0], k) for k in range(order + 1)]
+        return [path[0], *(chain_rule(law[1:, :, None], path[1 : k + 1]) for k in range(1, order + 1))]
 
     def followed_by(self, other: Trajectory) -> Trajectory:
         """First this motion, then another one that begins where it ends, both from rest to rest.
@@ -215,8 +245,36 @@ def chain_rule(law: Array, path: Sequence[Array]) -> Array:
     return derivative
 
 
+def _chebyshev_sum(coefficients: Array, x: Array) -> Array:
+    """The sum of coefficients (k, ...) times Chebyshev polynomials at x, by the recurrence of C. W. Clenshaw (1955)."""
+    if len(coefficients) == 1:
+        constant: Array = coefficients[0] + 0.0 * x
+        return constant
+    lower, upper = coefficients[-2], coefficients[-1]
+    for coefficient in coefficients[-3::-1]:
+        lower, upper = coefficient - upper, lower + upper * (2 * x)
+    total: Array = lower + upper * x
+    return total
+
+
+def _chebyshev_derivative(coefficients: Array) -> Array:
+    """Chebyshev coefficients of the derivative of a series with coefficients (k, ...), shape (max(k - 1, 1), ...)."""
+    degree = len(coefficients) - 1
+    if degree == 0:
+        return np.zeros_like(coefficients)
+    derivative = np.empty_like(coefficients[1:])
+    above = coefficients.copy()
+    for k in range(degree, 2, -1):
+        derivative[k - 1] = 2 * k * above[k]
+        above[k - 2] += k * above[k] / (k - 2)
+    if degree > 1:
+        derivative[1] = 4 * above[2]
+    derivative[0] = above[1]
+    return derivative
+
+
 def _piece(breaks: Array, values: Array) -> NDArray[np.intp]:
     """Index of the piece that each value lies in; the later one at a break, the last one at the end."""
     if len(breaks) == 2:
         return np.zeros(values.shape, dtype=np.intp)
-    return np.clip(np.searchsorted(breaks, values, side="right") - 1, 0, len(breaks) - 2)
+    return np.minimum(np.maximum(breaks.searchsorted(values, side="right") - 1, 0), len(breaks) - 2)

@@ -111,10 +111,12 @@ def interval_metrics(
 
 def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> Iterator[_Range]:
     """The interval cut where the fault comes into sight or is lost, in order."""
-    t, covered, response = timeline.samples.t, timeline.fault_covered(fault), timeline.fault_response(fault)
-    together = covered[:-1] & covered[1:] & ~np.isnan(timeline.steps)
-    sights = [(t[i], t[i], response[i]) for i in np.flatnonzero(covered)]
-    sights += [(t[i], t[i + 1], max(response[i], response[i + 1])) for i in np.flatnonzero(together)]
+    covered, not_before = timeline.fault_covered(fault), timeline.samples.t >= interval.start
+    t, response = timeline.samples.t.tolist(), timeline.fault_response(fault).tolist()
+    together = covered[:-1] & covered[1:] & ~np.isnan(timeline.steps) & not_before[1:]
+    covered = covered & not_before
+    sights = [(t[i], t[i], response[i]) for i in np.flatnonzero(covered).tolist()]
+    sights += [(t[i], t[i + 1], max(response[i], response[i + 1])) for i in np.flatnonzero(together).tolist()]
     x, found = interval.start, False
     for start, end, delay in sorted(sights):
         if end < x:
@@ -122,13 +124,11 @@ def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> 
         if found and x >= interval.end:
             break
         if start > x:
-            yield _Range(
-                x, min(float(start), interval.end), seen=False, noticed=float(start + delay), response=float(delay)
-            )
-            x = float(start)
+            yield _Range(x, min(start, interval.end), seen=False, noticed=start + delay, response=delay)
+            x = start
         if x <= interval.end:
-            yield _Range(x, min(float(end), interval.end), seen=True, noticed=0.0, response=float(delay))
-            x = float(end)
+            yield _Range(x, min(end, interval.end), seen=True, noticed=0.0, response=delay)
+            x = end
         found = True
     if x < interval.end or not found:
         yield _Range(x, interval.end, seen=False, noticed=total, response=0.0, ever=False)
@@ -142,6 +142,7 @@ def _mean_end(part: _Range, recovery: Recovery, total: float) -> float:
     if not part.seen:
         return part.noticed + float(recovery.at(np.array([part.noticed]))[0]) + total
     bends = recovery.t - part.response
-    x = np.unique(np.concatenate([[part.start, part.end], bends[(bends > part.start) & (bends < part.end)]]))
+    x = np.concatenate([[part.start], bends[(bends > part.start) & (bends < part.end)], [part.end]])
     ends = x + part.response + recovery.at(x + part.response) + total
-    return float(np.trapezoid(ends, x) / (part.end - part.start)) if len(x) > 1 else float(ends[0])
+    length = part.end - part.start
+    return float(np.trapezoid(ends, x) / length) if length > 0.0 else float(ends[0])

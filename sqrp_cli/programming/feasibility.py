@@ -6,7 +6,7 @@ from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.conditions import failing_literals
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.ground_primitives import SkillUse, start_configuration
+from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.programming.task import Candidate
 
@@ -19,7 +19,7 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
     lost = [name for name in candidate.objects.values() if name not in world.X_WO]
     if lost:
         return Infeasible(tuple(f"it is not known where `{name}` is" for name in lost))
-    contact = cell.collision.placed(world).check(start_configuration(cell.model, world))
+    contact = cell.collision.contact_in(world)
     if contact is not None:
         return Infeasible((f"{contact} before anything moves",))
     use = SkillUse(candidate.skill, candidate.objects, candidate.motion, cell.workspace.objects, world)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, box_corners, transform
+from sqrp_cli.geometry import Array, box_corners
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.observer import Observer
@@ -119,19 +119,24 @@ def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -
 
 def _steps(states: SceneStates, observer: Observer, targets: Sequence[Target]) -> Array:
     """How far the fastest of all that is tracked moves from each state to the next [m], shape (m - 1,)."""
-    solids = observer.solids
-    moving = [transform(X_WP, solid.corners) for solid in solids if len(X_WP := states.X_WF[solid.part.parent]) > 1]
     boxes = [box for target in targets for box in target.boxes]
-    moving += [
-        transform(states.box_poses(box), box_corners(box.size)) for box in boxes if len(states.X_WF[box.frame]) > 1
-    ]
-    moving += [
-        transform(states.camera_poses(camera), VIEW)
-        for camera in observer.cameras
-        if len(states.X_WF[camera.frame]) > 1
-    ]
+    tracked = [(states.X_WF[solid.part.parent], solid.corners) for solid in observer.solids]
+    tracked += [(states.box_poses(box), box_corners(box.size)) for box in boxes]
+    tracked += [(states.camera_poses(camera), VIEW) for camera in observer.cameras]
+    moving = [(X_WF, points) for X_WF, points in tracked if len(X_WF) > 1]
     if not moving:
         return np.zeros(states.count - 1)
-    moved = np.diff(np.concatenate(moving, axis=1), axis=0)
-    steps: Array = np.sqrt(np.einsum("mki,mki->mk", moved, moved).max(axis=1))
+    paths = np.concatenate([_paths(X_WF, points) for X_WF, points in moving])
+    moved = paths[:, 1:] - paths[:, :-1]
+    steps: Array = np.sqrt(np.einsum("kmi,kmi->km", moved, moved).max(axis=0))
     return steps
+
+
+def _paths(X_WF: Array, points: Array) -> Array:
+    """World positions, shape (k, m, 3), of k points of a frame, (k, 3), that is at X_WF, (m, 4, 4).
+
+    One matrix product of all states at once is several times faster than one for each.
+    """
+    rotated = points @ X_WF[:, :3, :3].reshape(-1, 3).T
+    paths: Array = rotated.reshape(len(points), -1, 3) + X_WF[:, :3, 3]
+    return paths

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,9 +45,6 @@ class Stage:
         self._primitive = np.array([piece.primitive for piece in self.pieces])
         self._X_WO = X_WO
         self._carried = frozenset(p.held for p in motion.primitives if p.held is not None)
-        home = model.with_fingers(model.home)
-        probe = np.stack([home, home + 0.1 * np.arange(1, len(home) + 1)])
-        self._still_links = frozenset(name for name, X_WL in model.link_poses(probe).items() if np.array_equal(*X_WL))
 
     def positions(self, samples: Samples) -> Array:
         """Positions of the motion's joints, shape (m, n)."""
@@ -63,7 +61,7 @@ class Stage:
     def states(self, samples: Samples) -> SceneStates:
         """World poses of every frame at each sample."""
         X_WL = self.model.link_poses(self.positions(samples))
-        frames = {name: X[:1] if name in self._still_links else X for name, X in X_WL.items()}
+        frames = {name: X[:1] if name in self.model.still_links else X for name, X in X_WL.items()}
         frames[WORLD] = fixed_frame()
         for name, X_start in self._X_WO.items():
             frames[name + START] = fixed_frame(X_start)
@@ -83,6 +81,8 @@ class Stage:
                 X_WO[rows] = primitive.X_WO[name]
         return X_WO
 
-    def _by_primitive(self, samples: Samples) -> list[tuple[int, NDArray[np.int64]]]:
-        primitive = self._primitive[samples.piece]
-        return [(index, np.flatnonzero(primitive == index)) for index in np.unique(primitive).tolist()]
+    def _by_primitive(self, samples: Samples) -> list[tuple[int, slice]]:
+        """The primitives that have samples, with where these are."""
+        count = len(self.motion.primitives)
+        ends = self._primitive[samples.piece].searchsorted(np.arange(count), side="right").tolist()
+        return [(index, slice(start, end)) for index, (start, end) in enumerate(pairwise([0, *ends])) if start < end]

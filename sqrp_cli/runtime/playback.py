@@ -153,7 +153,7 @@ class Playback:
         index = min(int(np.searchsorted(self._ends, tau[0], side="right")), len(self._ends) - 1)
         trajectory = self._moving[index]
         local = np.clip(tau - self._primitives[index].start, 0.0, trajectory.duration)
-        return [trajectory.positions(local), *(trajectory.derivatives(local, k) for k in range(1, order + 1))]
+        return trajectory.motion(local, order)
 
     def _planned_stop(self, t: float, acceleration: Array, jerk: Array) -> _Stop:
         """The stop that begins at time t [s], within limits of every joint, shape (n,) each."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.programming.arm.analytic_ik import approximate_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.arm.pose_search import descend, halton, newton, pose_errors, spread_starts
+from sqrp_cli.programming.arm.pose_search import FOLLOWED, descend, halton, newton, pose_errors, spread_starts
 from sqrp_cli.programming.arm.reach import Unreachable, closest_turns, limit_excess, why_unreachable
 from sqrp_cli.programming.arm.reach_bound import beyond_reach
 
@@ -160,11 +160,14 @@ def _solutions_near(model: RobotModel, X_WT: Array, seeds: Array) -> Array:
     Those are the least-squares answers of EAIK. They may stand for a branch that has no solution here, but also for one
     that is singular, and may lie where the pose error has no slope although it is large.
     """
-    errors = pose_errors(model.tool_poses_and_jacobians(seeds)[0], X_WT)
+    errors, everything = pose_errors(model.tool_poses(seeds), X_WT), np.ones(len(model.arm), dtype=bool)
+    if (errors**2).sum(axis=1).max() <= FOLLOWED:
+        solutions, solved = _polished(model, X_WT, seeds, everything)
+        return solutions[solved]
     rough = np.abs(errors).max(axis=1) > NEARLY_SOLVED
     around = SEED_SPREAD * (2 * halton(SEED_STARTS, len(model.arm)) - 1)
     starts = np.concatenate([seeds, *(seed + around for seed in seeds[rough])])
-    return _solutions_from(model, X_WT, starts, np.ones(len(model.arm), dtype=bool), SEED_STEPS)
+    return _solutions_from(model, X_WT, starts, everything, SEED_STEPS)
 
 
 def _solutions_from(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import Any
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, cross, read_only
-from sqrp_cli.knowledge.joint_tree import JointTree
+from sqrp_cli.knowledge.joint_tree import JointTree, Mount
 from sqrp_cli.knowledge.robot import JointLimits, Robot
 from sqrp_cli.knowledge.scene import Part
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, read_urdf
@@ -120,7 +121,7 @@ class RobotModel:
             _pinocchio=PinocchioChain(chain_tree, chain_couplings, tree.mounts[robot.tool_frame].X_JL),
         )
 
-    @property
+    @cached_property
     def joints(self) -> tuple[str, ...]:
         """The joints that are driven: those of the arm, then those of the fingers; n + f of them."""
         return (*self.arm, *self.fingers.joints)
@@ -129,6 +130,23 @@ class RobotModel:
     def hand_links(self) -> frozenset[str]:
         """The links that may touch what they grasp: those of the tool, and the fingers of a robot that has its own."""
         return self.tool_links | self.fingers.links
+
+    @cached_property
+    def still_links(self) -> frozenset[str]:
+        """The links that no driven joint moves."""
+        moves = (self._couplings.ratios != 0.0).any(axis=1)
+        return frozenset(link for link in self.links if not moves[self._tree.chain(link)].any())
+
+    @cached_property
+    def _offset_links(self) -> tuple[tuple[str, ...], NDArray[np.intp], Array]:
+        """The L links that joints carry elsewhere than in their own frames, the joints, (L,), and X_JL, (L, 4, 4)."""
+        offset = {
+            link: mount
+            for link, mount in self._tree.mounts.items()
+            if mount.joint >= 0 and not np.array_equal(mount.X_JL, np.eye(4))
+        }
+        joints = np.array([mount.joint for mount in offset.values()], dtype=np.intp)
+        return tuple(offset), joints, np.array([mount.X_JL for mount in offset.values()]).reshape(-1, 4, 4)
 
     def with_fingers(self, q: Array, fingers: Array | None = None) -> Array:
         """Positions of all driven joints, shape (..., n + f), from those of the arm, (..., n), unless q has all.
@@ -146,14 +164,15 @@ class RobotModel:
         With those of the arm alone, shape (m, n), the fingers are open.
         """
         X_WJ = self._tree.poses(self._couplings.positions(self.with_fingers(q)))
-        mounts = self._tree.mounts.values()
-        moved = [mount for mount in mounts if mount.joint >= 0]
-        X_WL = X_WJ[:, [mount.joint for mount in moved]] @ np.stack([mount.X_JL for mount in moved])
-        moving = iter(np.moveaxis(X_WL, 1, 0))
-        return {
-            link: next(moving) if mount.joint >= 0 else np.broadcast_to(mount.X_JL, (len(q), 4, 4))
-            for link, mount in self._tree.mounts.items()
-        }
+        links, joints, X_JL = self._offset_links
+        offset = dict(zip(links, (X_WJ[:, joints] @ X_JL).swapaxes(0, 1), strict=True))
+
+        def poses(link: str, mount: Mount) -> Array:
+            if mount.joint < 0:
+                return np.broadcast_to(mount.X_JL, (len(q), 4, 4))
+            return offset[link] if link in offset else X_WJ[:, mount.joint]
+
+        return {link: poses(link, mount) for link, mount in self._tree.mounts.items()}
 
     def frame_poses(self, q: Array) -> Array:
         """World poses X_WF of the frames of all joints of `tree`, and of the world as the last (or index -1).
@@ -161,7 +180,9 @@ class RobotModel:
         Shape (m, N + 1, 4, 4), at m positions of the driven joints, shape (m, n + f).
         """
         X_WJ = self._tree.poses(self._couplings.positions(q))
-        return np.concatenate([X_WJ, np.broadcast_to(np.eye(4), (len(q), 1, 4, 4))], axis=1)
+        X_WF = np.empty((len(q), X_WJ.shape[1] + 1, 4, 4))
+        X_WF[:, :-1], X_WF[:, -1] = X_WJ, np.eye(4)
+        return X_WF
 
     def tool_pose(self, q: Array) -> Array:
         """World pose X_WT of the tool frame, shape (4, 4), at arm positions of shape (n,)."""
@@ -179,12 +200,13 @@ class RobotModel:
 
     def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
         """As `tool_pose` and `jacobian` at m positions of shape (m, n): shapes (m, 4, 4) and (m, 6, n)."""
-        turns = self._chain.turns[:, None]
         X_WJ = self._chain.poses(self._chain_couplings.positions(q))
         X_WT = X_WJ[:, -1] @ self._tree.mounts[self.tool_frame].X_JL
         axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]
         arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
-        columns = np.concatenate([np.where(turns, cross(axes, arms), axes), np.where(turns, axes, 0.0)], axis=-1)
+        columns = np.concatenate([cross(axes, arms), axes], axis=-1)
+        if len(slides := self._chain.sliding):
+            columns[:, slides, :3], columns[:, slides, 3:] = axes[:, slides], 0.0
         return X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios
 
     @property
@@ -208,6 +230,10 @@ class RobotModel:
         X_WJ = self._chain.poses(self._chain_couplings.positions(q[None]))[0]
         origins: Array = X_WJ[[joint.mimic is None for joint in self._chain.joints], :3, 3]
         return origins
+
+    def arm_positions(self, values: Mapping[str, float]) -> Array:
+        """Positions of the arm's joints, shape (n,), from those of joints by name [rad or m]."""
+        return np.array([values[name] for name in self.arm])
 
     def joint_values(self, q: Array) -> dict[str, float]:
         """Position [rad or m] of every movable joint of robot and tool, at positions as `link_poses` takes them."""

@@ -18,6 +18,9 @@ _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
 _LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
 
+FOLLOWED = 1e-20
+"""Square of the weighted pose error up to which a start is not followed further."""
+
 STALLED = 1e6
 """A step that lessens the square of the error by no more than a part in so many is the last one."""
 
@@ -52,7 +55,7 @@ def descend(
     within: lower and upper limits that are kept, shape (n,); by default none are.
 
     Returns the joint positions reached, (m, n), and their weighted pose errors, (m, 6). A start is not followed further
-    once its error is below 1e-10, or where steps lessen its square by no more than a part in `STALLED`.
+    once the square of its error is at most `FOLLOWED`, or where steps lessen that by no more than a part in `STALLED`.
     """
     weights = np.repeat([1.0, turn_weight], 3)
     least_damping = _LEAST_DAMPING * max(1.0, turn_weight) ** 2  # above the rounding of the normal equations
@@ -66,7 +69,7 @@ def descend(
     e_all[:] = e
     cost = (e**2).sum(axis=1)
     for _ in range(steps):
-        going &= cost > 1e-20
+        going &= cost > FOLLOWED
         if not going.any():
             break
         if not going.all():
@@ -159,12 +162,15 @@ def halton(count: int, dimensions: int) -> Array:
 
 def _rotation_vectors(R: Array) -> Array:
     """Axis times angle [rad] of rotation matrices (m, 3, 3), shape (m, 3); for half a turn, one of both axes."""
-    skew = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1)
+    skew = np.empty((len(R), 3))
+    for axis, (first, second) in enumerate(((2, 1), (0, 2), (1, 0))):
+        np.subtract(R[:, first, second], R[:, second, first], out=skew[:, axis])
     sine, cosine = np.sqrt((skew**2).sum(axis=1)), R[:, 0, 0] + R[:, 1, 1] + R[:, 2, 2] - 1.0
     angle = np.arctan2(sine, cosine)
     vectors: Array = skew * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 0.5)[:, None]
-    for row in np.flatnonzero((sine < 1e-6) & (cosine < 0.0)):
+    half_turned = (sine < 1e-6) & (cosine < 0.0)
+    for row in np.flatnonzero(half_turned).tolist() if half_turned.any() else ():
         columns = R[row] + np.eye(3)
-        axis = columns[:, int(np.diag(columns).argmax())]
-        vectors[row] = axis * (angle[row] / np.linalg.norm(axis))
+        along = columns[:, int(np.diag(columns).argmax())]
+        vectors[row] = along * (angle[row] / np.linalg.norm(along))
     return vectors

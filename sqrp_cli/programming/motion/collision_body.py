@@ -30,7 +30,8 @@ class Body:
     """A solid with its hull for coal, and with bounds for culling, all in the frame of its parent P.
 
     X_PG: pose of the geometry. center, radius: sphere around it. centers (SPHERES, 3), radii (SPHERES,): spheres that
-    cover its surface. X_PB, half: pose and half extents of a box around it.
+    cover its surface. X_PB, half: pose and half extents of a box around it. corners (V, 3): points between which all of
+    it lies.
     """
 
     name: str
@@ -43,14 +44,16 @@ class Body:
     radii: Array
     X_PB: Array
     half: Array
+    corners: Array
 
     @classmethod
     def of(cls, solid: Solid) -> Body:
         """Make the body of a solid; for a mesh, this computes its convex hull, unless it is flat and has none."""
-        hull = solid.geometry
+        hull, enclosing = solid.geometry, solid.corners
         if isinstance(solid.part.shape, Mesh) and not _is_flat(solid.vertices):
             hull.buildConvexHull(True, "Qt")
             hull = hull.convex
+            enclosing = transform(solid.part.X_PG, np.array(hull.points()))
         corner, *_ = corners = solid.corners
         edges = np.stack([corners[4] - corner, corners[2] - corner, corners[1] - corner])
         lengths = np.maximum(np.linalg.norm(edges, axis=1), 1e-9)
@@ -67,6 +70,7 @@ class Body:
             radii=radii,
             X_PB=X_PB,
             half=lengths / 2,
+            corners=enclosing,
         )
 
 

@@ -89,7 +89,7 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
     """Follow tool and objects through the skill; infeasible where it is not known where an object is."""
     model, world = scene.model, use.world
     X_home = model.tool_pose(model.home)
-    X_WT = model.tool_pose(start_configuration(model, world))
+    X_WT = model.tool_pose(model.arm_positions(world.joints))
     X_TO: dict[str, Array] = {}
     grounded: list[GroundPrimitive] = []
     for primitive in use.skill.primitives:
@@ -110,11 +110,6 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
         ground = _ground(primitive, to, X_start, X_WT, use.values, during)
         grounded.append(_with_fingers(ground, model, finger_positions(model, during), finger_positions(model, world)))
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
-
-
-def start_configuration(model: RobotModel, world: World) -> Array:
-    """Positions of the arm joints in a world, shape (n,)."""
-    return np.array([world.joints[joint] for joint in model.arm])
 
 
 def _ground(

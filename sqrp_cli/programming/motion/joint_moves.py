@@ -9,12 +9,14 @@ from functools import cache
 import numpy as np
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.skill import JointMove, StraightMove
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.branch_finder import near_limits
 from sqrp_cli.programming.motion.branch_search import Question
 from sqrp_cli.programming.motion.contact import Contact
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.programming.motion.placed_scene import PlacedScene
-from sqrp_cli.programming.motion.sections import Branch, Failures, Section, Ways, near_limits
+from sqrp_cli.programming.motion.sections import Branch, Failures, Section, Ways
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration
 from sqrp_cli.programming.motion.way_around import find_way
 from sqrp_cli.trajectory import Trajectory
@@ -106,7 +108,19 @@ class JointMoves:
     def _check_tied(self, i: int, branch: Branch) -> bool:
         """Whether everything that is tied to where a branch begins is free."""
         tied = list(enumerate(branch.trajectories, self._sections[i].first))
-        return all(self._contact(k, t) is None and self._fingers_are_free(k, t) for k, t in tied)
+        return all(
+            (self._is_known_free(k) or self._contact(k, trajectory) is None) and self._fingers_are_free(k, trajectory)
+            for k, trajectory in tied
+        )
+
+    def _is_known_free(self, index: int) -> bool:
+        """Whether the arm stands still in a primitive where the one before ended, and may touch there what it may now.
+
+        Where a joint move ends was looked at before the branch was followed, where another one ends just before.
+        """
+        before, now = self._primitives[max(index - 1, 0)], self._primitives[index]
+        stands = now.kind not in (JointMove, StraightMove) and index > 0
+        return stands and now.world is before.world and before.allowed <= now.allowed
 
     def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:
         """The first contact during a primitive; notes what touches, and when."""

@@ -14,6 +14,7 @@ class MotionBound:
     """Upper bounds of the motion of the arm's links against each other, from the axes of its joints.
 
     depth: for every link of robot and tool, how many of the arm's joints move it: the first `depth` ones.
+    joints: index of each of the arm's joints among all of the robot, n of them.
     radii: distance [m] of the outermost link from each joint's axis at one configuration, shape (n,); 1 for a prismatic
     joint. A measure of size, no bound.
     """
@@ -29,17 +30,25 @@ class MotionBound:
             raise InputError(Problem("coupled-arm", message))
         tree, n = model.tree, len(model.arm)
         names = [joint.name for joint in tree.joints]
-        self._joints = [names.index(name) for name in model.arm]
-        self._axes = tree.axes[self._joints]
+        self.joints = [names.index(name) for name in model.arm]
+        self._axes = tree.axes[self.joints]
         self._turns = model.turns
-        moved_by = {link: set(self._joints).intersection(tree.chain(link)) for link in tree.mounts}
-        self.depth = {link: max((self._joints.index(j) + 1 for j in by), default=0) for link, by in moved_by.items()}
+        moved_by = {link: set(self.joints).intersection(tree.chain(link)) for link in tree.mounts}
+        self.depth = {link: max((self.joints.index(j) + 1 for j in by), default=0) for link, by in moved_by.items()}
         q = np.asarray(model.home) + 0.1 * np.arange(1, n + 1)
-        frames = model.frame_poses(model.with_fingers(q[None]))[0, self._joints]
+        frames = model.frame_poses(model.with_fingers(q[None]))[0, self.joints]
         origins = np.stack([X_WL[0, :3, 3] for X_WL in model.link_poses(q[None]).values()])
         axes = (frames[:, :3, :3] @ self._axes[:, :, None])[..., 0]
         distances = np.linalg.norm(np.cross(origins - frames[:, None, :3, 3], axes[:, None]), axis=-1).max(axis=1)
         self.radii = np.where(self._turns, distances, 1.0)
+
+    def axes(self, X_WF: Array) -> Array:
+        """Unit vectors along the axes of the arm's joints in the world at m configurations, shape (m, n, 3).
+
+        X_WF: frames, as of `RobotModel.frame_poses`.
+        """
+        axes: Array = (X_WF[:, self.joints, :3, :3] @ self._axes[:, :, None])[..., 0]
+        return axes
 
     def between(self, X_WF: Array, variation: Array, centers: Array, radii: Array, depth: NDArray[np.intp]) -> Array:
         """How far any point of each of S spheres can move around m configurations [m], shape (m, S, n + 1).
@@ -54,16 +63,16 @@ class MotionBound:
         point by at most its angle times the point's distance from the axis, which is the distance at the configuration
         plus what the joints further out have moved the point. The motion of the whole is at most the sum.
         """
-        n = len(self._joints)
-        motion = np.zeros((*centers.shape[:2], n + 1))
+        n = len(self.joints)
+        motion = np.zeros((n + 1, *centers.shape[:2]))
         if not variation.any():
-            return motion
-        frames = X_WF[:, self._joints]
-        axes = frames[..., :3, :3] @ self._axes[:, :, None]
-        arms = centers[:, None] - frames[:, :, None, :3, 3]
+            return motion.transpose(1, 2, 0)
+        axes = self.axes(X_WF)[..., None]
+        arms = centers[:, None] - X_WF[:, self.joints][:, :, None, :3, 3]
         along = (arms @ axes)[..., 0]
-        levers = np.sqrt(np.maximum((arms * arms).sum(axis=-1) - along * along, 0.0)) + radii
+        levers = np.sqrt(np.maximum(np.einsum("...i,...i", arms, arms) - along * along, 0.0)) + radii
+        steps = variation.T[:, :, None] * (depth > np.arange(n)[:, None, None])
         for j in reversed(range(n)):
-            lever = levers[:, j] + motion[..., j + 1] if self._turns[j] else 1.0
-            motion[..., j] = motion[..., j + 1] + np.where(depth > j, variation[:, j, None] * lever, 0.0)
-        return motion
+            lever = levers[:, j] + motion[j + 1] if self._turns[j] else 1.0
+            motion[j] = motion[j + 1] + steps[j] * lever
+        return motion.transpose(1, 2, 0)

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, inverse, transform
+from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.joint_tree import Mount
 from sqrp_cli.programming.motion.collision_body import Body, Placement, placement_at
-from sqrp_cli.programming.motion.contact import Pairs
 
 Indices = NDArray[np.intp]
 
@@ -23,7 +22,7 @@ class PlacedBodies:
     frame: index of the joint, -1 for the world, shape (S,). depth: how many of the arm's joints move it, (S,).
     X_FG: pose of the geometry, (S, 4, 4). center, radius: sphere around it, (S, 3) and (S,). centers, radii: spheres
     that cover its surface, (S, k, 3) and (S, k). X_FB, half: pose and half extents of a box around it, (S, 4, 4) and
-    (S, 3).
+    (S, 3). moving: those that the arm moves, by index.
     """
 
     bodies: tuple[Body, ...]
@@ -36,6 +35,7 @@ class PlacedBodies:
     radii: Array
     X_FB: Array
     half: Array
+    moving: Indices
 
     @staticmethod
     def of(places: Sequence[tuple[Body, int, Mount]]) -> PlacedBodies:
@@ -53,6 +53,7 @@ class PlacedBodies:
             radii=np.array([body.radii for body in bodies]),
             X_FB=X_FP @ np.array([body.X_PB for body in bodies]),
             half=np.array([body.half for body in bodies]),
+            moving=np.flatnonzero(depth),
         )
 
     def world_centers(self, X_WF: Array) -> Array:
@@ -67,40 +68,12 @@ class PlacedBodies:
         at: which of the m rows of X_WF, (m, N + 1, 4, 4). boxed, covered: which bodies. Shape (k,) each.
         """
         X_WB = X_WF[at, self.frame[boxed]] @ self.X_FB[boxed]
-        centers = transform(inverse(X_WB) @ X_WF[at, self.frame[covered]], self.centers[covered])
-        outside = np.maximum(np.abs(centers) - self.half[boxed][:, None], 0.0)
-        gap: Array = (np.sqrt((outside * outside).sum(axis=-1)) - self.radii[covered]).min(axis=-1)
+        centers = transform(X_WF[at, self.frame[covered]], self.centers[covered])
+        in_box = (centers - X_WB[:, None, :3, 3]) @ X_WB[:, :3, :3]
+        outside = np.maximum(np.abs(in_box) - self.half[boxed][:, None], 0.0)
+        gap: Array = (np.sqrt(np.einsum("kci,kci->kc", outside, outside)) - self.radii[covered]).min(axis=-1)
         return gap
 
-    def placements(self, X_WF: Array, at: Indices, body: Indices) -> dict[tuple[int, int], Placement]:
+    def placements(self, X_WF: Array, at: Indices, body: Indices) -> Iterator[Placement]:
         """Where geometries are, for coal, by row of X_WF, (m, N + 1, 4, 4), and body; both of shape (k,)."""
-        rows, which = np.divmod(np.unique(at * len(self.bodies) + body), len(self.bodies))
-        X_WG = X_WF[rows, self.frame[which]] @ self.X_FG[which]
-        return dict(zip(zip(rows.tolist(), which.tolist(), strict=True), map(placement_at, X_WG), strict=True))
-
-
-@dataclass(frozen=True, eq=False)
-class BodyPairs:
-    """Pairs of bodies that must not touch, by index, the outer one of the arm in `outer`, shape (P,) each.
-
-    clearance: distance that they have to keep [m], (P,).
-    """
-
-    inner: Indices
-    outer: Indices
-    clearance: Array
-
-    @staticmethod
-    def of(pairs: Iterable[tuple[int, int, float]]) -> BodyPairs:
-        """Of inner body, outer body and clearance each."""
-        inner, outer, clearance = np.array(list(pairs), dtype=float).reshape(-1, 3).T
-        return BodyPairs(inner.astype(np.intp), outer.astype(np.intp), clearance)
-
-    def without(self, allowed: Pairs, bodies: PlacedBodies) -> BodyPairs:
-        """Those whose names are not of an allowed pair."""
-        names = np.array([body.name for body in bodies.bodies])
-        kept = np.ones(len(self.inner), dtype=bool)
-        for first, second in allowed:
-            is_first, is_second = names == first, names == second
-            kept &= ~(is_first[self.inner] & is_second[self.outer] | is_second[self.inner] & is_first[self.outer])
-        return BodyPairs(self.inner[kept], self.outer[kept], self.clearance[kept])
+        return map(placement_at, X_WF[at, self.frame[body]] @ self.X_FG[body])

@@ -12,13 +12,14 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDANCY_SAMPLES, REDUNDANCY_SAMPLES
 from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion.branch_finder import BranchFinder
 from sqrp_cli.programming.motion.branch_search import fastest_sequence
 from sqrp_cli.programming.motion.collision import CollisionScene
 from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
-from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives, start_configuration
+from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives
 from sqrp_cli.programming.motion.joint_moves import JointMoves, Move
-from sqrp_cli.programming.motion.sections import BranchFinder, Failures, Ways, cut_into_sections
+from sqrp_cli.programming.motion.sections import Failures, Ways, cut_into_sections
 from sqrp_cli.trajectory import Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
@@ -88,7 +89,7 @@ def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion |
     grounded = ground_primitives(use, scene)
     if isinstance(grounded, Infeasible):
         return grounded
-    q_start = start_configuration(scene.model, use.world)
+    q_start = scene.model.arm_positions(use.world.joints)
     planner = _Planner(scene, grounded, q_start, seed, REDUNDANCY_SAMPLES)
     motion = planner.plan()
     if len(scene.model.arm) <= MOST_AXES_WITHOUT_REDUNDANCY or isinstance(motion, Motion) or planner.is_out_of_reach:

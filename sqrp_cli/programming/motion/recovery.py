@@ -30,10 +30,8 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     for index in np.unique(of_instant).tolist():
         rows = np.flatnonzero(of_instant == index)
         primitive = motion.primitives[index]
-        local = t[rows] - primitive.start
-        q[rows] = primitive.trajectory.positions(local)[:, :n]
-        velocity[rows] = primitive.trajectory.derivatives(local, 1)[:, :n]
-        acceleration[rows] = primitive.trajectory.derivatives(local, 2)[:, :n]
+        motion_then = primitive.trajectory.motion(t[rows] - primitive.start, 2)
+        q[rows], velocity[rows], acceleration[rows] = (values[:, :n] for values in motion_then)
     stopping, displacement = stop(velocity, acceleration, limits)
     q, target, further = q + displacement, motion.positions(0, np.zeros(1))[:, :n], 0.0
     back = joint_move_duration(q, target, limits)

@@ -43,7 +43,7 @@ class Stretches:
         slopes: bounds of the joints' slopes over each piece of the path, (p, n). radii: sizes of their motions, (n,).
         """
         middles, halves = [], []
-        motions = (slopes @ radii) * np.diff(path.breaks)
+        motions = (slopes @ radii) * (path.breaks[1:] - path.breaks[:-1])
         for motion, start, end in zip(motions.tolist(), path.breaks[:-1], path.breaks[1:], strict=True):
             count = max(1, int(np.ceil(motion / (2 * FIRST_STRETCH))))
             half = (end - start) / (2 * count)
@@ -55,22 +55,27 @@ class Stretches:
     def halved(self, path: Path, slopes: Array, open_ones: Indices, until: float) -> Stretches:
         """Both halves of every stretch with one of the open combinations that begins before `until`."""
         open_ones = open_ones[(self.s - self.half)[self.stretch[open_ones]] < until]
-        kept, stretch = np.unique(self.stretch[open_ones], return_inverse=True)
-        half = np.repeat(self.half[kept] / 2, 2)
-        s = np.repeat(self.s[kept], 2) + half * np.tile([-1.0, 1.0], len(kept))
+        of_open, open_pairs = self.stretch[open_ones], self.pairs[open_ones]
+        begins = np.ones(len(of_open), dtype=bool)  # of the open combinations, the first of each stretch
+        begins[1:] = of_open[1:] != of_open[:-1]
+        kept, stretch = of_open[begins], begins.cumsum() - 1
+        quarter = self.half[kept] / 2
+        s = np.stack([self.s[kept] - quarter, self.s[kept] + quarter], axis=1).ravel()
+        half = quarter.repeat(2)
         both = np.concatenate([2 * stretch, 2 * stretch + 1])
-        order = np.argsort(both, kind="stable")
-        pairs = np.tile(self.pairs[open_ones], 2)[order]
+        order = both.argsort(kind="stable")
+        pairs = np.concatenate([open_pairs, open_pairs])[order]
         return Stretches(s, half, path.positions(s), _variation(path, slopes, s, half), both[order], pairs)
 
 
 def _all_open(stretches: int, pairs: int) -> tuple[Indices, Indices]:
     """Every combination of stretch and pair, ordered by stretch."""
-    return np.repeat(np.arange(stretches), pairs), np.tile(np.arange(pairs), stretches)
+    return np.arange(stretches).repeat(pairs), np.arange(stretches * pairs) % pairs
 
 
 def _variation(path: Path, slopes: Array, s: Array, half: Array) -> Array:
     """How far each joint can be from where it is at s, within `half` of s, shape (m, n)."""
-    piece = np.clip(np.searchsorted(path.breaks, s) - 1, 0, len(path.breaks) - 2)
-    variation: Array = slopes[piece] * half[:, None]
+    if len(slopes) > 1:
+        slopes = slopes[np.clip(np.searchsorted(path.breaks, s) - 1, 0, len(slopes) - 1)]
+    variation: Array = slopes * half[:, None]
     return variation

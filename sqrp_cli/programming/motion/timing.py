@@ -11,6 +11,8 @@ from ruckig import InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.programming.motion.side_by_side import side_by_side
+from sqrp_cli.programming.ranges import ranges
 from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory, chain_rule
 
 SAMPLES_PER_DEGREE, LEAST_SAMPLES = 32, 17
@@ -70,14 +72,9 @@ def _ramp(v: float, a: float, j: float) -> float:
 
 def joint_move_duration(q0: Array, q1: Array, limits: MotionLimits) -> Array:
     """Duration [s] of the joint moves between q0 and q1, shapes (..., n) that broadcast, as `joint_move` makes them."""
-    shape = np.broadcast_shapes(q0.shape, q1.shape)[:-1]
-    reach, *shares = (np.zeros(shape) for _ in range(4))
-    for j in range(q0.shape[-1]):
-        direction = np.abs(q1[..., j] - q0[..., j])
-        np.maximum(reach, direction, out=reach)
-        for share, limit in zip(shares, (limits.velocity, limits.acceleration, limits.jerk), strict=True):
-            np.maximum(share, direction / limit[j], out=share)
-    moving = reach > STANDSTILL
+    direction = np.abs(q1 - q0)
+    moving = direction.max(axis=-1) > STANDSTILL
+    shares = ((direction / limit).max(axis=-1) for limit in (limits.velocity, limits.acceleration, limits.jerk))
     along = MotionLimits(*(1.0 / np.where(moving, share, 1.0) for share in shares))
     return np.where(moving, rest_to_rest_duration(1.0, along), 0.0)
 
@@ -137,11 +134,8 @@ def time_paths(paths: Sequence[Path], limits: MotionLimits, along: MotionLimits)
     """As `time_path` of each of several paths that have the same breaks."""
     law = rest_to_rest(along)
     factors = np.ones(len(paths))
-    degrees = np.array([path.coefficients.shape[1] for path in paths])
-    for degree in np.unique(degrees):
-        rows = np.flatnonzero(degrees == degree)
-        side_by_side = np.concatenate([paths[row].coefficients for row in rows.tolist()], axis=2)
-        factors[rows] = _stretches(Trajectory(Path(paths[0].breaks, side_by_side), law), limits)
+    for rows, joined in side_by_side(paths):
+        factors[rows] = _stretches(Trajectory(joined, law), limits)
     return [
         Trajectory(path, law.stretched(factor) if factor > 1.0 else law)
         for path, factor in zip(paths, factors.tolist(), strict=True)
@@ -149,21 +143,36 @@ def time_paths(paths: Sequence[Path], limits: MotionLimits, along: MotionLimits)
 
 
 def _stretches(trajectory: Trajectory, limits: MotionLimits) -> Array:
-    """By how much b motions of n joints each, as one of b n joints, have to be slowed down, shape (b,); at least 1."""
+    """By how much b motions of n joints each, as one of b n joints, have to be slowed down, shape (b,); at least 1.
+
+    An order of derivatives whose bounds ask for no more than what is found already need not be sampled.
+    """
     path, law = trajectory.path, trajectory.law
-    n = len(limits.velocity)
-    every = np.tile(np.stack([limits.velocity, limits.acceleration, limits.jerk]), path.coefficients.shape[2] // n)
+    every = (limits.velocity, limits.acceleration, limits.jerk)
+
+    def ratios(motion: Array, order: int) -> Array:
+        """The largest ratio of each motion's joints to their limits, shape (1, b); of magnitudes of shape (b n,)."""
+        largest: Array = (motion.reshape(-1, len(limits.velocity)) / every[order - 1]).max(axis=1)[None]
+        return largest
+
+    def factors(ratios: Array, order: int) -> Array:
+        factors: Array = (ratios ** (1.0 / np.array([[order]])))[0] * (1.0 + STRETCH_MARGIN)
+        return factors
+
     ends = np.concatenate([law.breaks[:-1], np.nextafter(law.breaks[1:], 0.0)])
     peaks = np.abs(law.derivatives(ends)[1:]).max(axis=1)
-    bounds = [path.derivative_bounds(order).max(axis=0) for order in (1, 2, 3)]
-    if all((chain_rule(peaks, bounds[:order]) <= every[order - 1]).all() for order in (1, 2, 3)):
-        return np.ones(every.shape[1] // n)
+    slopes = [path.derivative_bounds(order).max(axis=0) for order in (1, 2, 3)]
+    bounds = [ratios(chain_rule(peaks, slopes[:order]), order) for order in (1, 2, 3)]
+    stretches = np.ones(bounds[0].shape[1])
+    if max(bound.max() for bound in bounds) <= 1.0:
+        return stretches
     sampled = law.derivatives(phase_samples(trajectory, LEAST_SAMPLES, SAMPLES_PER_DEGREE * path.coefficients.shape[1]))
     slopes = [path.derivatives(sampled[0], order) for order in (1, 2, 3)]
-    motion = [np.abs(chain_rule(sampled[1:, :, None], slopes[:order])).max(axis=0) for order in (1, 2, 3)]
-    ratios = (np.stack(motion) / every).reshape(3, -1, n).max(axis=2)
-    factors: Array = (ratios ** (1.0 / np.array([[1], [2], [3]]))).max(axis=0) * (1.0 + STRETCH_MARGIN)
-    return np.maximum(factors, 1.0)
+    for order in (3, 2, 1):
+        if (factors(bounds[order - 1], order) > stretches).any():
+            motion = np.abs(chain_rule(sampled[1:, :, None], slopes[:order])).max(axis=0)
+            stretches = np.maximum(stretches, factors(ratios(motion, order), order))
+    return stretches
 
 
 def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:
@@ -172,8 +181,12 @@ def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:
     A phase lasts from one break of law or path to the next. Each gets `least` of them, and its share of another
     `whole`, by how much of the path it covers.
     """
-    joints = [trajectory.law.time_at(s) for s in trajectory.path.breaks[1:-1]]
-    breaks = np.unique(np.concatenate([trajectory.law.breaks, joints]))
-    counts = least + np.ceil(whole * np.diff(trajectory.law.derivatives(breaks)[0])).astype(int)
-    ends = zip(breaks[:-1], np.nextafter(breaks[1:], 0.0), counts, strict=True)
-    return np.concatenate([np.linspace(start, end, count) for start, end, count in ends])
+    law, breaks = trajectory.law, trajectory.law.breaks
+    if joints := [law.time_at(s) for s in trajectory.path.breaks[1:-1]]:
+        breaks = np.unique(np.concatenate([breaks, joints]))
+    counts = least + np.ceil(whole * np.diff(law.positions(breaks))).astype(int)
+    starts, ends = breaks[:-1], np.nextafter(breaks[1:], 0.0)
+    phase, number = ranges(np.zeros(len(counts)), counts)
+    instants: Array = number * ((ends - starts) / (counts - 1))[phase] + starts[phase]
+    instants[np.cumsum(counts) - 1] = ends
+    return instants
