@@ -9,12 +9,12 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.faults import FaultMetrics, Recovery, fault_metrics
+from sqrp_cli.programming.faults import FaultMetrics, fault_metrics
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, ground_formulas
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.motion.recovery import recovery_over
+from sqrp_cli.programming.motion.recovery import Recovery, recovery_over
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.quality import Qualities
 from sqrp_cli.programming.sampling import MAX_SAMPLES, Sampling, sample_count

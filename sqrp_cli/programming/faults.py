@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.programming.motion.recovery import Recovery
 from sqrp_cli.programming.timeline import Timeline
 
 
@@ -27,21 +27,6 @@ class FaultMetrics:
     blind_longest: float
     unseen: float
     expected_time: float
-
-
-@dataclass(frozen=True, eq=False)
-class Recovery:
-    """Time to stop and move back to the start, by the instant at which the robot is told to stop.
-
-    t, duration: [s], shape (n,) each; linear in between.
-    """
-
-    t: Array
-    duration: Array
-
-    def at(self, t: Array) -> Array:
-        """The time for each of the given instants; beyond the end it is that of the end."""
-        return np.interp(t, self.t, self.duration)
 
 
 def fault_metrics(

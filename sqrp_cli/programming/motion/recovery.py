@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.faults import Recovery
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move_duration
 
 INSTANTS = 65
 """Instants at which stopping and moving back are computed, equally spaced from a fault's earliest time to the end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recovery:
+    """Time to stop and move back to the start, by the instant at which the robot is told to stop.
+
+    t, duration: [s], shape (n,) each; linear in between.
+    """
+
+    t: Array
+    duration: Array
+
+    def at(self, t: Array) -> Array:
+        """The time for each of the given instants; beyond the end it is that of the end."""
+        return np.interp(t, self.t, self.duration)
 
 
 def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
