@@ -22,6 +22,9 @@ from tests.benchmarks.table import print_table
 
 OBJECTS, YAWS, CAMERAS = 200, 8, 24
 
+REPEATS = 8
+"""How often each candidate of tabletop is timed."""
+
 
 def many(wanted: int) -> None:
     """Each feasible candidate of tabletop, then `wanted` of 1,600 candidates in a cell with 200 objects."""
@@ -48,21 +51,26 @@ def many(wanted: int) -> None:
 
 def _each_of_tabletop() -> None:
     workspace = load_workspace(TABLETOP)
-    assignment = Assignment(Cell.load(workspace), workspace.initial_world, Adaptive())
+    candidates = read_task("pickup green", workspace).candidates
     rows = []
-    for candidate in read_task("pickup green", workspace).candidates:
+    for candidate in candidates:
         times = []
-        for _ in range(4):
+        for _ in range(REPEATS):
+            # In a cell loaded anew, with all the others done before: nothing is known of this one yet.
+            assignment = Assignment(Cell.load(workspace), workspace.initial_world, Adaptive())
+            for other in candidates:
+                if other is not candidate:
+                    assignment.assess(other)
             start = time.perf_counter()
             assessment = assignment.assess(candidate)
             times.append(1e3 * (time.perf_counter() - start))
-        rows.append([candidate.name, f"{assessment.states or 0}", f"{np.median(times[1:]):.1f}"])
-    print_table("One whole candidate of tabletop, loaded (target 30 ms)", ["", "states", "ms"], rows)
+        rows.append([candidate.name, f"{assessment.states or 0}", f"{min(times):.1f}", f"{np.median(times):.1f}"])
+    print_table("One whole candidate of tabletop, loaded (target 30 ms)", ["", "states", "least ms", "median ms"], rows)
 
 
 def _crowded(folder: Path) -> Path:
     """A copy of tabletop with many small cubes, cameras and approach yaws."""
-    shutil.copytree(TABLETOP.parents[1] / "skills" / "pickup", folder / "skills" / "pickup")
+    shutil.copytree(TABLETOP.parents[1] / "skills", folder / "skills")
     shutil.copytree(TABLETOP.parent / "robots", folder / "workspaces" / "robots")
     skill = folder / "skills" / "pickup" / "skill.yaml"
     settings = yaml.safe_load(skill.read_text())
