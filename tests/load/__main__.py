@@ -53,9 +53,7 @@ def measure(folder: Path, cells: int, table: Table) -> None:
     rounds = [_round(paths, folder / f"round{number}") for number in range(ROUNDS)]
     first = rounds[0]
     whole = Undisturbed(first.two, results_in(folder / "round0" / "two"), paths)
-    print(
-        f"{cells} generated cells and the shipped ones: {first.two.computed} candidates; medians of {ROUNDS} rounds"
-    )
+    print(f"{cells} generated cells and the shipped ones: {first.two.computed} candidates; medians of {ROUNDS} rounds")
 
     def the_same(name: str) -> bool:
         return all(whole.equals(getattr(r, name), folder / f"round{i}" / name) for i, r in enumerate(rounds))

@@ -158,20 +158,17 @@ class Observer:
         visible = np.full(cause.shape, np.nan)
         camera, at = np.nonzero(cause == Cause.NONE)
         views = Views(box[at], camera, state[at])
-        lines = look.sight_lines(views)
-        met = self._tester.met(
-            lines, look.solid_poses, near_pairs(lines, look.solid_poses, look.opaque), first_only=False
-        )
-        hidden = np.zeros(len(at), dtype=bool)
-        hidden[met[0]] = True
         least = np.array([entry.detector.min_visible for entry in boxes])[views.box]
+        lines, poses = look.sight_lines(views), look.solid_poses
+        met = self._tester.met(lines, poses, near_pairs(lines, poses, look.opaque), first_only=False)
+        line, share = visible_shares(lines, poses, met if shares else _of_lines(met, least < 1))
         if shares:
             visible[camera, at] = 1.0
-        line, share = visible_shares(lines, look.solid_poses, met if shares else _of_lines(met, least < 1))
-        if shares:
             visible[camera[line], at[line]] = share
+        hidden = np.zeros(len(at), dtype=bool)
+        hidden[met[0]] = True
         hidden[line] &= (share < least[line]) | (least[line] >= 1)
-        culprits = find_culprits(lines, look.centers(views), look.solid_poses, _of_lines(met, hidden))
+        culprits = find_culprits(lines, look.centers(views), poses, _of_lines(met, hidden))
         cause[camera[hidden], at[hidden]], by[camera[hidden], at[hidden]] = Cause.HIDDEN, culprits[hidden]
         found = (values.reshape(cameras, len(boxes), -1).transpose(1, 2, 0) for values in (cause, by, figure, visible))
         return [BoxVerdicts(*entries) for entries in zip(*found, strict=True)]
