@@ -7,8 +7,8 @@ import contextlib
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """Numbers of mallopt(3)."""
 
-_LARGEST_KEPT, _KEPT = 64 * 1024 * 1024, 256 * 1024 * 1024
-"""Arrays up to this size come from memory that is kept, and so much of it is kept [bytes]."""
+_LARGEST_KEPT, _KEPT = 32 * 1024 * 1024, 256 * 1024 * 1024
+"""Arrays up to this size (the largest that mallopt takes) come from memory of which so much is kept [bytes]."""
 
 
 def keep_freed_memory() -> None:

@@ -1,7 +1,7 @@
 """The program: what the programming phase hands to the runtime, and all that it hands over.
 
-Each step holds the exact motion (see `trajectory`), the
-formulas with their times and responses, where to look, which camera covers what when, and the world before and after.
+Each step holds the exact motion (see `trajectory`), the formulas with their times and responses, where to look, which
+camera covers what when, and the world before and after.
 """
 
 from __future__ import annotations

@@ -23,6 +23,9 @@ BAR_WIDTH = 8
 Styled = str | Text
 """Text with or without a style."""
 
+LEAST_WIDTH = 20
+"""Columns that lines are written for where the terminal has fewer."""
+
 LONGEST_TITLE = 9
 """Longest word of a title that is not broken where there is little room."""
 
@@ -65,7 +68,9 @@ class _Output(Console):
 
 def output() -> Console:
     """The console of results, on stdout."""
-    return _Output(highlight=False, soft_wrap=False, emoji=False)
+    console = _Output(highlight=False, soft_wrap=False, emoji=False)
+    console.width = max(console.width, LEAST_WIDTH)
+    return console
 
 
 def terminal_width() -> int:

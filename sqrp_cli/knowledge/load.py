@@ -78,6 +78,8 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
 def workspace_file(path: Path) -> Path:
     """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none."""
     path = Path.cwd() / path
+    if ".." in path.parts:
+        path = path.resolve()  # programs name it in one way only
     if path.is_dir():
         if os.path.lexists(path / WORKSPACE_FILE):
             return path / WORKSPACE_FILE

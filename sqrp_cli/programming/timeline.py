@@ -37,7 +37,7 @@ _TOGETHER = 200
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What the cameras see of a targets in m samples.
+    """What the cameras see of `a` targets in m samples.
 
     required: whether a state holds the target's atom, shape (m, a). covered: shape (m, a), False where not required.
     response: of the cameras that cover it [s], NaN where uncovered, shape (m, a).

@@ -1,4 +1,4 @@
-"""The connection to a Dask cluster. The only module that imports Dask, and none that takes long to load."""
+"""The connection to a Dask cluster. The only module that imports Dask, and none of what computes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
         workers = tuple(sorted(client.nthreads()))
         if not workers:
             message = f"the cluster at `{address}` has no workers"
-            raise InputError(Problem("no-cluster", message, mend=f"dask worker {address}"))
+            scheduler = f"--scheduler-file {address}" if Path(address).is_file() else address
+            raise InputError(Problem("no-cluster", message, mend=f"dask worker {scheduler} --nworkers 2 --nthreads 1"))
         client.run(prepare_worker, wait=False, on_error="ignore")
         yield Cluster(client, workers)
     finally:
@@ -53,7 +54,8 @@ def _client(cluster: str) -> Any:  # noqa: ANN401 # a client of Dask's
     except ImportError as error:
         message = "--cluster needs Dask, which is not installed"
         raise InputError(Problem("missing-extra", message, mend="pip install 'sqrp[cluster]'")) from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         return distributed.Client(_checked_address(cluster), timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError, TypeError, LookupError) as error:

@@ -7,7 +7,7 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Protocol
@@ -75,7 +75,7 @@ class LocalWorkers:
         """See `Workers`."""
         executor = self._executors[worker]
         if executor is None:
-            executor = self._executors[worker] = _new_process() if self.aside else ThisProcess()
+            executor = self._executors[worker] = _new_process(self._executors) if self.aside else ThisProcess()
         return executor.submit(run_job, job)
 
     def restart(self, worker: int) -> None:
@@ -108,13 +108,20 @@ class ThisProcess(Executor):
         return future
 
 
-def _new_process() -> Executor:
+def _new_process(others: Sequence[Executor | None]) -> Executor:
     fork = "fork" in multiprocessing.get_all_start_methods()  # shares what is loaded
     context = multiprocessing.get_context("fork" if fork else None)
-    return ProcessPoolExecutor(1, context, initializer=_start_worker)
+    inherited = [other for other in others if isinstance(other, ProcessPoolExecutor)] if fork else []
+    return ProcessPoolExecutor(1, context, initializer=_start_worker, initargs=(inherited,))
 
 
-def _start_worker() -> None:
+def _start_worker(others: Sequence[ProcessPoolExecutor]) -> None:
+    """others: of which this process has inherited the end of the pipe that their own process reads.
+
+    As long as somebody has it open, sending a job to a process that was killed waits for ever.
+    """
+    for other in others:
+        other._call_queue._reader.close()  # type: ignore[attr-defined] # there is no other way to it
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which keeps what is finished
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -257,3 +257,8 @@ def test_progress_never_reaches_a_file(sqrp_process, tabletop):
     assert outcome.err == ""
     assert outcome.out.count("Assessing") == 0
     assert Path(tabletop).name in outcome.out
+
+
+@pytest.mark.parametrize("columns", [0, 1, 2, 19])
+def test_a_terminal_too_narrow_for_words_gets_lines_of_twenty(own_watch: Path, columns: int) -> None:
+    assert in_a_terminal(["check", str(own_watch)], columns) == in_a_terminal(["check", str(own_watch)], 20)

@@ -35,6 +35,11 @@ def test_a_folder_and_its_file_are_the_same_workspace(cell: Path) -> None:
     assert load_workspace(cell).digest == load_workspace(cell / "workspace.yaml").digest
 
 
+def test_a_workspace_has_one_path_however_it_is_reached(cell: Path) -> None:
+    around = cell / ".." / cell.name
+    assert load_workspace(around).path == load_workspace(cell.resolve()).path
+
+
 def test_values_are_in_si_units(cell: Path) -> None:
     workspace = load_workspace(cell)
     robot = workspace.robot

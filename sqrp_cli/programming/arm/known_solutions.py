@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -11,14 +11,20 @@ from sqrp_cli.programming.arm.inverse_kinematics import IkResult, all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 
 MOST_KEPT = 64
-"""Answers that are kept, of all robots together."""
+"""Answers that are kept of each robot."""
+
+Question = tuple[bytes, int, int]
+
+_answers: WeakKeyDictionary[RobotModel, dict[Question, IkResult]] = WeakKeyDictionary()
+"""Of robots that are still in use, the oldest answer first."""
 
 
 def known_solutions(model: RobotModel, X_WT: Array, seed: int, redundancy_samples: int) -> IkResult:
     """What `all_solutions` says of a pose X_WT, shape (4, 4); read-only."""
-    return _kept(model, np.ascontiguousarray(X_WT, dtype=float).tobytes(), seed, redundancy_samples)
-
-
-@lru_cache(maxsize=MOST_KEPT)
-def _kept(model: RobotModel, pose_bytes: bytes, seed: int, redundancy_samples: int) -> IkResult:
-    return all_solutions(model, np.frombuffer(pose_bytes).reshape(4, 4), seed, redundancy_samples)
+    known = _answers.setdefault(model, {})
+    question = (np.ascontiguousarray(X_WT, dtype=float).tobytes(), seed, redundancy_samples)
+    if question not in known:
+        if len(known) == MOST_KEPT:
+            known.pop(next(iter(known)))
+        known[question] = all_solutions(model, X_WT, seed, redundancy_samples)
+    return known[question]

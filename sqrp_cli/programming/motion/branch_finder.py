@@ -128,7 +128,9 @@ class BranchFinder:
                     self._failures.note(len(self._scenes), reason)
 
     def _turns(self, section: Section, branches: Sequence[_Begun]) -> list[Array]:
-        """Of each branch, offsets by whole turns that keep it within the joints' limits, (k, n); only 0 if q is given.
+        """Of each branch, offsets by whole turns that keep it within the joints' limits, (k, n).
+
+        Only 0 where the section's end is given.
 
         A joint without limits goes at most one turn beyond where it is at the start and at home.
         """

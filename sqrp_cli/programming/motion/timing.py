@@ -178,8 +178,8 @@ def _stretches(trajectory: Trajectory, limits: MotionLimits) -> Array:
 def phase_samples(trajectory: Trajectory, least: int, whole: int = 0) -> Array:
     """Instants [s] in each phase of a trajectory, both its ends included as seen from within, shape (m,).
 
-    A phase lasts from one break of law or path to the next. Each gets `least` of them, and its share of another
-    `whole`, by how much of the path it covers.
+    A phase lasts from one break of law or path to the next. Each gets `least` of them, 2 or more, and its share of
+    another `whole`, by how much of the path it covers.
     """
     law, breaks = trajectory.law, trajectory.law.breaks
     if joints := [law.time_at(s) for s in trajectory.path.breaks[1:-1]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import lru_cache
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,13 +88,19 @@ def _first_hits(eye: Array, ray: Array, solid: Solid) -> Array:
     return factors
 
 
-@lru_cache(maxsize=512)
 def _lines_and_planes(solid: Solid) -> tuple[list[Array], Array, Array]:
     """The lines along the three edges of each triangle, (6, F) each, and the triangles' planes, (F, 3) and (F,)."""
+    if solid in _known:
+        return _known[solid]
     p = [solid.vertices[solid.triangles[:, k]] for k in range(3)]
     edges = [np.concatenate([cross(p[k], p[(k + 1) % 3]), p[(k + 1) % 3] - p[k]], axis=1).T for k in range(3)]
     normal = cross(p[1] - p[0], p[2] - p[0])
-    return edges, normal, np.einsum("fi,fi->f", normal, p[0])
+    _known[solid] = edges, normal, np.einsum("fi,fi->f", normal, p[0])
+    return _known[solid]
+
+
+_known: WeakKeyDictionary[Solid, tuple[list[Array], Array, Array]] = WeakKeyDictionary()
+"""Lines and planes of solids that are still in use."""
 
 
 def _nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.programming.sensing.sight_lines import SolidPoses
@@ -46,8 +43,3 @@ class SceneStates:
 def fixed_frame(X_WF: Array | None = None) -> Array:
     """A frame that never moves, as an entry of `SceneStates.X_WF`; the world's origin by default."""
     return (pose() if X_WF is None else X_WF)[None]
-
-
-def rows_of(values: Array, rows: NDArray[np.int64]) -> Array:
-    """Entries of an array with leading dimension m or 1 for the states `rows`."""
-    return values[rows] if len(values) > 1 else np.broadcast_to(values, (len(rows), *values.shape[1:]))

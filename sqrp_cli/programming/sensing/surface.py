@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,10 +41,11 @@ class Surface:
         return np.column_stack([self.vertices, np.ones(len(self.vertices))])
 
     @staticmethod
-    @lru_cache(maxsize=512)
     def of(solid: Solid) -> Surface:
-        """The surface of a solid, in its parent's frame."""
-        return Surface.of_triangles(solid.vertices, solid.triangles)
+        """The surface of a solid, in its parent's frame; made once."""
+        if solid not in _surfaces:
+            _surfaces[solid] = Surface.of_triangles(solid.vertices, solid.triangles)
+        return _surfaces[solid]
 
     @staticmethod
     def of_triangles(vertices: Array, triangles: Indices) -> Surface:
@@ -64,3 +66,7 @@ class Surface:
         side = np.concatenate([one[joins], alone])
         right = np.concatenate([other[joins] // 3, np.full(len(alone), len(triangles))])
         return Surface(vertices, triangles, normals, offsets, start[side], end[side], side // 3, right)
+
+
+_surfaces: WeakKeyDictionary[Solid, Surface] = WeakKeyDictionary()
+"""What was made of solids that are still in use."""
