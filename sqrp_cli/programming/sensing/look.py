@@ -55,7 +55,7 @@ class Look:
         """Limits of every camera for boxes in states, by index and of shape (n,), ordered by box; results (c, n)."""
         shape = (len(self.projections), len(box))
         cause, side, figure = np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int8), np.empty(shape)
-        moving = np.array([len(X_WC) > 1 for X_WC in self._X_WC], dtype=bool)
+        moving = self._moving_cameras
         for group in (np.flatnonzero(~moving), np.flatnonzero(moving)):
             if len(group):
                 # What never moves in the image is looked at once.
@@ -70,7 +70,7 @@ class Look:
 
     def sight_lines(self, views: Views) -> SightLines:
         """One sight line per view; neighbours of the same camera and box share a hull where both stand still."""
-        moving = np.array([len(X_WC) > 1 for X_WC in self._X_WC], dtype=bool)
+        moving = self._moving_cameras
         differs = moving[views.camera] | self._moving_boxes[views.box]
         differs |= begins_run(views.box) | begins_run(views.camera)
         first = np.flatnonzero(differs)
@@ -97,6 +97,10 @@ class Look:
     @cached_property
     def _X_WB(self) -> list[Array]:
         return [self.states.box_poses(box) for box in self.boxes]
+
+    @cached_property
+    def _moving_cameras(self) -> NDArray[np.bool_]:
+        return np.array([len(X_WC) > 1 for X_WC in self._X_WC], dtype=bool)
 
     @cached_property
     def _moving_boxes(self) -> NDArray[np.bool_]:
