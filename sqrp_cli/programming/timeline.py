@@ -31,7 +31,7 @@ _MOST_PARTS = 16
 """Into how many parts a bracket around a transition is cut at once, at most."""
 
 
-_TOGETHER = 200
+_TOGETHER = 1000
 """Targets that are looked at together, each counted in every sample: so few that the calls cost the most."""
 
 
@@ -39,13 +39,14 @@ _TOGETHER = 200
 class Observation:
     """What the cameras see of `a` targets in m samples.
 
-    required: whether a state holds the target's atom, shape (m, a). covered: shape (m, a), False where not required.
-    response: of the cameras that cover it [s], NaN where uncovered, shape (m, a).
-    matrix: per target and box the verdicts of every camera; None where only coverage was asked, and then `covered` may
-    also be False where another atom already decided.
+    required: whether a state holds the target's atom, shape (m, a). known: where it is required and was asked for,
+    shape (m, a): where only coverage is, another atom may already have decided. covered: shape (m, a), False where not
+    known. response: of the cameras that cover it [s], NaN where uncovered, shape (m, a).
+    matrix: per target and box the verdicts of every camera; None where only coverage was asked.
     """
 
     required: Mask
+    known: Mask
     covered: Mask
     response: Array
     matrix: tuple[tuple[BoxVerdicts, ...], ...] | None
@@ -56,6 +57,15 @@ class Observation:
         if self.matrix is None:
             raise ValueError("the causes were not looked up")
         return self.matrix
+
+    def agreed(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> Observation:
+        """What the samples `first` and `second`, by index, agree about, without a matrix."""
+        covered, response = self.covered, self.response
+        both = self.known[first] & self.known[second]
+        seen = both & covered[first] & covered[second] & (response[first] == response[second])
+        unseen = both & ~covered[first] & ~covered[second]
+        required = self.required[first] & self.required[second]
+        return Observation(required, seen | unseen, seen, np.where(seen, response[first], np.nan), None)
 
     def joined(self, other: Observation, order: NDArray[np.int64]) -> Observation:
         """The rows of both in the given order."""
@@ -76,6 +86,7 @@ class Observation:
             )
         return Observation(
             join(self.required, other.required),
+            join(self.known, other.known),
             join(self.covered, other.covered),
             join(self.response, other.response),
             matrix,
@@ -164,15 +175,20 @@ def observe(
     timeline = Timeline(
         stage.pieces, samples, tuple(target.atom for target in targets), observation, faults, times[0], times[1]
     )
-    while isinstance(sampling, Adaptive) and (added := _finer(timeline, sampling.tolerance)) is not None:
+    while isinstance(sampling, Adaptive) and (finer := _finer(timeline, sampling.tolerance)) is not None:
+        added, begin = finer
         order = timeline.samples.merge_order(added)
-        observation = timeline.observation.joined(_look(stage, observer, targets, faults, added, full=full), order)
+        agreed = timeline.observation.agreed(begin, begin + 1)
+        found = _look(stage, observer, targets, faults, added, agreed, full=full)
+        observation = timeline.observation.joined(found, order)
         timeline = replace(timeline, samples=timeline.samples.joined(added, order), observation=observation)
     return timeline
 
 
-def _finer(timeline: Timeline, tolerance: float) -> Samples | None:
+def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, NDArray[np.int64]] | None:
     """Samples that cut every bracket around a transition that is still too wide; None when none is.
+
+    With the sample at which the bracket of each begins, by index.
 
     Each is cut into as many equal parts as make it narrow enough in as few rounds as the widest needs: a look at a few
     samples costs little more than a look at one.
@@ -185,7 +201,8 @@ def _finer(timeline: Timeline, tolerance: float) -> Samples | None:
     rounds = np.ceil(np.log(ratio[rows].max()) / np.log(_MOST_PARTS))
     parts = np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)
     bracket, part = ranges(np.ones(len(rows)), parts)
-    return Samples(piece[rows][bracket], t[rows][bracket] + (steps[rows] / parts)[bracket] * part)
+    row = rows[bracket]
+    return Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), row
 
 
 def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
@@ -220,16 +237,18 @@ def _look(
     targets: Sequence[Target],
     faults: Mapping[str, tuple[int, ...]],
     samples: Samples,
+    agreed: Observation | None = None,
     *,
     full: bool,
 ) -> Observation:
+    """What is seen in the samples; agreed: what those agree about between which each lies."""
     atoms = [{literal.atom for literal in piece.literals} for piece in stage.pieces]
     held = np.array([[target.atom in of_piece for target in targets] for of_piece in atoms], dtype=bool)
     required = held[samples.piece]
     states = stage.states(samples)
     if full:
         return _full_look(observer, targets, states, required)
-    return _quick_look(observer, targets, faults, states, required)
+    return _quick_look(observer, targets, faults, states, required, agreed)
 
 
 def _full_look(observer: Observer, targets: Sequence[Target], states: SceneStates, required: Mask) -> Observation:
@@ -242,7 +261,7 @@ def _full_look(observer: Observer, targets: Sequence[Target], states: SceneState
         if target.cameras <= len(responses):
             kth = np.sort(np.where(sees, responses, np.inf), axis=1)[:, target.cameras - 1]
             response[:, column] = np.where(covered[:, column], kth, np.nan)
-    return Observation(required, covered, response, matrix)
+    return Observation(required, required, covered, response, matrix)
 
 
 def _quick_look(
@@ -251,29 +270,35 @@ def _quick_look(
     faults: Mapping[str, tuple[int, ...]],
     states: SceneStates,
     required: Mask,
+    agreed: Observation | None,
 ) -> Observation:
     """Coverage only.
 
-    A target is not looked at where the state and every fault that needs it are already known uncovered. Where there are
-    few samples, several targets are looked at together all the same.
+    A target is not looked at where the state and every fault that needs it are already known uncovered, nor between
+    samples that agree about it. Where there are few samples, several targets are looked at together all the same.
     """
-    covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
-    state_open = np.ones(len(required), dtype=bool)
-    fault_open = {fault: np.ones(len(required), dtype=bool) for fault in faults}
+    if agreed is None:
+        nothing = np.zeros(required.shape, dtype=bool)
+        agreed = Observation(required, nothing, nothing, np.full(required.shape, np.nan), None)
+    known, covered, response = agreed.known.copy(), agreed.covered.copy(), agreed.response.copy()
+    lost = known & ~covered
+    state_open = ~lost.any(axis=1)
+    fault_open = {fault: ~lost[:, list(columns)].any(axis=1) for fault, columns in faults.items()}
     order = sorted(range(len(targets)), key=lambda index: _moving_boxes(targets[index], states))
     together = max(1, _TOGETHER // len(required))
     for columns in (order[start : start + together] for start in range(0, len(order), together)):
         rows = []
         for column in columns:
             wanted = np.logical_or.reduce([state_open, *(fault_open[fault] for fault in _faults_of(column, faults))])
-            rows.append(np.flatnonzero(required[:, column] & wanted))
+            rows.append(np.flatnonzero(required[:, column] & ~known[:, column] & wanted))
         found = observer.coverage([targets[column] for column in columns], states, rows)
         for column, asked, coverage in zip(columns, rows, found, strict=True):
+            known[asked, column] = True
             covered[asked, column], response[asked, column] = coverage.covered, coverage.response
             state_open &= covered[:, column] | ~required[:, column]
             for fault in _faults_of(column, faults):
                 fault_open[fault] &= covered[:, column]
-    return Observation(required, covered, response, None)
+    return Observation(required, known, covered, response, None)
 
 
 def _faults_of(column: int, faults: Mapping[str, tuple[int, ...]]) -> list[str]:

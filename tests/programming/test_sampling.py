@@ -32,6 +32,7 @@ from sqrp_cli.programming.sampling import (
     Sampling,
     first_samples,
 )
+from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.stage import Stage
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.programming.timeline import Timeline, observe
@@ -117,6 +118,20 @@ def test_the_default_is_within_its_tolerance_on_every_candidate_of_every_shipped
     for studied in studies:
         found += compare(studied.candidate.name, studied.timeline, again(cell, studied, FixedCount(DENSE)))
     judge(name, found)
+
+
+@pytest.mark.parametrize("name", ["tabletop", "screws", "tower"])
+def test_coverage_alone_says_what_the_full_matrix_says_of_the_same_samples(name: str) -> None:
+    cell = Cell.load(load_workspace(TABLETOP.parent / name))
+    for studied in feasible_studies(cell):
+        observation = studied.timeline.observation
+        matrix = cell.observer.verdicts(studied.targets, studied.stage.states(studied.timeline.samples), shares=False)
+        for column, (target, boxes) in enumerate(zip(studied.targets, matrix, strict=True)):
+            sees = np.all([box.cause == Cause.NONE for box in boxes], axis=0).sum(axis=1) >= target.cameras
+            known = observation.known[:, column]
+            assert known.any()
+            assert (observation.covered[known, column] == sees[known]).all()
+            assert not observation.covered[~known, column].any()
 
 
 def test_the_default_is_within_its_tolerance_on_random_scenes(ur5: RobotModel) -> None:

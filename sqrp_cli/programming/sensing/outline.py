@@ -49,19 +49,25 @@ class Outline:
         layer: in which each of k views of the surface is drawn, shape (k,). maps: from the surface's frame into the
         grids, shape (3, 4, k). facing: see `facing`.
         """
-        left, right = facing[surface.left], facing[surface.right]
+        left, right = facing.take(surface.left, axis=0), facing.take(surface.right, axis=0)
         bends = np.flatnonzero(left != right)
-        weight = left.take(bends) - right.take(bends)
-        edge, view = np.divmod(bends, len(layer))
+        edge = bends // len(layer)
+        view = bends - edge * len(layer)
         # Vertex by vertex, so that edges which share an end give it the same row to the last bit.
         column, row, depth = (surface.homogeneous @ maps).reshape(3, -1)
-        ends = np.concatenate([surface.start[edge], surface.end[edge]]).reshape(2, -1) * len(layer) + view
-        column, row, depth = column.take(ends), row.take(ends), depth.take(ends)
         depth = np.maximum(depth, AHEAD)  # what lies behind the camera belongs to no triangle that counts
-        column, row = column / depth, row / depth
-        whole_row = first_row(row)
-        crossing = np.flatnonzero((whole_row[0] != whole_row[1]) & ((column[0] > 0.0) | (column[1] > 0.0)))
-        return cls(layer[view[crossing]], column[:, crossing], row[:, crossing], weight[crossing])
+        ends = surface.ends.take(edge, axis=1) * len(layer) + view
+        row = row.take(ends) / depth.take(ends)
+        first, last = first_row(row)
+        # Most edges are dropped before anything else is worked out for them.
+        crossing = np.flatnonzero(first != last)
+        ends = ends.take(crossing, axis=1)
+        column = column.take(ends) / depth.take(ends)
+        before = np.flatnonzero((column[0] > 0.0) | (column[1] > 0.0))
+        crossing = crossing.take(before)
+        bends, view = bends.take(crossing), view.take(crossing)
+        weight = left.take(bends) - right.take(bends)
+        return cls(layer.take(view), column.take(before, axis=1), row.take(crossing, axis=1), weight)
 
     def inside(self, layers: int) -> NDArray[np.bool_]:
         """Which rays the outlines of each layer wind around, shape (COLUMNS, layers, ROWS).

@@ -36,6 +36,11 @@ class Surface:
     right: Indices
 
     @cached_property
+    def ends(self) -> Indices:
+        """The vertices of each edge, shape (2, E)."""
+        return np.stack([self.start, self.end])
+
+    @cached_property
     def homogeneous(self) -> Array:
         """The vertices with a one as fourth coordinate, shape (V, 4)."""
         return np.column_stack([self.vertices, np.ones(len(self.vertices))])
