@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot import JointLimits, StopLimits
 from sqrp_cli.program import ProgramPrimitive
+from sqrp_cli.runtime.stop import Stop, slowing
 from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
 
 LEAST_STOP, FINENESS = 0.05, 1.02
@@ -18,45 +18,14 @@ LEAST_STOP, FINENESS = 0.05, 1.02
 LIMIT_SLACK = 1.01
 """Factor by which a stop may exceed the limits between its samples."""
 
-_RAMP = 0.4
-"""Share of a stop in which the deceleration rises, and as much in which it falls."""
-
-_PEAK = 1.0 / (1.0 - _RAMP)
-
-_STOP = PiecewiseCubic(
-    np.array([0.0, _RAMP, 1.0 - _RAMP, 1.0]),
-    np.array(
-        [
-            [0.0, 1.0, 0.0, -_PEAK / (6 * _RAMP)],
-            [_RAMP - _PEAK * _RAMP**2 / 6, 1.0 - _PEAK * _RAMP / 2, -_PEAK / 2, 0.0],
-            [0.5 - _PEAK * _RAMP**2 / 6, _PEAK * _RAMP / 2, -_PEAK / 2, _PEAK / (6 * _RAMP)],
-        ]
-    ),
-)
-"""The step's own clock during a stop that lasts 1: its rate falls from 1 to 0 with a trapezoidal deceleration."""
-
-_STOP_LENGTH = float(_STOP.derivatives(1.0)[0])
-"""How far the step's own clock gets in that time."""
-
-
-@dataclass(frozen=True)
-class _Stop:
-    """A stop that begins at a time t [s] and lasts for a duration [s]; last: time of the step's clock never passed [s].
-
-    duration 0: the step goes on as it would, up to that time.
-    """
-
-    t: float
-    duration: float
-    last: float
-
 
 class Playback:
     """The reference of the arm: standing at first, then following steps, and standing where each of them ends.
 
     A stop slows time down along the path, so that the arm stays on it: the rate of the step's own clock falls from 1 to
     0 over the shortest time that keeps every joint's limit of acceleration and adds no more jerk than its limit to that
-    of the motion. Where the primitive that is under way comes to rest sooner than that, it is played to its end.
+    of the motion. Where the primitive that is under way comes to rest sooner than that, it is played to its end. A
+    protective stop takes over from one within the limits of every motion, if the arm then stands sooner.
     """
 
     def __init__(
@@ -73,13 +42,13 @@ class Playback:
         self._placed: dict[int, float] = {}
         self._primitives: tuple[ProgramPrimitive, ...] = ()
         self._start = 0.0
-        self._stop: _Stop | None = None
+        self._stops: list[Stop] = []
         self._moving: list[Trajectory] = []
         self._ends: list[float] = []
 
     def play(self, primitives: Sequence[ProgramPrimitive], t: float) -> None:
         """Follow primitives from time t [s] on."""
-        self._primitives, self._start, self._stop, self._placed = tuple(primitives), t, None, {}
+        self._primitives, self._start, self._stops, self._placed = tuple(primitives), t, [], {}
         self._moving = [primitive.trajectory.trajectory for primitive in primitives]
         self._ends = [primitive.end for primitive in primitives]
 
@@ -90,15 +59,13 @@ class Playback:
         """
         if not self._primitives:
             return t
-        if self._stop is None:
-            self._stop = self._planned_stop(t, *(self._protective if protective else self._limits))
-        lasts = self._stop.duration or self._start + self._stop.last - self._stop.t
-        return max(t, self._stop.t + lasts)
+        if not self._stops or (protective and not self._stops[-1].protective):
+            self._stops.append(self._planned_stop(t, protective=protective))
+        return max(t, self._stops[-1].stands)
 
     def standing_time(self, tau: float) -> float:
         """The time of the step's own clock [s] at which the arm would stand if it began to stop at time tau [s]."""
-        stop = self._planned_stop(self._start + tau, *self._limits)
-        return min(tau + _STOP_LENGTH * stop.duration, stop.last) if stop.duration else stop.last
+        return self._planned_stop(self._start + tau, protective=False).rests_at
 
     def place(self, joints: Mapping[str, float]) -> None:
         """Want some joints elsewhere at once and until the next step, such as fingers, which their motors hold back."""
@@ -136,14 +103,11 @@ class Playback:
 
     def _clock(self, t: Array) -> tuple[Array, Array, Array]:
         """The step's own clock [s] at times t [s], its rate and the change of its rate [1/s], shape (m,) each."""
-        if self._stop is None:
-            return t - self._start, np.ones_like(t), np.zeros_like(t)
-        stop = self._stop
-        if not stop.duration:
-            return np.minimum(t - self._start, stop.last), np.ones_like(t), np.zeros_like(t)
-        clock, rate, change, _ = _STOP.derivatives((t - stop.t) / stop.duration)
-        tau = np.minimum(t, stop.t) - self._start + stop.duration * clock
-        return np.minimum(tau, stop.last), rate, change / stop.duration
+        tau, rate, change = t - self._start, np.ones_like(t), np.zeros_like(t)
+        for stop in self._stops:
+            rows = t > stop.t
+            tau[rows], rate[rows], change[rows] = stop.clock(t[rows])
+        return tau, rate, change
 
     def _on_path(self, tau: Array, order: int) -> list[Array]:
         """Positions and their first derivatives by the step's own time [s], all in one primitive, shape (m, n) each.
@@ -155,29 +119,39 @@ class Playback:
         local = np.clip(tau - self._primitives[index].start, 0.0, trajectory.duration)
         return trajectory.motion(local, order)
 
-    def _planned_stop(self, t: float, acceleration: Array, jerk: Array) -> _Stop:
-        """The stop that begins at time t [s], within limits of every joint, shape (n,) each."""
-        begin = t - self._start
-        if begin < 0.0 or begin >= self._ends[-1]:
-            return _Stop(t, 0.0, max(begin, 0.0))
-        last = self._ends[int(np.searchsorted(self._ends, begin, side="right"))]
-        too_short, duration = 0.0, LEAST_STOP
-        while not self._within_limits(begin, duration, acceleration, jerk):
+    def _planned_stop(self, t: float, *, protective: bool) -> Stop:
+        """The stop that begins at time t [s], or the one under way where that is over sooner."""
+        (tau,), (rate,), (change,) = (values.tolist() for values in self._clock(np.array([t])))
+        if tau < 0.0 or tau >= self._ends[-1]:
+            return Stop.at_the_end(t, max(tau, 0.0), max(tau, 0.0), protective=protective)
+        last = self._ends[int(np.searchsorted(self._ends, tau, side="right"))]
+        limits = self._protective if protective else self._limits
+        usual = self._stops[-1] if self._stops else Stop.at_the_end(t, tau, last, protective=protective)
+        too_short, duration, longest = 0.0, LEAST_STOP, usual.stands - t
+
+        def keeps_limits(duration: float) -> bool:
+            return self._within_limits(slowing(rate, duration * change), tau, duration, *limits)
+
+        while not keeps_limits(duration):
             too_short, duration = duration, 2.0 * duration
-            if too_short >= last - begin:
-                return _Stop(t, 0.0, last)
+            if too_short >= longest:
+                return usual
         while duration > FINENESS * too_short and too_short > 0.0:
             between = 0.5 * (too_short + duration)
-            if self._within_limits(begin, between, acceleration, jerk):
+            if keeps_limits(between):
                 duration = between
             else:
                 too_short = between
-        return _Stop(t, duration if duration < last - begin else 0.0, last)
+        if duration >= longest:
+            return usual
+        return Stop(t, tau, duration, last, slowing(rate, duration * change), protective)
 
-    def _within_limits(self, begin: float, duration: float, most_acceleration: Array, most_jerk: Array) -> bool:
-        """Whether a stop that begins at a time of the step's clock [s] keeps the limits."""
-        clock, rate, change, second = _STOP.derivatives(np.linspace(0.0, 1.0, 65))
-        _, v, a = self._on_path(begin + duration * clock, 2)
+    def _within_limits(
+        self, law: PiecewiseCubic, tau: float, duration: float, most_acceleration: Array, most_jerk: Array
+    ) -> bool:
+        """Whether a stop that begins at a time of the step's clock [s] keeps limits of every joint, (n,) each."""
+        clock, rate, change, second = law.derivatives(np.linspace(0.0, 1.0, 65))
+        _, v, a = self._on_path(tau + duration * clock, 2)
         rate, change, second = rate[:, None], change[:, None] / duration, second[:, None] / duration**2
         acceleration = a * rate**2 + v * change
         jerk = 3 * a * rate * change + v * second

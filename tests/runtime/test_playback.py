@@ -67,6 +67,33 @@ def test_a_protective_stop_is_faster_and_keeps_its_own_limits() -> None:
     assert np.abs(np.diff(acceleration, axis=0)).max() / 0.001 <= 1.1 * STOP.jerk + JERK
 
 
+@pytest.mark.parametrize("later", [0.0, 0.05, 0.2, 0.35, 0.5])
+def test_a_protective_stop_takes_over_from_another_that_is_under_way(later: float) -> None:
+    reference, other = playback(), playback()
+    usual, at = other.stop(2.0), 2.0 + later
+    assert reference.stop(2.0) == usual
+    before = reference.state(at)
+    stands = reference.stop(at, protective=True)
+    assert at < stands < usual - 0.3 * (usual - at)
+    assert reference.stop(at + 0.01, protective=True) == stands
+    assert np.allclose(np.array(before), np.array(reference.state(at + 1e-9)), atol=1e-6)
+    t = np.arange(1.0, stands + 0.2, 0.001)
+    q, velocity, acceleration = reference.states(t)
+    along = (q - Q0) / (Q1 - Q0)
+    assert np.allclose(along[:, 0], along[:, 1])
+    assert np.all(np.diff(along[:, 0]) >= -1e-12)
+    assert np.allclose(reference.state(stands)[1], 0.0, atol=1e-9)
+    assert np.abs(acceleration).max() <= 1.02 * STOP.acceleration
+    assert np.allclose(np.gradient(q, t, axis=0)[2:-2], velocity[2:-2], atol=2e-3)
+    assert np.abs(np.diff(acceleration, axis=0)).max() / 0.001 <= 1.1 * STOP.jerk + 2.2 * JERK
+
+
+def test_a_stop_that_is_nearly_over_is_left_to_itself() -> None:
+    reference = playback()
+    stands = reference.stop(2.0)
+    assert reference.stop(stands - 0.02, protective=True) == stands
+
+
 def test_a_joint_that_is_kept_stays_while_the_others_move_until_the_next_step() -> None:
     reference = playback()
     kept = reference.state(1.5)[0][1]
