@@ -94,7 +94,7 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
         titles = [_broken(column.title) if narrow else column.title for column in columns]
         cells = [[_styled(cell, bar=not narrow) for cell in line] for line in lines]
         if _width(columns, titles, cells) <= console.width:
-            console.print(_grid(columns, titles, cells))
+            _print_grid(console, _grid(columns, titles, cells))
             return
     for line in lines:
         head, *values = (_styled(cell, bar=False) for cell in line)
@@ -140,6 +140,14 @@ def _grid(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequ
     for line in cells:
         table.add_row(*line)
     return table
+
+
+def _print_grid(console: Console, grid: Table) -> None:
+    """Print a table without the blanks that fill its last column, which Rich has no option to leave out."""
+    for segments in console.render_lines(grid, pad=False):
+        line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
+        line.rstrip()
+        console.print(line, soft_wrap=True)
 
 
 def say(text: Styled = "", style: str | None = None) -> None:
