@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.cli.console import progress, say, say_raw
+from sqrp_cli.cli.console import note, progress, say, say_raw
 from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.sweep_table import print_sweep, sweep_document
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
@@ -43,6 +43,8 @@ def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode
     with open_computer(means) as computer:
         found = sweep(document, read, computer, progress)
     if found.interrupted:
+        count = len(read)
+        note(f"interrupted before all {count} variants were scored, so none is named the best and no patch is written")
         return ExitCode.INTERRUPTED
     if found.patch:
         write_atomically(patch, found.patch)

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import pytest
 
 from sqrp_cli.files import os as files_os
+from sqrp_cli.programming.pipeline import Assignment
 
 ROOT = Path(__file__).parents[2]
 
@@ -143,6 +144,66 @@ def test_new_and_vanished_tasks_are_named(sqrp, own_watch, tmp_path):
     assert outcome.code == 0
     assert outcome.document["results"][0]["baseline"]["verdict"] == "new"
     assert outcome.document["vanished"] == [{"workspace": "watch", "task": "watch green"}]
+
+
+@pytest.fixture
+def ctrl_c_at(monkeypatch):
+    """Ctrl-C comes when a candidate of this name is computed."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    assess = Assignment.assess
+
+    def at(name: str) -> None:
+        def interrupted(assignment, candidate):
+            if candidate.name == name:
+                signal.raise_signal(signal.SIGINT)
+            return assess(assignment, candidate)
+
+        monkeypatch.setattr(Assignment, "assess", interrupted)
+
+    yield at
+    signal.signal(signal.SIGINT, before)
+
+
+def test_an_interrupted_run_says_how_much_was_finished(sqrp, cells, ctrl_c_at):
+    edit(cells / "low", "task: watch behind", "task: watch far")
+    ctrl_c_at("far")
+    outcome = sqrp("score", cells, "--jobs", 1)
+    assert outcome.code == 130
+    assert outcome.out.endswith("Interrupted: 2 of 3 tasks were finished, 1 passed, 1 could not be scored.\n")
+    assert "2 of 3 candidates were computed, then interrupted" in outcome.err
+    document = sqrp("score", cells, "--jobs", 1, "--json").document
+    assert (document["interrupted"], document["unfinished"], document["passed"]) == (True, 1, False)
+    ctrl_c_at("seen")
+    assert sqrp("score", cells / "good", "--jobs", 1).out == "Interrupted: 0 of 1 task was finished, 0 passed.\n"
+
+
+def test_an_interrupted_comparison_does_not_say_that_all_is_well(sqrp, watch, own_watch, tmp_path, ctrl_c_at):
+    ctrl_c_at("seen")
+    outcome = sqrp("diff", watch, own_watch, "--jobs", 1)
+    assert (outcome.code, outcome.out) == (130, "Interrupted before the two versions could be compared.\n")
+    arguments = ("--vary", "cameras.eye.near=0.5:0.6:2", "--patch", tmp_path / "best.patch", "--jobs", 1)
+    outcome = sqrp("score", own_watch, *arguments)
+    assert (outcome.code, outcome.out) == (130, "")
+    assert outcome.err.startswith("interrupted before all 3 variants were scored")
+    assert not (tmp_path / "best.patch").exists()
+
+
+@pytest.mark.usefixtures("ctrl_c_at")
+@pytest.mark.parametrize("where", ["compare_with", "write_junit", "write_scores"])
+def test_ctrl_c_after_scoring_loses_no_score(sqrp, own_watch, tmp_path, monkeypatch, where):
+    baseline = tmp_path / "baseline.json"
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+
+    def interrupted(*_):
+        signal.raise_signal(signal.SIGINT)
+
+    module = "cli.report_page" if where == "write_scores" else "cli.score_run"
+    monkeypatch.setattr(f"sqrp_cli.{module}.{where}", interrupted)
+    outputs = ("--junit", tmp_path / "junit.xml", "--report", tmp_path / "page.html")
+    outcome = sqrp("score", own_watch, "--baseline", baseline, *outputs)
+    assert outcome.code == 130
+    assert "interrupted before" in outcome.err
+    assert "Interrupted: 1 of 1 task was finished, 1 passed." in outcome.out
 
 
 def test_a_file_that_is_no_baseline_is_refused(sqrp, own_watch, tmp_path):
