@@ -127,7 +127,7 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
 
     Returns what was written.
     """
-    from sqrp_cli.files import write_atomically
+    from sqrp_cli.files import check_not_read, write_atomically
     from sqrp_cli.joint_trajectory import FORMATS, YAML_MARK
 
     if target.suffix.lower() not in FORMATS:
@@ -137,6 +137,7 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
     if target.suffix.lower() != ".csv" and target.is_file() and not _begins_with(target, YAML_MARK):
         message = "this file is there already and is no exported trajectory; it was left as it is"
         raise InputError(Problem("would-overwrite", message, Place(target), mend="choose another name"))
+    check_not_read([target], [file, *(one.path for one in workspace.files.values())])
     arm = [joint for joint in program.joints if joint in workspace.robot.home]
     joints = program.joints if target.suffix.lower() == ".csv" else arm
     write_atomically(target, FORMATS[target.suffix.lower()](program, joints, rate))

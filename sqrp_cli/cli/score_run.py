@@ -12,7 +12,7 @@ from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.score_document import score_document
 from sqrp_cli.cli.score_table import print_report
 from sqrp_cli.errors import ExitCode
-from sqrp_cli.files import check_not_read, check_writable
+from sqrp_cli.files import check_distinct, check_not_read, check_writable
 from sqrp_cli.scoring.baseline import Baseline, baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
 from sqrp_cli.scoring.compute import Computer, Means, open_computer
@@ -39,6 +39,8 @@ class Outputs:
 
     def check(self) -> None:
         """Raises InputError before anything is computed where one of them cannot be written."""
+        options = ("--junit", "--summary", "--save-baseline", "--report")
+        check_distinct(dict(zip(options, (self.junit, self.summary, self.baseline, self.report), strict=True)))
         for path in self.paths:
             check_writable(path)
         if self.report is not None:
@@ -64,6 +66,7 @@ def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, 
     """
     outputs = request.outputs
     outputs.check()
+    check_not_read(outputs.paths, [request.baseline])
     baseline = None if request.baseline is None else load_baseline(request.baseline, means.sampling)
     findings = None
     try:
