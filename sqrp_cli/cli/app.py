@@ -69,8 +69,8 @@ def execute(arguments: list[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.OK
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        typer.echo(f"error: {where}{error.strerror or error}", err=True)
+        where = error.filename or "the output cannot be written"  # files that are read have a name
+        typer.echo(f"error: {where}: {error.strerror or error}", err=True)
         return ExitCode.BAD_INPUT
     except Exception as error:
         if "--debug" in arguments:

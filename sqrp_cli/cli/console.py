@@ -185,13 +185,18 @@ def print_problems(problems: Iterable[Problem]) -> None:
     for problem in problems:
         line = Text.assemble((f"{problem.severity}: ", _SEVERITY_STYLES[problem.severity]))
         if problem.place is not None:
-            line.append(f"{problem.place}: ", style="bold")
-        line.append(problem.message)
+            line.append(f"{_printable(str(problem.place))}: ", style="bold")
+        line.append(_printable(problem.message))
         console.print(line, soft_wrap=True)
-        if problem.excerpt:
-            console.print(Text(problem.excerpt, style="dim"), soft_wrap=True)
+        if problem.excerpt and problem.excerpt.partition("\n")[0].strip():
+            console.print(Text(_printable(problem.excerpt), style="dim"), soft_wrap=True)
         if problem.mend:
-            console.print(Text.assemble(("  to mend it: ", "dim"), problem.mend), soft_wrap=True)
+            console.print(Text.assemble(("  to mend it: ", "dim"), _printable(problem.mend)), soft_wrap=True)
+
+
+def _printable(text: str) -> str:
+    """Text that quotes input, with `?` for what would make a terminal do anything else than show it."""
+    return "".join(character if character.isprintable() or character == "\n" else "?" for character in text)
 
 
 def percentage(share: float | None, *, bar: bool = True) -> Text:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sqrp_cli.cli.options import Json
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem, nearest
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace import Workspace
@@ -55,7 +56,10 @@ def command(
             raise _refused("`sqrp program new` takes a workspace and nothing else", "sqrp program new WORKSPACE")
         return make_program(workspace)
     if workspace is not None:
-        raise _refused(f"one program at a time: found {file} and {workspace}", f"sqrp program {file}")
+        mend = f"sqrp program {file}"
+        if not file.exists() and nearest(str(file), [NEW]):
+            mend = f"sqrp program {NEW} {shlex.quote(str(workspace))}"
+        raise _refused(f"one program at a time: found {file} and {workspace}", mend)
     if drop_last and export is not None:
         raise _refused("--drop-last and --export exclude each other; give one of them")
     if rate is not None and export is None:

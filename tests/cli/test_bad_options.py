@@ -55,6 +55,14 @@ BAD = [
     (["run", "--replay", "TMP/l", "--n", "3"], ["--replay and --n exclude each other"]),
     (["run", "--replay", "TMP/l"], ["file not found"]),
     (["rnak", "CELL", "watch seen"], ["rnak"]),
+    (["program", "nwe", "CELL"], ["one program at a time", "sqrp program new"]),
+    (["run", "--replay", "CELL/arm.urdf"], ["this line is no event of a log"]),
+    (["run", "--replay", "CELL/../cameras"], ["found a folder, expected a file"]),
+    (["score", "CELL", "--baseline", "CELL"], ["found a folder, expected a file"]),
+    (["score", "CELL", "--baseline", "CELL/workspce.yaml"], ["did you mean `workspace.yaml`?", "--save-baseline"]),
+    (["score", "CELL", "--vary", "cameras.eye.near=-1e308:1e308:3"], ["--vary", "not so far apart"]),
+    (["score", "CELL", "--vary", "cameras.eye.near=1:1e400:3"], ["--vary", "not so far apart"]),
+    (["score", "CELL", "--vary", "name=1:2:2"], ["no value `name`", "`cameras.eye.far`", "more"]),
 ]
 
 
