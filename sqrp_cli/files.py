@@ -21,9 +21,7 @@ def check_writable(path: Path) -> None:
             return
         folder = path.resolve().parent
         if not folder.is_dir():
-            raise InputError(
-                Problem("cannot-write", f"there is no folder {folder}", Place(path), mend=f"mkdir -p {folder}")
-            )
+            raise InputError(no_folder(folder, path))
         if path.is_dir():
             raise InputError(Problem("cannot-write", "this is a folder; expected the name of a file", Place(path)))
         if not os.access(folder, os.W_OK):
@@ -31,6 +29,15 @@ def check_writable(path: Path) -> None:
     except OSError as error:
         message = f"this file cannot be written: {error.strerror or error}"
         raise InputError(Problem("cannot-write", message, Place(path))) from error
+
+
+def no_folder(folder: Path, path: Path) -> Problem:
+    """The problem of a file or folder at `path` that should be made in a folder that is not there."""
+    there = next(above for above in (folder, *folder.parents) if above.exists())
+    if not there.is_dir():
+        return Problem("cannot-write", f"{there} is a file, so nothing can be below it", Place(path))
+    mend = f"mkdir -p {shlex.quote(str(folder))}"
+    return Problem("cannot-write", f"there is no folder {folder}", Place(path), mend=mend)
 
 
 def make_folder(path: Path) -> None:

@@ -37,6 +37,8 @@ BAD = [
     (["show", "TMP"], ["no workspace.yaml", "empty"]),
     (["init", "CELL"], ["not empty", "nothing is ever overwritten"]),
     (["init", "TMP/no/such"], ["there is no folder", "mkdir -p"]),
+    (["init", "CELL/workspace.yaml/new"], ["workspace.yaml is a file, so nothing can be below it"]),
+    (["rank", "CELL", "watch seen", "--report", "CELL/workspace.yaml/x"], ["is a file, so nothing can be below it"]),
     (["init", "TMP/new", "--urdf", "TMP/none.urdf"], ["none.urdf", "file not found"]),
     (["init", "TMP/new", "--urdf", "package://none/arm.urdf"], ["package `none` not found", "roots tried"]),
     (["init", "TMP/new", "--objects", "5"], ["--objects is about --random"]),
