@@ -12,8 +12,8 @@ from contextlib import contextmanager
 def interrupts_later() -> Iterator[None]:
     """Let a Ctrl-C that comes meanwhile wait until afterwards.
 
-    For imports of libraries that take any exception for a missing module, KeyboardInterrupt too: the program would go
-    on as if nothing had been asked of it.
+    For imports of libraries that take any exception for a missing module or make another one of it, KeyboardInterrupt
+    too: the program would go on as if nothing had been asked of it, or report an error that there is not.
     """
     before = signal.getsignal(signal.SIGINT)
     if not callable(before) or threading.current_thread() is not threading.main_thread():
