@@ -12,7 +12,7 @@ from sqrp_cli import __version__
 from sqrp_cli.cli import audit, check, diff, explain, init, program, rank, schema, score, show
 from sqrp_cli.cli import run as run_program
 from sqrp_cli.errors import ExitCode, InputError
-from sqrp_cli.memory import keep_freed_memory
+from sqrp_cli.memory import collect_seldom, keep_freed_memory, leave_all_as_it_is
 
 UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
 
@@ -49,10 +49,13 @@ def main() -> None:
     # Processes share the cores already; threads of linear algebra would get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     keep_freed_memory()
+    collect_seldom()
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    leave_all_as_it_is()
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
