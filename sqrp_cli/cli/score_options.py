@@ -46,3 +46,10 @@ Draws = Annotated[
 Patch = Annotated[
     Path | None, typer.Option("--patch", metavar="FILE", help="With --vary: where the best variant is written to.")
 ]
+
+
+def tell(text: str) -> None:
+    """A line about what a run waits for; loads what it is printed with when there is one."""
+    from sqrp_cli.cli.console import note
+
+    note(text)
