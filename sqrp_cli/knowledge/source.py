@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -219,6 +219,13 @@ if yaml.__with_libyaml__:
             self.depth -= 1
 
 
+@lru_cache(maxsize=16)
+def _compose_fast(text: str) -> yaml.Node | None:
+    """As `_compose`; cells often share their skills' texts, and each is parsed once."""
+    node: yaml.Node | None = _FastLoader(text).get_single_node()
+    return node
+
+
 class _DepthLimitedLoader(yaml.SafeLoader):
     """A loader that refuses deep nesting before Python's own stack does."""
 
@@ -242,7 +249,7 @@ class _DepthLimitedLoader(yaml.SafeLoader):
 def _compose(path: Path, text: str) -> yaml.Node | None:
     if yaml.__with_libyaml__:
         try:
-            return _FastLoader(text).get_single_node()
+            return _compose_fast(text)
         except yaml.YAMLError:
             pass  # the other parser says better what is wrong
     try:
