@@ -54,9 +54,10 @@ def make_folder(path: Path) -> None:
 
 def check_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
     """Raises InputError where a file that is to be written is one that is read; None stands for no file."""
-    read = {path.resolve() for path in inputs if path is not None}
-    for path in outputs:
-        if path is not None and path.resolve() in read:
+    written = [path for path in outputs if path is not None]
+    read = {path.resolve() for path in inputs if path is not None} if written else set()
+    for path in written:
+        if path.resolve() in read:
             message = "this file is read by the same command, so it is not overwritten"
             raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name"))
 

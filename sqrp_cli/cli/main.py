@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from sqrp_cli.memory import keep_freed_memory
+from sqrp_cli.memory import collect_seldom, keep_freed_memory, leave_all_as_it_is
 
 INTERRUPTED = 130
 """As `ExitCode.INTERRUPTED`, which would take an import."""
@@ -18,13 +18,16 @@ def main() -> None:
     # Processes share the cores already; threads of linear algebra would get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     keep_freed_memory()
+    collect_seldom()
     # A stream that was closed, as by `>&-`, is None here; nobody wants what goes there.
     sys.stdout = sys.stdout or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - until the end
     sys.stderr = sys.stderr or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    leave_all_as_it_is()
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:

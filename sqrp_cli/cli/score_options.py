@@ -51,3 +51,10 @@ Patch = Annotated[
         "--patch", metavar="FILE", help="With --vary: where the best variant goes; NAME-best.patch by default."
     ),
 ]
+
+
+def tell(text: str) -> None:
+    """A line about what a run waits for; loads what it is printed with when there is one."""
+    from sqrp_cli.cli.console import note
+
+    note(text)

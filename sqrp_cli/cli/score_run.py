@@ -10,9 +10,10 @@ from pathlib import Path
 from sqrp_cli.cli.console import note, print_problems, progress, say_raw
 from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.score_document import score_document
+from sqrp_cli.cli.score_outputs import Outputs
 from sqrp_cli.cli.score_table import print_report
 from sqrp_cli.errors import ExitCode
-from sqrp_cli.files import check_distinct, check_not_read, check_writable
+from sqrp_cli.files import check_not_read
 from sqrp_cli.scoring.baseline import Baseline, baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
 from sqrp_cli.scoring.compute import Computer, Means, open_computer
@@ -21,32 +22,6 @@ from sqrp_cli.scoring.findings import CoverageLookup, Findings, compare_with, sc
 from sqrp_cli.scoring.junit import write_junit
 from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.summary import write_summary
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """Files to write."""
-
-    junit: Path | None
-    summary: Path | None
-    baseline: Path | None
-    report: Path | None
-
-    @property
-    def paths(self) -> tuple[Path, ...]:
-        """All of them."""
-        return tuple(path for path in (self.junit, self.summary, self.baseline, self.report) if path is not None)
-
-    def check(self) -> None:
-        """Raises InputError before anything is computed where one of them cannot be written."""
-        options = ("--junit", "--summary", "--save-baseline", "--report")
-        check_distinct(dict(zip(options, (self.junit, self.summary, self.baseline, self.report), strict=True)))
-        for path in self.paths:
-            check_writable(path)
-        if self.report is not None:
-            from sqrp_cli.cli.report_page import check_report
-
-            check_report(self.report)
 
 
 @dataclass(frozen=True)
@@ -65,7 +40,6 @@ def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, 
     Raises InputError for paths, folders and files of no use.
     """
     outputs = request.outputs
-    outputs.check()
     check_not_read(outputs.paths, [request.baseline])
     baseline = None if request.baseline is None else load_baseline(request.baseline, means.sampling)
     findings = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -27,14 +28,12 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     for target in skill.targets.values():
         for box in target.boxes:
             detector = workspace.detectors[box.detector]
-            sizes = [
-                _largest_in_image(workspace, box, camera, thing)
-                for camera in workspace.cameras.values()
-                for thing in _objects_meant(workspace, skill, box)
-            ]
-            if sizes and max(sizes) < detector.min_pixels:
+            looks = list(product(workspace.cameras.values(), _objects_meant(workspace, skill, box)))
+            # Mostly one of the first is large enough, and then the others do not matter.
+            if looks and all(_largest_in_image(workspace, box, *look) < detector.min_pixels for look in looks):
+                largest = max(_largest_in_image(workspace, box, *look) for look in looks)
                 message = (
-                    f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}` measures at most {max(sizes):.1f} "
+                    f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}` measures at most {largest:.1f} "
                     f"pixels in any camera, detector `{detector.name}` needs {detector.min_pixels:g}"
                 )
                 mend = "use a larger box or marker, a nearer camera or a longer lens"
