@@ -14,7 +14,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.files import write_atomically
 from sqrp_cli.knowledge.relocation import relocated
-from sqrp_cli.memory import keep_freed_memory
+from sqrp_cli.memory import collect_seldom, keep_freed_memory
 from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job, run_job
 
@@ -46,6 +46,7 @@ def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tup
 def prepare() -> None:
     """Load the program, and see to the memory of this process."""
     keep_freed_memory()
+    collect_seldom()
     program_digest()
 
 
