@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sqrp_cli.cli.run_page import write_run
+from sqrp_cli.cli.run_page import RunCell, write_run
 from sqrp_cli.runtime.outcome import Confusion, Event, FaultRecord, RunReport, StepRecord
 from tests.cli.browser import Opened, chromium
 
@@ -28,7 +28,8 @@ def opened(tmp_path_factory):
         "stopped", "hold(g1) should be seen", 4.0, [StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0)], [fault]
     )
     report.prediction = [{"hold(g1)": {"cam1": Confusion(tp=30, fp=10)}}]
-    write_run("cell", ["cam1", "cam2"], report, events, path, ["run", "pick.yaml", "--sim", "--report", str(path)])
+    cell = RunCell("cell", ["cam1", "cam2"], "0123", None, "there is no workspace")
+    write_run(cell, report, events, path, ["run", "pick.yaml", "--sim", "--report", str(path)])
     with chromium() as browser:
         yield Opened(browser, path)
 
@@ -46,11 +47,11 @@ def test_the_timeline_shows_what_the_images_showed(opened):
     labels = opened.js("[...document.querySelectorAll('.run')].map((run) => run.getAttribute('aria-label'))")
     own = [label.removeprefix("hold(g1), ") for label in labels if label.startswith("hold(g1), ")]
     assert own == [
-        "0.00 s to 2.05 s: images show that it is true",
-        "2.05 s to 3.05 s: images show that it is false",
-        "3.05 s to 4.00 s: no image shows it",
+        "0.00 s to 2.10 s: images show that it is true",
+        "2.10 s to 3.10 s: images show that it is false",
+        "3.10 s to 4.00 s: no image shows it",
     ]
-    assert "cam2, hold(g1), 2.05 s to 4.00 s: no image shows it" in labels
+    assert "cam2, hold(g1), 2.10 s to 4.00 s: no image shows it" in labels
     assert not any("open" in label for label in labels)
 
 
