@@ -54,7 +54,12 @@ def command(
         Path | None, typer.Option("--frames", metavar="DIR", help="Keep every image, as `sqrp audit` reads them.")
     ] = None,
     replay: Annotated[
-        Path | None, typer.Option("--replay", metavar="LOG", help="Show a run again, from its log, without simulating.")
+        Path | None,
+        typer.Option(
+            "--replay",
+            metavar="LOG",
+            help="Show a run again, from its log, without simulating; with PROGRAM its page has 3D playback, too.",
+        ),
     ] = None,
     report: Report = None,
     as_json: Json = False,

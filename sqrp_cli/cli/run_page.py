@@ -186,7 +186,9 @@ def _spans(fault: FaultRecord, end: float) -> list[dict[str, Any]]:
         spans.append({"start": fault.happened, "end": seen, "text": f"{fault.name} has happened and is not seen"})
     if fault.detected is not None:
         acted = end if fault.acted is None else fault.acted
-        spans.append({"start": fault.detected, "end": acted, "text": f"{fault.name} is seen, the robot stops"})
+        spans.append(
+            {"start": fault.detected, "end": acted, "text": f"{fault.name} is seen, the robot stops and looks"}
+        )
     return spans
 
 

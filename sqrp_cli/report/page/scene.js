@@ -205,11 +205,13 @@ class Scene3D {
     }
   }
 
-  // Keep the tool in the middle of the view from outside, from near; or look at the whole cell again.
+  // Keep the tool in the middle of the view from outside, from near; or look again from where it was left.
   follow(wanted) {
+    const { target, distance } = this.orbit;
+    if (wanted) this.left = { target: target.clone(), distance };
     this.following = wanted;
-    if (wanted) this.orbit.distance = Math.min(this.orbit.distance, 0.9);
-    else this.frame();
+    this.orbit.distance = wanted ? Math.min(distance, 0.9) : this.left.distance;
+    if (!wanted) this.orbit.aim(this.left.target);
   }
 
   look(name) {
