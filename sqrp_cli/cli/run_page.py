@@ -91,6 +91,7 @@ def _detail(
     cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
 ) -> dict[str, Any]:
     """What the page reads of a motion, with what images showed in place of what was predicted."""
+    marks = [(fault.name, _spans(fault, report.time)) for fault in report.faults]
     return {
         "of_images": True,
         "time": report.time,
@@ -99,7 +100,7 @@ def _detail(
         "primitives": _doings(events, report.time),
         "formulas": [],
         "targets": {} if track is None else _targets(events, report.time),
-        "marks": [{"label": fault.name, "spans": _spans(fault, report.time)} for fault in report.faults],
+        "marks": [{"label": name, "spans": spans} for name, spans in marks if spans],
         "moments": _moments(report, events),
         "note": WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
         "samples": _samples(cell.cameras, events, report.time),
@@ -165,8 +166,12 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[dict[str, Any]]
     """The times to look at, with what happens then."""
     happens: dict[float, list[str]] = {}
     for fault in report.faults:
-        began = fault.injected if fault.happened is None else fault.happened
-        for t, text in ((began, f"{fault.name} happens"), (fault.detected, f"{fault.name} is seen")):
+        injected = fault.injected if fault.happened is None else None
+        for t, text in (
+            (injected, f"{fault.name} is injected"),
+            (fault.happened, f"{fault.name} happens"),
+            (fault.detected, f"{fault.name} is seen"),
+        ):
             if t is not None:
                 happens.setdefault(round(t, 6), []).append(text)
     words = {"moving on": "the robot moves on to look", "stopping": "the robot stops", "retry": "the robot tries again"}

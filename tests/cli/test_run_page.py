@@ -56,6 +56,7 @@ def test_the_page_says_how_the_run_went(opened):
     assert opened.complaints == []
     assert opened.texts("#place") == ["stopped"]
     assert opened.texts("#reasons li") == ["hold(g1) should be seen"]
+    assert not opened.page.locator(".overview").is_visible()
     told = dict(zip(opened.texts("#figures dt"), opened.texts("#figures dd"), strict=True))
     assert told["predicted to see, and did"] == "75.0 %"
     assert told["slip: seen after"] == "0.15 s"

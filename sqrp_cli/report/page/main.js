@@ -27,7 +27,8 @@ class Page {
     byId('ranking-title').textContent = this.overview.heading;
     for (const [term, value] of this.overview.about)
       byId('about').append(make('dt', {}, named(term)), make('dd', {}, named(value)));
-    document.querySelector('.overview').hidden = !this.entries.some((e) => e.candidate || e.reasons.length);
+    const compared = this.entries.some((e) => e.candidate || e.reasons.length);
+    document.querySelector('.overview').hidden = this.overview.of_images || !compared;
     const some = (test) => this.entries.some((e) => e.candidate && test(e.candidate));
     byId('pareto-only').parentElement.hidden = !some((c) => c.pareto);
     byId('feasible-only').parentElement.hidden = !some((c) => !c.feasible);
