@@ -67,6 +67,10 @@ class InputError(SqrpError):
         self.problems = problems
 
 
+MOST_NAMES = 20
+"""Names that a message lists."""
+
+
 def nearest(name: str, valid: Iterable[str]) -> str | None:
     """The valid name closest in spelling to `name`, or None when nothing is close."""
     matches = difflib.get_close_matches(name, list(valid), n=1, cutoff=0.5)
@@ -81,4 +85,6 @@ def expected_names(name: str, valid: Iterable[str]) -> str:
         return f"did you mean `{close}`?"
     if not names:
         return "none is defined"
-    return "expected one of " + ", ".join(f"`{valid_name}`" for valid_name in names)
+    more = len(names) - MOST_NAMES
+    shown = ", ".join(f"`{valid_name}`" for valid_name in names[:MOST_NAMES])
+    return f"expected one of {shown}" + (f" and {more} more" if more > 0 else "")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import shlex
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -13,11 +14,14 @@ from sqrp_cli.errors import InputError, Place, Problem
 def check_writable(path: Path) -> None:
     """Raises InputError where a file cannot be written: no folder for it, no permission, or a folder in its place."""
     try:
+        if path.exists() and not path.is_dir() and not os.access(path, os.W_OK):
+            mend = f"choose another name, or: chmod u+w {shlex.quote(str(path))}"
+            raise InputError(Problem("cannot-write", "this file is write-protected", Place(path), mend=mend))
+        if _is_special(path):
+            return
         folder = path.resolve().parent
         if not folder.is_dir():
-            raise InputError(
-                Problem("cannot-write", f"there is no folder {folder}", Place(path), mend=f"mkdir -p {folder}")
-            )
+            raise InputError(no_folder(folder, path))
         if path.is_dir():
             raise InputError(Problem("cannot-write", "this is a folder; expected the name of a file", Place(path)))
         if not os.access(folder, os.W_OK):
@@ -25,6 +29,15 @@ def check_writable(path: Path) -> None:
     except OSError as error:
         message = f"this file cannot be written: {error.strerror or error}"
         raise InputError(Problem("cannot-write", message, Place(path))) from error
+
+
+def no_folder(folder: Path, path: Path) -> Problem:
+    """The problem of a file or folder at `path` that should be made in a folder that is not there."""
+    there = next(above for above in (folder, *folder.parents) if above.exists())
+    if not there.is_dir():
+        return Problem("cannot-write", f"{there} is a file, so nothing can be below it", Place(path))
+    mend = f"mkdir -p {shlex.quote(str(folder))}"
+    return Problem("cannot-write", f"there is no folder {folder}", Place(path), mend=mend)
 
 
 def make_folder(path: Path) -> None:
@@ -41,19 +54,43 @@ def make_folder(path: Path) -> None:
 
 def check_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
     """Raises InputError where a file that is to be written is one that is read; None stands for no file."""
-    read = {path.resolve() for path in inputs if path is not None}
-    for path in outputs:
-        if path is not None and path.resolve() in read:
-            message = "this file is read here, so it is not overwritten"
+    written = [path for path in outputs if path is not None]
+    read = {path.resolve() for path in inputs if path is not None} if written else set()
+    for path in written:
+        if path.resolve() in read:
+            message = "this file is read by the same command, so it is not overwritten"
             raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name"))
+
+
+def check_distinct(outputs: Mapping[str, Path | None]) -> None:
+    """Raises InputError where two options, by name, want to write the same file; None stands for no file."""
+    options: dict[Path, str] = {}
+    for option, path in outputs.items():
+        if path is None or _is_special(path):
+            continue
+        other = options.setdefault(path.resolve(), option)
+        if other != option:
+            message = f"{other} and {option} both name this file"
+            raise InputError(
+                Problem("would-overwrite", message, Place(path), mend="choose another name for one of them")
+            )
+
+
+def _is_special(path: Path) -> bool:
+    """Whether a path is that of a device or pipe, such as /dev/null or /dev/stdout."""
+    return path.exists() and not path.is_file() and not path.is_dir()
 
 
 def write_atomically(path: Path, content: str | bytes, *, executable: bool = False) -> None:
     """Replace a file by text or bytes, all or nothing; executable: with the run bit for everyone who may read it.
 
-    A link stays one: what it points to is replaced. Raises InputError where the file cannot be written.
+    A link stays one: what it points to is replaced. A device or pipe is written to and not replaced. Raises InputError
+    where the file cannot be written.
     """
     check_writable(path)
+    if _is_special(path):
+        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        return
     path = path.resolve()
     try:
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")

@@ -133,11 +133,11 @@ def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) 
     eye = np.asarray(eye, dtype=float)
     forward = np.asarray(target, dtype=float) - eye
     forward = forward / np.linalg.norm(forward)
-    right = np.cross(forward, np.asarray(up, dtype=float))
+    right = cross(forward, np.asarray(up, dtype=float))
     if np.linalg.norm(right) < 1e-9:
-        right = np.cross(forward, (1.0, 0.0, 0.0))
+        right = cross(forward, np.array([1.0, 0.0, 0.0]))
     right = right / np.linalg.norm(right)
-    return pose(np.column_stack([right, np.cross(forward, right), forward]), eye)
+    return pose(np.column_stack([right, cross(forward, right), forward]), eye)
 
 
 def side_pose(size: tuple[float, float, float], side: str) -> Array:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.files import write_atomically
+from sqrp_cli.files import check_distinct, check_writable, write_atomically
 
 
 def test_a_file_is_replaced_as_a_whole_and_nothing_else_is_left(tmp_path: Path) -> None:
@@ -65,3 +65,33 @@ def test_a_failure_leaves_the_old_file_and_says_which_could_not_be_written(
 def test_a_folder_in_place_of_the_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="this is a folder"):
         write_atomically(tmp_path, "text")
+
+
+def test_a_device_or_pipe_is_written_to_and_stays_what_it_is(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_atomically(pipe, "text")
+    assert os.read(reader, 10) == b"text"
+    os.close(reader)
+    assert pipe.is_fifo()
+    assert list(tmp_path.iterdir()) == [pipe]
+
+
+def test_a_write_protected_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "page.html"
+    path.write_text("old")
+    path.chmod(0o444)
+    monkeypatch.setattr(os, "access", lambda name, _: Path(name) != path)  # as for anybody but root
+    with pytest.raises(InputError, match="write-protected") as caught:
+        check_writable(path)
+    assert caught.value.problems[0].mend == f"choose another name, or: chmod u+w {path}"
+    assert path.read_text() == "old"
+
+
+def test_one_file_for_two_outputs_is_refused_by_the_names_of_the_options(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    with pytest.raises(InputError, match="--junit and --report both name this file"):
+        check_distinct({"--junit": tmp_path / "file", "--summary": None, "--report": tmp_path / "link"})
+    check_distinct({"--junit": tmp_path / "one", "--summary": tmp_path / "other", "--report": None})
+    check_distinct({"--junit": Path("/dev/null"), "--summary": Path("/dev/null")})

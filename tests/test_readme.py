@@ -28,7 +28,7 @@ def printed(command: str) -> str:
         environment = {**os.environ, "COLUMNS": "80", "NO_COLOR": "1", "PATH": path}
         run = subprocess.run(["sh", "-c", command], cwd=name, env=environment, capture_output=True, text=True)  # noqa: S607
     assert run.returncode == 0, run.stderr
-    return "\n".join(line.rstrip() for line in run.stdout.splitlines()) + "\n"
+    return run.stdout
 
 
 def blocks() -> list[tuple[str, str]]:

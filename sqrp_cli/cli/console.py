@@ -94,7 +94,7 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
         titles = [_broken(column.title) if narrow else column.title for column in columns]
         cells = [[_styled(cell, bar=not narrow) for cell in line] for line in lines]
         if _width(columns, titles, cells) <= console.width:
-            console.print(_grid(columns, titles, cells))
+            _print_grid(console, _grid(columns, titles, cells))
             return
     for line in lines:
         head, *values = (_styled(cell, bar=False) for cell in line)
@@ -142,6 +142,14 @@ def _grid(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequ
     return table
 
 
+def _print_grid(console: Console, grid: Table) -> None:
+    """Print a table without the blanks that fill its last column, which Rich has no option to leave out."""
+    for segments in console.render_lines(grid, pad=False):
+        line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
+        line.rstrip()
+        console.print(line, soft_wrap=True)
+
+
 def say(text: Styled = "", style: str | None = None) -> None:
     """A paragraph of results, folded at the terminal's width."""
     console = output()
@@ -177,13 +185,18 @@ def print_problems(problems: Iterable[Problem]) -> None:
     for problem in problems:
         line = Text.assemble((f"{problem.severity}: ", _SEVERITY_STYLES[problem.severity]))
         if problem.place is not None:
-            line.append(f"{problem.place}: ", style="bold")
-        line.append(problem.message)
+            line.append(f"{_printable(str(problem.place))}: ", style="bold")
+        line.append(_printable(problem.message))
         console.print(line, soft_wrap=True)
-        if problem.excerpt:
-            console.print(Text(problem.excerpt, style="dim"), soft_wrap=True)
+        if problem.excerpt and problem.excerpt.partition("\n")[0].strip():
+            console.print(Text(_printable(problem.excerpt), style="dim"), soft_wrap=True)
         if problem.mend:
-            console.print(Text.assemble(("  to mend it: ", "dim"), problem.mend), soft_wrap=True)
+            console.print(Text.assemble(("  to mend it: ", "dim"), _printable(problem.mend)), soft_wrap=True)
+
+
+def _printable(text: str) -> str:
+    """Text that quotes input, with `?` for what would make a terminal do anything else than show it."""
+    return "".join(character if character.isprintable() or character == "\n" else "?" for character in text)
 
 
 def percentage(share: float | None, *, bar: bool = True) -> Text:

@@ -33,7 +33,7 @@ def command(
     """
     from sqrp_cli.scoring.dask_client import connected
 
-    with connected(cluster) as workers:
+    with connected(cluster, option.tell) as workers:
         from sqrp_cli.cli.console import progress
         from sqrp_cli.cli.score_run import show
         from sqrp_cli.cli.score_table import print_difference

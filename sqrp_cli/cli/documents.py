@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,11 +13,13 @@ from sqrp_cli.cli.json_text import as_text as as_text
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.assessment import Assessment
-from sqrp_cli.programming.dependency_check import Feasibility
 from sqrp_cli.programming.ranking import Criterion, Ranked, winners
 from sqrp_cli.programming.robustness import DRAWS, Calibration
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.suggestion import Suggestion
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.dependency_check import Feasibility
+    from sqrp_cli.programming.suggestion import Suggestion
 
 
 def header(workspace: Workspace, task: str | None = None) -> Document:

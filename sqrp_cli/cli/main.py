@@ -1,47 +1,16 @@
-"""The entry point: commands, and the one place where errors become messages and exit codes."""
+"""The entry point, which imports next to nothing before it heeds Ctrl-C."""
 
 from __future__ import annotations
 
 import io
 import os
 import sys
+from pathlib import Path
 
-import typer
+from sqrp_cli.memory import collect_seldom, keep_freed_memory, leave_all_as_it_is
 
-from sqrp_cli import __version__
-from sqrp_cli.cli import audit, check, diff, explain, init, program, rank, schema, score, show
-from sqrp_cli.cli import run as run_program
-from sqrp_cli.errors import ExitCode, InputError
-from sqrp_cli.memory import keep_freed_memory
-
-UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
-
-app = typer.Typer(
-    name="sqrp",
-    help="How well will the cameras of a robot cell see what matters? Asked and answered before the robot moves.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
-
-for module in (check, rank, explain, program, run_program, audit, score, diff, show, schema, init):
-    app.command(module.NAME)(module.command)
-
-
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"sqrp {__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def options(
-    version: bool = typer.Option(False, "--version", help="Print the version.", is_eager=True, callback=_print_version),
-    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an internal error."),
-) -> None:
-    """Options that go before the command."""
+INTERRUPTED = 130
+"""As `ExitCode.INTERRUPTED`, which would take an import."""
 
 
 def main() -> None:
@@ -49,51 +18,25 @@ def main() -> None:
     # Processes share the cores already; threads of linear algebra would get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     keep_freed_memory()
+    collect_seldom()
+    # A stream that was closed, as by `>&-`, is None here; nobody wants what goes there.
+    sys.stdout = sys.stdout or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - until the end
+    sys.stderr = sys.stderr or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    leave_all_as_it_is()
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
-    """Run a command; returns its exit code. Every error ends up here."""
+    """Run a command; returns its exit code."""
     try:
-        result = app(arguments, prog_name="sqrp", standalone_mode=False, obj=arguments)
-        return int(result or ExitCode.OK)
-    except typer.Exit as leaving:
-        return leaving.exit_code
-    except UsageError as error:
-        _print_usage_error(error)
-        return ExitCode.BAD_INPUT
-    except InputError as error:
-        from sqrp_cli.cli.console import print_problems
+        from sqrp_cli.cli.app import execute
 
-        print_problems(error.problems)
-        return ExitCode.BAD_INPUT
-    except (KeyboardInterrupt, typer.Abort):
-        return ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        # Whoever reads has enough, as `head` does; nothing more may be written, not even at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return ExitCode.OK
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        typer.echo(f"error: {where}{error.strerror or error}", err=True)
-        return ExitCode.BAD_INPUT
-    except Exception as error:
-        if "--debug" in arguments:
-            raise
-        what = " ".join(f"{type(error).__name__}: {error}".split())
-        typer.echo(f"internal error: {what}; run `sqrp --debug ...` for the traceback", err=True)
-        return ExitCode.INTERNAL_ERROR
-
-
-def _print_usage_error(error: Exception) -> None:
-    message = error.format_message() if hasattr(error, "format_message") else str(error)
-    if message.startswith("Usage:"):  # no command at all
-        typer.echo(message, err=True)
-        return
-    typer.echo(f"error: {message}", err=True)
-    context = getattr(error, "ctx", None)
-    if context is not None:
-        typer.echo(f"  to see what is expected: {context.command_path} --help", err=True)
+        return execute(arguments)
+    except KeyboardInterrupt:
+        # A terminal shows `^C` on a line that nobody has ended.
+        sys.stderr.write("\ninterrupted\n" if sys.stderr.isatty() else "interrupted\n")
+        return INTERRUPTED

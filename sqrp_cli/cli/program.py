@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from sqrp_cli.cli.options import Json
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem, nearest
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace import Workspace
@@ -55,7 +56,10 @@ def command(
             raise _refused("`sqrp program new` takes a workspace and nothing else", "sqrp program new WORKSPACE")
         return make_program(workspace)
     if workspace is not None:
-        raise _refused(f"one program at a time: found {file} and {workspace}", f"sqrp program {file}")
+        mend = f"sqrp program {file}"
+        if not file.exists() and nearest(str(file), [NEW]):
+            mend = f"sqrp program {NEW} {shlex.quote(str(workspace))}"
+        raise _refused(f"one program at a time: found {file} and {workspace}", mend)
     if drop_last and export is not None:
         raise _refused("--drop-last and --export exclude each other; give one of them")
     if rate is not None and export is None:
@@ -127,7 +131,7 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
 
     Returns what was written.
     """
-    from sqrp_cli.files import write_atomically
+    from sqrp_cli.files import check_not_read, write_atomically
     from sqrp_cli.joint_trajectory import FORMATS, YAML_MARK
 
     if target.suffix.lower() not in FORMATS:
@@ -137,6 +141,7 @@ def _export(program: Program, workspace: Workspace, file: Path, target: Path, ra
     if target.suffix.lower() != ".csv" and target.is_file() and not _begins_with(target, YAML_MARK):
         message = "this file is there already and is no exported trajectory; it was left as it is"
         raise InputError(Problem("would-overwrite", message, Place(target), mend="choose another name"))
+    check_not_read([target], [file, *(one.path for one in workspace.files.values())])
     arm = [joint for joint in program.joints if joint in workspace.robot.home]
     joints = program.joints if target.suffix.lower() == ".csv" else arm
     write_atomically(target, FORMATS[target.suffix.lower()](program, joints, rate))

@@ -6,7 +6,7 @@ import os
 import shlex
 from pathlib import Path
 
-from sqrp_cli.cli.console import Column, Styled, joined, percentage, plain, print_table, say
+from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say
 from sqrp_cli.cli.json_text import SCHEMA, Document
 from sqrp_cli.joint_trajectory import action_name, tool_commands
 from sqrp_cli.program import Program, Step
@@ -41,14 +41,14 @@ def _print_steps(program: Program, totals: Totals) -> None:
     columns += [Column(title, right=True) for title in ("start\n[s]", "time\n[s]")]
     columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
     columns += [Column("slowest\nalarm [s]", right=True)]
-    rows: list[list[Styled]] = []
+    rows: list[list[Cell]] = []
     start = 0.0
     for number, step in enumerate(program.steps, 1):
-        figures = [percentage(step.q_eoi), percentage(step.q_avg), _worst(step)]
+        figures = [Share(step.q_eoi), Share(step.q_avg), _worst(step)]
         rows.append([str(number), step.short_task, f"{start:.2f}", f"{step.time:.2f}", *figures])
         start += step.time
     worst = "-" if totals.worst is None else f"{totals.worst.seconds:.2f}"
-    rows.append(["", "in all", "", f"{totals.time:.2f}", percentage(totals.q_eoi), percentage(totals.q_avg), worst])
+    rows.append(["", "in all", "", f"{totals.time:.2f}", Share(totals.q_eoi), Share(totals.q_avg), worst])
     print_table(columns, rows)
     say()
     if totals.worst is not None:

@@ -71,11 +71,12 @@ def command(
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
     from sqrp_cli.cli.session import Session, world_before
-    from sqrp_cli.files import check_not_read
+    from sqrp_cli.files import check_distinct, check_not_read
     from sqrp_cli.programming.ranking import rank
 
     criterion = _criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
+    check_distinct({"--program": program, "--report": report})
     before = world_before(after, program)
     if report is not None:
         from sqrp_cli.cli.report_page import check_report

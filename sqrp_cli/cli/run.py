@@ -68,7 +68,7 @@ def command(
 
     The robot stops, tries again or goes on as the skill says when a fault is seen.
     """
-    from sqrp_cli.files import check_not_read
+    from sqrp_cli.files import check_distinct, check_not_read
 
     kept = {"--record": record, "--log": log, "--frames": frames}
     if replay is not None:
@@ -80,6 +80,7 @@ def command(
     if record is not None and record.suffix.lower() != ".mp4":
         message = f"--record is `{record}`; expected a name that ends in .mp4"
         raise InputError(Problem("bad-option", message))
+    check_distinct({"--record": record, "--log": log, "--report": report})
     if report is not None:
         from sqrp_cli.cli.report_page import check_report
 

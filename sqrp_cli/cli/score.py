@@ -16,6 +16,7 @@ from sqrp_cli.cli.options import (
     job_count,
     read_sampling,
 )
+from sqrp_cli.cli.score_outputs import Outputs
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 NAME = "score"
@@ -55,16 +56,18 @@ def command(
     if not vary and (draws is not None or patch is not None):
         given = "--draws" if draws is not None else "--patch"
         raise InputError(Problem("bad-option", f"{given} is about --vary, which is missing"))
-    with connected(cluster) as workers:
-        from sqrp_cli.cli.score_run import Outputs, ScoreRequest, run_score
-        from sqrp_cli.cli.sweep_run import SweepRequest, run_sweep
+    outputs = Outputs(junit, summary, save_baseline, report)
+    if vary and (baseline is not None or outputs.paths):
+        raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
+    outputs.check()
+    with connected(cluster, option.tell) as workers:
         from sqrp_cli.scoring.compute import Means
 
         means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
-        outputs = Outputs(junit, summary, save_baseline, report)
-        if not vary:
-            request = ScoreRequest(paths, baseline, allow, outputs)
-            return run_score(request, means, context.obj, as_json=as_json)
-        if baseline is not None or outputs.paths:
-            raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
-        return run_sweep(SweepRequest(paths, tuple(vary), draws, patch), means, as_json=as_json)
+        if vary:
+            from sqrp_cli.cli.sweep_run import SweepRequest, run_sweep
+
+            return run_sweep(SweepRequest(paths, tuple(vary), draws, patch), means, as_json=as_json)
+        from sqrp_cli.cli.score_run import ScoreRequest, run_score
+
+        return run_score(ScoreRequest(paths, baseline, allow, outputs), means, context.obj, as_json=as_json)

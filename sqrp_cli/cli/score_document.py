@@ -17,7 +17,7 @@ def score_document(findings: Findings) -> Document:
             name: [_change(change) for change in changes] for name, changes in findings.changes.items() if changes
         },
         "vanished": [{"workspace": workspace, "task": task} for workspace, task in findings.vanished],
-        **({"interrupted": True} if findings.interrupted else {}),
+        **({"interrupted": True, "unfinished": findings.unfinished} if findings.interrupted else {}),
         "passed": findings.passed,
     }
 

@@ -29,7 +29,9 @@ Summary = Annotated[Path | None, typer.Option("--summary", metavar="FILE", help=
 Out = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="Keep results here as they finish; those there are used.")
 ]
-Resume = Annotated[bool, typer.Option("--resume", help="Go on with an interrupted run; needs its --out.")]
+Resume = Annotated[
+    bool, typer.Option("--resume", help="Say that --out is that of an interrupted run, to go on with it.")
+]
 Cluster = Annotated[
     str | None,
     typer.Option(
@@ -44,5 +46,15 @@ Draws = Annotated[
     int | None, typer.Option("--draws", min=1, max=10_000, help="With --vary: so many at random, not a grid.")
 ]
 Patch = Annotated[
-    Path | None, typer.Option("--patch", metavar="FILE", help="With --vary: where the best variant is written to.")
+    Path | None,
+    typer.Option(
+        "--patch", metavar="FILE", help="With --vary: where the best variant goes; NAME-best.patch by default."
+    ),
 ]
+
+
+def tell(text: str) -> None:
+    """A line about what a run waits for; loads what it is printed with when there is one."""
+    from sqrp_cli.cli.console import note
+
+    note(text)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqrp_cli.cli.console import note, print_problems, progress, say_raw
 from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.score_document import score_document
+from sqrp_cli.cli.score_outputs import Outputs
 from sqrp_cli.cli.score_table import print_report
 from sqrp_cli.errors import ExitCode
-from sqrp_cli.files import check_not_read, check_writable
+from sqrp_cli.files import check_not_read
 from sqrp_cli.scoring.baseline import Baseline, baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
 from sqrp_cli.scoring.compute import Computer, Means, open_computer
@@ -21,30 +22,6 @@ from sqrp_cli.scoring.findings import CoverageLookup, Findings, compare_with, sc
 from sqrp_cli.scoring.junit import write_junit
 from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.summary import write_summary
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """Files to write."""
-
-    junit: Path | None
-    summary: Path | None
-    baseline: Path | None
-    report: Path | None
-
-    @property
-    def paths(self) -> tuple[Path, ...]:
-        """All of them."""
-        return tuple(path for path in (self.junit, self.summary, self.baseline, self.report) if path is not None)
-
-    def check(self) -> None:
-        """Raises InputError before anything is computed where one of them cannot be written."""
-        for path in self.paths:
-            check_writable(path)
-        if self.report is not None:
-            from sqrp_cli.cli.report_page import check_report
-
-            check_report(self.report)
 
 
 @dataclass(frozen=True)
@@ -63,16 +40,23 @@ def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, 
     Raises InputError for paths, folders and files of no use.
     """
     outputs = request.outputs
-    outputs.check()
+    check_not_read(outputs.paths, [request.baseline])
     baseline = None if request.baseline is None else load_baseline(request.baseline, means.sampling)
-    with ScoreRun.open(request.paths, outputs, means) as run:
-        findings = run.findings(baseline, request.allowance)
-        if not findings.interrupted:
-            run.write(findings, outputs)
-    if outputs.report is not None and findings.results and not findings.interrupted:
-        from sqrp_cli.cli.report_page import write_scores
+    findings = None
+    try:
+        with ScoreRun.open(request.paths, outputs, means) as run:
+            findings = run.findings(baseline, request.allowance)
+            if not findings.interrupted:
+                run.write(findings, outputs)
+        if outputs.report is not None and findings.results and not findings.interrupted:
+            from sqrp_cli.cli.report_page import write_scores
 
-        write_scores(run.cells, findings, means.sampling, outputs.report, arguments, means.jobs)
+            write_scores(run.cells, findings, means.sampling, outputs.report, arguments, means.jobs)
+    except KeyboardInterrupt:
+        if findings is None:
+            raise
+        note("interrupted before all files were written")
+        findings = replace(findings, interrupted=True)
     return show(findings, print_report, as_json=as_json)
 
 
@@ -125,7 +109,11 @@ class ScoreRun:
         note(self._count(interrupted=findings.interrupted))
         if findings.interrupted or baseline is None:
             return findings
-        return compare_with(findings, self.cells, baseline, allowance, self._lookup, progress)
+        try:
+            return compare_with(findings, self.cells, baseline, allowance, self._lookup, progress)
+        except KeyboardInterrupt:
+            note("interrupted before everything was compared with the baseline")
+            return replace(findings, interrupted=True)
 
     def _count(self, *, interrupted: bool) -> str:
         """How many candidates were computed, and what of the others."""

@@ -23,6 +23,7 @@ def print_report(findings: Findings) -> None:
     print_comparison(findings)
     if findings.results:
         say()
+    if findings.results or findings.interrupted:
         say(verdict(findings))
 
 
@@ -56,6 +57,9 @@ def print_comparison(findings: Findings) -> None:
 
 def print_difference(findings: Findings) -> None:
     """What differs between two versions, and what that does to every way of doing a task."""
+    if findings.interrupted:
+        say("Interrupted before the two versions could be compared.")
+        return
     changes = [change for changes in findings.changes.values() for change in changes]
     say("What differs in the workspace:" if changes else "Nothing that matters differs in the workspace.")
     for change in changes:
@@ -76,8 +80,13 @@ def print_difference(findings: Findings) -> None:
 
 def verdict(findings: Findings) -> str:
     """The sentence that ends a run."""
-    total = len(findings.results)
-    counts = [f"{findings.count('passed')} of {total} task{'s' if total != 1 else ''} passed"]
+    total = len(findings.results) + findings.unfinished
+    of_all = f"of {total} task{'s' if total != 1 else ''}"
+    counts = [f"{findings.count('passed')} {of_all} passed"]
+    if findings.interrupted:
+        done = len(findings.results)
+        were = "was" if 1 in (done, total) else "were"
+        counts = [f"Interrupted: {done} {of_all} {were} finished", f"{findings.count('passed')} passed"]
     counts += [f"{findings.count('failed')} failed"] if findings.count("failed") else []
     errors = findings.count("error")
     counts += [f"{errors} could not be scored"] if errors else []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqrp_cli.cli.console import Column, percentage, print_table, say
+from sqrp_cli.cli.console import Column, Share, print_table, say
 from sqrp_cli.programming.suggestion import SuggestedStep
 
 
@@ -13,7 +13,7 @@ def print_suggested(suggested: Sequence[SuggestedStep]) -> None:
     say("\nIt can be done in these steps, each in its best way:\n")
     columns = [Column("#"), Column("step"), Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
     rows = [
-        (str(number), step.task, percentage(found.q_eoi), percentage(found.q_avg), f"{found.time:.2f}")
+        (str(number), step.task, Share(found.q_eoi), Share(found.q_avg), f"{found.time:.2f}")
         for number, step in enumerate(suggested, 1)
         if (found := step.assessment)
     ]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.cli.console import progress, say, say_raw
+from sqrp_cli.cli.console import note, progress, say, say_raw
 from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.sweep_table import print_sweep, sweep_document
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
@@ -17,10 +17,16 @@ from sqrp_cli.scoring.discovery import find_workspaces, short_names
 from sqrp_cli.scoring.sweep import Sweep, from_here, read_variants, sweep
 from sqrp_cli.scoring.variation import read_variation, variants
 
+MARK = "# The best variant that `sqrp score --vary` found"
+"""How the patch begins; `patch` and `git apply` skip it. Only files that begin so are overwritten."""
+
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """What the command line asks for. variations: as `read_variation` reads them. patch: the file to write."""
+    """What the command line asks for. variations: as `read_variation` reads them.
+
+    patch: the file to write; None: NAME-best.patch in the current folder.
+    """
 
     paths: Sequence[str]
     variations: tuple[str, ...]
@@ -36,16 +42,18 @@ def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode
         names = ", ".join(f"`{name}`" for name in short_names(files).values())
         raise InputError(Problem("bad-option", f"--vary is about one workspace, found {names}"))
     name = short_names(files)[files[0]]
-    patch = request.patch or Path(f"{name}.patch")
+    patch = request.patch or Path(f"{name}-best.patch")
     _check_patch(patch)
     with progress("Reading variants", len(values) + 1) as advance:
         document, read = read_variants(files[0], values, advance)
     with open_computer(means) as computer:
         found = sweep(document, read, computer, progress)
     if found.interrupted:
+        count = len(read)
+        note(f"interrupted before all {count} variants were scored, so none is named the best and no patch is written")
         return ExitCode.INTERRUPTED
     if found.patch:
-        write_atomically(patch, found.patch)
+        write_atomically(patch, f"{MARK}\n{found.patch}")
     if as_json:
         say_raw(as_text(sweep_document(found, name, str(patch) if found.patch else None)))
     else:
@@ -58,13 +66,13 @@ def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode
 
 
 def _check_patch(path: Path) -> None:
-    """Raises InputError for a file that cannot be written, or that is there and is no patch."""
+    """Raises InputError for a file that cannot be written, or that is there and that no sweep has written."""
     check_writable(path)
     if path.is_file():
         with path.open("rb") as file:
-            is_patch = file.readline().startswith(b"--- ") and file.readline().startswith(b"+++ ")
-        if not is_patch:
-            message = "this file is there already and is no patch; it was left as it is"
+            own = file.read(len(MARK)) == MARK.encode()
+        if not own:
+            message = "this file is there already and is no patch that --vary wrote; it was left as it is"
             raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name: --patch FILE"))
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
+from itertools import product
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.overlap import box_penetration
 from sqrp_cli.knowledge.read_cell import WORLD, camera_axes_as_body
-from sqrp_cli.knowledge.scene import Box, SceneObject
+from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, SceneObject, Shape, Sphere
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.workspace import Workspace
 
@@ -26,14 +28,12 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     for target in skill.targets.values():
         for box in target.boxes:
             detector = workspace.detectors[box.detector]
-            sizes = [
-                _largest_in_image(workspace, box, camera, thing)
-                for camera in workspace.cameras.values()
-                for thing in _objects_meant(workspace, skill, box)
-            ]
-            if sizes and max(sizes) < detector.min_pixels:
+            looks = list(product(workspace.cameras.values(), _objects_meant(workspace, skill, box)))
+            # Mostly one of the first is large enough, and then the others do not matter.
+            if looks and all(_largest_in_image(workspace, box, *look) < detector.min_pixels for look in looks):
+                largest = max(_largest_in_image(workspace, box, *look) for look in looks)
                 message = (
-                    f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}` measures at most {max(sizes):.1f} "
+                    f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}` measures at most {largest:.1f} "
                     f"pixels in any camera, detector `{detector.name}` needs {detector.min_pixels:g}"
                 )
                 mend = "use a larger box or marker, a nearer camera or a longer lens"
@@ -41,23 +41,48 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
 
 
 def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
-    """Cameras in the world in whose image no object is: usually the axes of body and optical frame are mixed up."""
+    """Cameras in the world that see no object: they are inside a solid, look elsewhere, or no object is in their range.
+
+    Often the axes of body and optical frame are mixed up.
+    """
     things = [thing for thing in workspace.objects.values() if thing.X_WO is not None]
-    points = [_points(thing) for thing in things if not thing.fixed] or [_points(thing) for thing in things]
-    if not points:
-        return
+    shown = [thing for thing in things if not thing.fixed] or things
     for camera in workspace.cameras.values():
-        if camera.frame != WORLD or _sees_any(camera, camera.X_FC, np.concatenate(points)):
+        if camera.frame != WORLD or not shown:
             continue
         place = workspace.places.get(f"cameras.{camera.name}")
-        mend = "check its pose; axes of an optical frame: z forward, x right, y down"
-        convention = f"cameras.{camera.name}.convention"
-        if convention not in workspace.places and _sees_any(
-            camera, camera_axes_as_body(camera.X_FC), np.concatenate(points)
-        ):
-            mend = "add `convention: body` to the camera: with x forward, y left, z up it sees them"
-        message = f"camera `{camera.name}` sees none of the objects"
-        yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+        around = next((thing for thing in things if _is_inside(thing, camera.X_FC[:3, 3])), None)
+        if around is not None:
+            message = f"camera `{camera.name}` is inside `{around.name}`, which hides everything from it"
+            mend = f"move one of them; if `{around.name}` is the camera's own housing, leave it out of the workspace"
+            yield Problem("camera-inside-object", message, place, severity="warning", mend=mend)
+        elif not _sees_any(camera, camera.X_FC, shown):
+            why, mend = _why_blind(workspace, camera, shown)
+            message = f"camera `{camera.name}` sees none of the objects: {why}"
+            yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+
+
+def _why_blind(workspace: Workspace, camera: Camera, things: Sequence[SceneObject]) -> tuple[str, str]:
+    """Why a camera sees none of these objects, and what would change that."""
+    depths = _depths_in_image(camera, camera.X_FC, np.concatenate([_points(thing) for thing in things]))
+    if len(depths):
+        beyond = depths.min() > camera.far
+        closest = f"{depths.min():.2f} m away or more" if beyond else f"{depths.max():.2f} m away or less"
+        limit = f"`far` is {camera.far:g} m" if beyond else f"`near` is {camera.near:g} m"
+        mend = "move it closer, or raise `far`" if beyond else "move it back, or lower `near`"
+        if not beyond and depths.max() > camera.far:
+            closest, limit = "too near or too far", f"its range is {camera.near:g} m to {camera.far:g} m"
+            mend = "move it, or change `near` and `far`"
+        return f"what is in its image is {closest}, and {limit}", mend
+    stated = f"cameras.{camera.name}"
+    if f"{stated}.convention" not in workspace.places and _sees_any(camera, camera_axes_as_body(camera.X_FC), things):
+        return "it looks elsewhere", "add `convention: body` to the camera: with x forward, y left, z up it sees them"
+    nearest = min(things, key=lambda thing: float(np.linalg.norm(_points(thing)[0] - camera.X_FC[:3, 3])))
+    at = ", ".join(f"{value:g}" for value in _points(nearest)[0].round(3) + 0.0)
+    mend = f"turn it to them: `look_at: [{at}]` in its pose makes it look at `{nearest.name}`"
+    if f"{stated}.pose.look_at" not in workspace.places:
+        mend += "; a rotation is that of the optical frame, z forward, x right, y down"
+    return "it looks elsewhere", mend
 
 
 def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
@@ -133,11 +158,17 @@ def _points(thing: SceneObject) -> Array:
     return transform(thing.X_WO, np.concatenate([np.zeros((1, 3)), box_corners(thing.size)]))
 
 
-def _sees_any(camera: Camera, X_WC: Array, points: Array) -> bool:
-    """Whether one of the points (n, 3) is within range and image, lens distortion aside."""
+def _sees_any(camera: Camera, X_WC: Array, things: Sequence[SceneObject]) -> bool:
+    """Whether the centre or a corner of one of the objects is within range and image."""
+    depths = _depths_in_image(camera, X_WC, np.concatenate([_points(thing) for thing in things]))
+    return bool(((depths >= camera.near) & (depths <= camera.far)).any())
+
+
+def _depths_in_image(camera: Camera, X_WC: Array, points: Array) -> Array:
+    """How far in front of a camera those of the points (n, 3) are that its image has [m], lens distortion aside."""
     x, y, z = transform(inverse(X_WC), points).T
-    in_range = (z >= camera.near) & (z <= camera.far)
-    depth = np.where(in_range, z, 1.0)
+    ahead = z > 0
+    depth = np.where(ahead, z, 1.0)
     x, y = x / depth, y / depth
     if camera.distortion_model == "equidistant":
         radius = np.maximum(np.hypot(x, y), 1e-12)
@@ -145,7 +176,32 @@ def _sees_any(camera: Camera, X_WC: Array, points: Array) -> bool:
     u = camera.matrix[0, 0] * x + camera.matrix[0, 2]
     v = camera.matrix[1, 1] * y + camera.matrix[1, 2]
     in_image = (u >= -0.5) & (u <= camera.width - 0.5) & (v >= -0.5) & (v <= camera.height - 0.5)
-    return bool((in_range & in_image).any())
+    found: Array = z[ahead & in_image]
+    return found
+
+
+def _is_inside(thing: SceneObject, point: Array) -> bool:
+    """Whether a point in the world (3,) is inside a solid part of an object; meshes are left out."""
+    return any(
+        thing.X_WO is not None and _contains(part.shape, transform(inverse(thing.X_WO @ part.X_PG), point[None])[0])
+        for part in thing.parts
+    )
+
+
+def _contains(shape: Shape, point: Array) -> bool:
+    """Whether a point in the shape's frame (3,) is inside it; not known of a mesh, which counts as no."""
+    x, y, z = np.abs(point).tolist()
+    match shape:
+        case Box(size):
+            return bool((np.abs(point) < 0.5 * np.asarray(size)).all())
+        case Sphere(radius):
+            return math.hypot(x, y, z) < radius
+        case Cylinder(radius, length):
+            return math.hypot(x, y) < radius and z < length / 2
+        case Capsule(radius, length):
+            return math.hypot(x, y, max(0.0, z - length / 2)) < radius
+        case _:
+            return False
 
 
 def _solid_boxes(thing: SceneObject) -> list[tuple[Array, Array]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, cross
 
 
 def box_penetration(X_WA: Array, size_A: Array, X_WB: Array, size_B: Array) -> float:
@@ -16,7 +16,7 @@ def box_penetration(X_WA: Array, size_A: Array, X_WB: Array, size_B: Array) -> f
     (Gottschalk et al., OBBTree, SIGGRAPH 1996); the shortest way out of a convex body lies along one of these axes.
     """
     axes_A, axes_B = X_WA[:3, :3].T, X_WB[:3, :3].T
-    crosses = np.cross(axes_A[:, None, :], axes_B[None, :, :]).reshape(-1, 3)
+    crosses = cross(axes_A[:, None, :], axes_B[None, :, :]).reshape(-1, 3)
     lengths = np.linalg.norm(crosses, axis=1)
     crosses = crosses[lengths > 1e-9] / lengths[lengths > 1e-9, None]
     directions = np.concatenate([axes_A, axes_B, crosses])

@@ -7,9 +7,9 @@ The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and 
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -19,7 +19,8 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Geometry, Mesh, Part, Shape, Sphere
-from sqrp_cli.knowledge.xml_file import Element, read_xml
+from sqrp_cli.knowledge.source import read_bytes
+from sqrp_cli.knowledge.xml_file import MAX_BYTES, Element, parse_xml
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
 
@@ -27,6 +28,8 @@ MAX_LINKS = 2000
 """Most links of a robot."""
 MAX_JOINTS = 200
 """Most joints of a robot that move."""
+MODELS_KEPT = 8
+"""Robots that are not read again."""
 
 _JOINT_TYPES: tuple[JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
 _OTHER_JOINT_TYPES = ("floating", "planar")
@@ -145,7 +148,41 @@ def read_urdf(path: Path) -> UrdfModel:
     repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type that is not
     supported (floating, planar), and links that do not form one tree.
     """
-    robot = read_xml(path, "robot")
+    content = read_bytes(path, MAX_BYTES)
+    key = (content, path.stem)
+    model = _known.pop(key, None)
+    if model is None:
+        model = _model(path, parse_xml(path, content, "robot"))
+    elif model.path != path:
+        model = _copied(model, path)
+    _known[key] = model
+    if len(_known) > MODELS_KEPT:
+        _known.popitem(last=False)
+    return model
+
+
+_known: OrderedDict[tuple[bytes, str], UrdfModel] = OrderedDict()
+"""The robots read last, by content and name of their file: cells often have copies of the same ones."""
+
+
+def _copied(model: UrdfModel, path: Path) -> UrdfModel:
+    """A robot as it is read from a copy of its file."""
+
+    def at(place: Place) -> Place:
+        return Place(path, place.line, place.column)
+
+    def pieces(found: tuple[LinkGeometry, ...]) -> tuple[LinkGeometry, ...]:
+        return tuple(replace(piece, place=at(piece.place)) for piece in found)
+
+    links = {
+        name: replace(link, collision=pieces(link.collision), visual=pieces(link.visual), place=at(link.place))
+        for name, link in model.links.items()
+    }
+    joints = {name: replace(joint, place=at(joint.place)) for name, joint in model.joints.items()}
+    return replace(model, path=path, links=links, joints=joints)
+
+
+def _model(path: Path, robot: Element) -> UrdfModel:
     links = _unique(_link(element) for element in robot.all("link"))
     if not links:
         raise robot.error("no-links", "the robot has no <link>")

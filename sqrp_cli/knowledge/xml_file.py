@@ -96,7 +96,11 @@ def read_xml(path: Path, root_tag: str) -> Element:
     Raises InputError, with line and column, for a file that is missing, too large, not XML, nested too deep, or that
     declares entities: a short file can unfold to gigabytes through them, or make the reader open other files.
     """
-    content = read_bytes(path, MAX_BYTES)
+    return parse_xml(path, read_bytes(path, MAX_BYTES), root_tag)
+
+
+def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
+    """As `read_xml`, of content that is at hand; path: what problems name."""
     parser = expat.ParserCreate()
     top: list[Element] = []
     open_elements: list[Element] = []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass, replace
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -82,12 +82,16 @@ class Cell:
         return part.parent if of_robot else part.name
 
 
-_found_contacts: dict[tuple[str, int], SelfContacts] = {}
-"""What trying positions found in this process, by the workspace's digest and the seed."""
+_found_contacts: dict[Hashable, SelfContacts] = {}
+"""What trying positions found in this process, by what was said of the robot and the seed."""
 
 
 def _self_contacts(workspace: Workspace, model: RobotModel, seed: int) -> SelfContacts:
-    key = (workspace.digest, seed)
+    """As `find_self_contacts`, once for cells with the same robot."""
+    robot = "robot."
+    values = tuple((path, value) for path, value in workspace.values.items() if path.startswith(robot))
+    files = tuple((role, file.digest) for role, file in workspace.files.items() if role.startswith(robot))
+    key = (values, files, seed)
     if key not in _found_contacts:
         _found_contacts[key] = find_self_contacts(model, seed)
     return _found_contacts[key]

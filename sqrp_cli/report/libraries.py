@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array
+from sqrp_cli.interrupts import interrupts_later
 
 MOST_TRIANGLES = 3000
 """Triangles of a part in a page; a larger mesh is simplified to this many."""
@@ -54,9 +55,10 @@ def simplified(vertices: Array, triangles: NDArray[np.int64]) -> tuple[Array, ND
 
 def _trimesh() -> ModuleType:
     try:
-        import fast_simplification  # noqa: F401 # trimesh imports it only when it simplifies
-        import trimesh
-        import trimesh.resources
+        with interrupts_later():
+            import fast_simplification  # noqa: F401 # trimesh imports it only when it simplifies
+            import trimesh
+            import trimesh.resources
     except ImportError as error:
         message = f"a report needs the Python package `{error.name}`, which is not installed"
         raise InputError(Problem("missing-extra", message, mend="pip install trimesh fast-simplification")) from error

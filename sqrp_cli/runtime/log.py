@@ -49,8 +49,12 @@ def read_log(path: Path) -> Iterator[Event]:
         raise InputError(missing_file(path))
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(Problem("unreadable", f"this log cannot be read: {error}", Place(path))) from error
+    except UnicodeDecodeError as error:
+        message = "this is no log of `sqrp run --log`: it is not UTF-8 text"
+        raise InputError(Problem("no-log", message, Place(path))) from error
+    except OSError as error:
+        message = f"this log cannot be read: {error.strerror or error}"
+        raise InputError(Problem("unreadable", message, Place(path))) from error
     for number, line in enumerate(lines, 1):
         try:
             document = json.loads(line)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array
+from sqrp_cli.interrupts import interrupts_later
 from sqrp_cli.knowledge.scene import Mesh
 
 
@@ -24,7 +25,8 @@ class Triangles:
 @cache
 def load_triangles(mesh: Mesh) -> Triangles:
     """The triangles of a mesh file, scaled. Raises InputError if it cannot be read or has none."""
-    import trimesh
+    with interrupts_later():
+        import trimesh
 
     try:
         loaded = trimesh.load_mesh(mesh.path)

@@ -7,7 +7,9 @@ A folder of frames has a file `frames.csv` with the columns `camera`, `file` (a 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator, Sequence
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,30 +71,44 @@ class FrameFolder:
 def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[FrameEntry]:
     """The rows of a folder's index. Raises InputError for one that is missing or wrong, with its line."""
     path = folder / INDEX
+    if folder.is_file():
+        raise InputError(Problem("no-frames", f"this is a file; expected a folder with {INDEX} in it", Place(folder)))
     if not path.is_file():
         message = f"there is no {INDEX} in this folder; expected one with the columns {', '.join(_COLUMNS)}"
         raise InputError(Problem("no-frames", message, Place(folder)))
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = csv.DictReader(file)
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"this is no {INDEX}: it is not UTF-8 text"
+        raise InputError(Problem("not-utf-8", message, Place(path))) from error
+    rows = csv.DictReader(io.StringIO(text, newline=""))
+    try:
         if tuple(rows.fieldnames or ()) != _COLUMNS:
-            message = f"the columns are {', '.join(rows.fieldnames or ())}, expected {', '.join(_COLUMNS)}"
+            message = f"the columns are `{', '.join(rows.fieldnames or ())}`, expected `{', '.join(_COLUMNS)}`"
             raise InputError(Problem("wrong-columns", message, Place(path, 1)))
         for row in rows:
-            place = Place(path, rows.line_num)
-            if row["camera"] not in cameras:
-                message = f"there is no camera `{row['camera']}`; {expected_names(row['camera'], cameras)}"
-                raise InputError(Problem("unknown-camera", message, place))
-            try:
-                step, t = int(row["step"]), float(row["t"]) if row["t"] else None
-            except (TypeError, ValueError):
-                message = "`step` and `t` must be a number each (`t` may be empty)"
-                raise InputError(Problem("wrong-value", message, place)) from None
-            if not 1 <= step <= steps:
-                raise InputError(Problem("wrong-value", f"`step` is {step}, the program has {steps}", place))
-            file_path = folder / (row["file"] or "")
-            if not file_path.is_file():
-                raise InputError(Problem("missing-file", f"there is no file `{row['file']}`", place))
-            yield FrameEntry(row["camera"], file_path, step, t)
+            yield _entry(row, folder, cameras, steps, Place(path, rows.line_num))
+    except csv.Error as error:
+        raise InputError(Problem("wrong-value", f"this is no CSV: {error}", Place(path, rows.line_num))) from error
+
+
+def _entry(row: Mapping[str, str], folder: Path, cameras: Sequence[str], steps: int, place: Place) -> FrameEntry:
+    if row["camera"] not in cameras:
+        message = f"there is no camera `{row['camera']}`; {expected_names(row['camera'], cameras)}"
+        raise InputError(Problem("unknown-camera", message, place))
+    try:
+        step, t = int(row["step"]), float(row["t"]) if row["t"] else None
+        if not math.isfinite(t or 0.0):
+            raise ValueError
+    except (TypeError, ValueError):
+        message = "`step` and `t` must be a number each (`t` may be empty)"
+        raise InputError(Problem("wrong-value", message, place)) from None
+    if not 1 <= step <= steps:
+        raise InputError(Problem("wrong-value", f"`step` is {step}, the program has {steps}", place))
+    file_path = folder / (row["file"] or "")
+    if not file_path.is_file():
+        raise InputError(Problem("missing-file", f"there is no file `{row['file']}`", place))
+    return FrameEntry(row["camera"], file_path, step, t)
 
 
 class Film:

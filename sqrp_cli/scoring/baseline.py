@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
-from sqrp_cli.knowledge.source import Scalar
+from sqrp_cli.knowledge.source import Scalar, missing_file
 from sqrp_cli.programming.coverage import Coverage
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Sampling
@@ -121,6 +122,8 @@ def save_baseline(baseline: Baseline, path: Path) -> None:
 def load_baseline(path: Path, sampling: Sampling) -> Baseline:
     """Read a baseline. Raises InputError for a file that `save_baseline` did not write, or from another sampling."""
     mend = f"make it with: sqrp score ... --save-baseline {path}"
+    if not path.is_file():
+        raise InputError(replace(missing_file(path), mend=None if path.is_dir() else mend))
     try:
         baseline = _with_known_coverage(Baseline.model_validate_json(path.read_bytes()))
     except OSError as error:

@@ -61,12 +61,15 @@ def read_cell(file: Path, name: str, content: bytes | None = None) -> ScoredCell
 
 def _tasks(workspace: Workspace) -> tuple[ScoredTask, ...]:
     tasks = []
+    contents: dict[str, str] = {}
     for expected in workspace.tasks:
         try:
             task = read_task(expected.task, workspace)
         except InputError as error:
             tasks.append(ScoredTask(expected.task, expected.thresholds, None, "", error.problems))
             continue
-        content = content_digest(workspace, task.skill.name)
-        tasks.append(ScoredTask(expected.task, expected.thresholds, task, content))
+        skill = task.skill.name
+        if skill not in contents:
+            contents[skill] = content_digest(workspace, skill)
+        tasks.append(ScoredTask(expected.task, expected.thresholds, task, contents[skill]))
     return tuple(tasks)

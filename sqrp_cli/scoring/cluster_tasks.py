@@ -6,12 +6,13 @@ before a worker does it.
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import Mapping
 
 
 async def prepare_worker() -> None:
     """Load the program, see `shipping.prepare`, beside whatever the worker does for others."""
+    import asyncio  # every worker has it, and a run without a cluster need not load it
+
     await asyncio.to_thread(_prepare)
 
 

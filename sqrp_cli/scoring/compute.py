@@ -81,7 +81,7 @@ class Computer:
         for want in wanted:
             key = self._key(want.content, want.candidate, coverage=coverage)
             known = key in self._awaited or key in self._problems
-            if not known and self.outcome(want, coverage=coverage) is None:
+            if not known and self._outcome(key, want.candidate) is None:
                 missing[key] = want
         self._awaited.update(missing)
         by_workspace: dict[str, list[Wanted]] = {}
@@ -114,17 +114,20 @@ class Computer:
 
     def outcome(self, wanted: Wanted, *, coverage: bool = False) -> Outcome | None:
         """The outcome of a candidate, if there is one."""
-        text = self._results.get(self._key(wanted.content, wanted.candidate, coverage=coverage))
-        if text is None:
-            return None
-        try:
-            return Outcome.from_text(text, wanted.candidate)
-        except ValueError:  # a damaged file is as good as none
-            return None
+        return self._outcome(self._key(wanted.content, wanted.candidate, coverage=coverage), wanted.candidate)
 
     def why_not(self, wanted: Wanted) -> tuple[Problem, ...]:
         """Why a candidate cannot be computed; empty where nothing is known to prevent it."""
         return self._problems.get(self._key(wanted.content, wanted.candidate, coverage=False), ())
+
+    def _outcome(self, key: str, candidate: Candidate) -> Outcome | None:
+        text = self._results.get(key)
+        if text is None:
+            return None
+        try:
+            return Outcome.from_text(text, candidate)
+        except ValueError:  # a damaged file is as good as none
+            return None
 
     def _keep(self, done: Done) -> None:
         job = done.job

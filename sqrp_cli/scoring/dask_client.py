@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,9 @@ from sqrp_cli.scoring.cluster_tasks import prepare_worker
 CONNECT_TIMEOUT = 10.0
 """How long to wait for the scheduler [s]."""
 
+LOOKS = 5.0
+"""How often it is asked whether there are workers [s]."""
+
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
@@ -26,16 +30,18 @@ class Cluster:
 
 
 @contextmanager
-def connected(address: str | None) -> Iterator[Cluster | None]:
+def connected(address: str | None, tell: Callable[[str], None]) -> Iterator[Cluster | None]:
     """The cluster of a scheduler, given by its address or its scheduler file; None where none is given.
 
     Its workers begin to load the program: a command that connects before it loads it itself does not wait for them
-    later. Raises InputError where no scheduler answers, or it has no workers.
+    later. tell: is told when there are no workers any more, since work then waits for new ones. Raises InputError where
+    no scheduler answers, or it has no workers.
     """
     if address is None:
         yield None
         return
     client = _client(address)
+    ended = threading.Event()
     try:
         workers = tuple(sorted(client.nthreads()))
         if not workers:
@@ -43,9 +49,24 @@ def connected(address: str | None) -> Iterator[Cluster | None]:
             scheduler = f"--scheduler-file {address}" if Path(address).is_file() else address
             raise InputError(Problem("no-cluster", message, mend=f"dask worker {scheduler} --nworkers 2 --nthreads 1"))
         client.run(prepare_worker, wait=False, on_error="ignore")
+        threading.Thread(target=_watch, args=(client, tell, ended), daemon=True).start()
         yield Cluster(client, workers)
     finally:
+        ended.set()
         client.close()
+
+
+def _watch(client: Any, tell: Callable[[str], None], ended: threading.Event) -> None:  # noqa: ANN401
+    """Tell once each time that all workers are gone, until `ended`."""
+    told = False
+    while not ended.wait(LOOKS):
+        try:
+            gone = not client.nthreads()
+        except (OSError, RuntimeError):  # the connection is lost or closed, which shows elsewhere
+            continue
+        if gone and not told:
+            tell("the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)")
+        told = gone
 
 
 def _client(cluster: str) -> Any:  # noqa: ANN401 # a client of Dask's

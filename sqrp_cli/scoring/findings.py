@@ -35,12 +35,14 @@ class Findings:
     """What a run found.
 
     changes: by workspace, since the baseline. vanished: workspace and text of tasks that only the baseline has.
+    unfinished: how many results are missing because the run was interrupted.
     """
 
     results: tuple[Result, ...]
     changes: Mapping[str, tuple[Change, ...]] = field(default_factory=dict)
     vanished: tuple[tuple[str, str], ...] = ()
     interrupted: bool = False
+    unfinished: int = 0
 
     def count(self, status: str) -> int:
         """How many results have a status."""
@@ -59,8 +61,9 @@ def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progr
         with progress("Scoring", total) as advance:
             scores = score(cells, computer, advance)
     except KeyboardInterrupt:
-        finished = (result for cell in cells for result in scores_of(cell, computer))
-        return Findings(tuple(Result(result, None) for result in finished), interrupted=True)
+        finished = tuple(Result(result, None) for cell in cells for result in scores_of(cell, computer))
+        asked = sum(1 if cell.workspace is None else len(cell.tasks) for cell in cells)
+        return Findings(finished, interrupted=True, unfinished=asked - len(finished))
     return Findings(tuple(Result(result, None) for result in scores))
 
 

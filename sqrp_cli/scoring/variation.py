@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -53,6 +54,8 @@ def read_variation(text: str) -> Variation:
         message = f"--vary is `{text}`, expected PATH=FROM:TO:N, such as `cameras.cam1.pose.position[0]=0.8:1.2:9`"
         raise InputError(Problem("bad-option", message))
     (low, unit), (high, other_unit) = (match.groups() for match in matches if match is not None)
+    if not math.isfinite(float(high) - float(low)):
+        raise InputError(Problem("bad-option", f"--vary is `{text}`: expected ends that are not so far apart"))
     if unit != other_unit:
         message = f"--vary is `{text}`: expected the same unit at both ends, such as `80 cm:120 cm:9`"
         raise InputError(Problem("bad-option", message))

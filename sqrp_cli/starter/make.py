@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import shlex
 import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.files import no_folder
 from sqrp_cli.knowledge.lint import lint
 from sqrp_cli.knowledge.load import WORKSPACE_FILE, load_workspace
 from sqrp_cli.knowledge.urdf import UrdfJoint
@@ -90,14 +90,7 @@ def _check_free(folder: Path) -> None:
     elif folder.exists() or folder.is_symlink():
         raise InputError(Problem("cannot-write", "this is a file; expected the name of a new folder", Place(folder)))
     if not parent.is_dir():
-        raise InputError(
-            Problem(
-                "cannot-write",
-                f"there is no folder {parent}",
-                Place(folder),
-                mend=f"mkdir -p {shlex.quote(str(parent))}",
-            )
-        )
+        raise InputError(no_folder(parent, folder))
     if not os.access(parent, os.W_OK):
         raise InputError(Problem("cannot-write", f"the folder {parent} cannot be written to", Place(folder)))
 

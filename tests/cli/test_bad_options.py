@@ -37,6 +37,8 @@ BAD = [
     (["show", "TMP"], ["no workspace.yaml", "empty"]),
     (["init", "CELL"], ["not empty", "nothing is ever overwritten"]),
     (["init", "TMP/no/such"], ["there is no folder", "mkdir -p"]),
+    (["init", "CELL/workspace.yaml/new"], ["workspace.yaml is a file, so nothing can be below it"]),
+    (["rank", "CELL", "watch seen", "--report", "CELL/workspace.yaml/x"], ["is a file, so nothing can be below it"]),
     (["init", "TMP/new", "--urdf", "TMP/none.urdf"], ["none.urdf", "file not found"]),
     (["init", "TMP/new", "--urdf", "package://none/arm.urdf"], ["package `none` not found", "roots tried"]),
     (["init", "TMP/new", "--objects", "5"], ["--objects is about --random"]),
@@ -45,6 +47,9 @@ BAD = [
     (["score", "CELL", "--patch", "TMP/x.patch"], ["--patch is about --vary"]),
     (["score", "CELL", "--out", "CELL/workspace.yaml"], ["this is a file; expected the name of a folder"]),
     (["rank", "CELL", "watch seen", "--report", "CELL/workspace.yaml"], ["so it is not overwritten"]),
+    (["rank", "CELL", "watch seen", "--report", "TMP/x", "--program", "TMP/x"], ["--program and --report both name"]),
+    (["score", "CELL", "--junit", "TMP/x", "--summary", "TMP/./x"], ["--junit and --summary both name"]),
+    (["run", "TMP/p.yaml", "--sim", "--log", "TMP/x", "--report", "TMP/x"], ["--log and --report both name"]),
     (["run", "TMP/p.yaml", "--sim", "--sweep", "slip@a4", "--log", "TMP/l"], ["--sweep and --log exclude each other"]),
     (["run", "TMP/p.yaml", "--sim", "--sweep", "slip@a4", "--fault", "miss-pick"], ["--sweep and --fault exclude"]),
     (["run", "TMP/p.yaml", "--sim", "--n", "3"], ["--n is about --sweep"]),
@@ -52,6 +57,14 @@ BAD = [
     (["run", "--replay", "TMP/l", "--n", "3"], ["--replay and --n exclude each other"]),
     (["run", "--replay", "TMP/l"], ["file not found"]),
     (["rnak", "CELL", "watch seen"], ["rnak"]),
+    (["program", "nwe", "CELL"], ["one program at a time", "sqrp program new"]),
+    (["run", "--replay", "CELL/arm.urdf"], ["this line is no event of a log"]),
+    (["run", "--replay", "CELL/../cameras"], ["found a folder, expected a file"]),
+    (["score", "CELL", "--baseline", "CELL"], ["found a folder, expected a file"]),
+    (["score", "CELL", "--baseline", "CELL/workspce.yaml"], ["did you mean `workspace.yaml`?", "--save-baseline"]),
+    (["score", "CELL", "--vary", "cameras.eye.near=-1e308:1e308:3"], ["--vary", "not so far apart"]),
+    (["score", "CELL", "--vary", "cameras.eye.near=1:1e400:3"], ["--vary", "not so far apart"]),
+    (["score", "CELL", "--vary", "name=1:2:2"], ["no value `name`", "`cameras.eye.far`", "more"]),
 ]
 
 

@@ -42,7 +42,7 @@ def test_a_program_of_two_steps_is_made_by_numbers(answer, file):
     assert [step.short_task for step in load_program(file).steps] == ["pickup g2", "lay g2"]
     assert load_program(file).steps[1].parameters["speed"] == 0.5, "the second of the ranked ways"
     assert "2 steps" in outcome.out
-    assert all(len(line.rstrip()) <= 80 for line in outcome.out.splitlines() if str(file) not in line)
+    assert all(len(line) <= 80 for line in outcome.out.splitlines() if str(file) not in line)
 
 
 def test_what_can_be_done_is_listed_first_and_the_rest_with_its_reason(answer, file):

@@ -126,3 +126,13 @@ def test_fingers_move_in_the_table_but_are_left_out_of_the_arm_controllers_messa
     assert len(message["joint_names"]) == 6
     assert not any("finger" in joint for joint in message["joint_names"])
     assert all(len(point["positions"]) == 6 for point in message["points"])
+
+
+def test_a_program_is_not_overwritten_by_its_own_export(sqrp, watch, tmp_path):
+    program = tmp_path / "program.csv"
+    assert sqrp("rank", watch, "watch seen", "--program", program).code == 0
+    before = program.read_bytes()
+    outcome = sqrp("program", program, "--export", program)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "so it is not overwritten" in outcome.err
+    assert program.read_bytes() == before

@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import pytest
 
 from sqrp_cli.files import os as files_os
+from sqrp_cli.programming.pipeline import Assignment
 
 ROOT = Path(__file__).parents[2]
 
@@ -143,6 +144,66 @@ def test_new_and_vanished_tasks_are_named(sqrp, own_watch, tmp_path):
     assert outcome.code == 0
     assert outcome.document["results"][0]["baseline"]["verdict"] == "new"
     assert outcome.document["vanished"] == [{"workspace": "watch", "task": "watch green"}]
+
+
+@pytest.fixture
+def ctrl_c_at(monkeypatch):
+    """Ctrl-C comes when a candidate of this name is computed."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    assess = Assignment.assess
+
+    def at(name: str) -> None:
+        def interrupted(assignment, candidate):
+            if candidate.name == name:
+                signal.raise_signal(signal.SIGINT)
+            return assess(assignment, candidate)
+
+        monkeypatch.setattr(Assignment, "assess", interrupted)
+
+    yield at
+    signal.signal(signal.SIGINT, before)
+
+
+def test_an_interrupted_run_says_how_much_was_finished(sqrp, cells, ctrl_c_at):
+    edit(cells / "low", "task: watch behind", "task: watch far")
+    ctrl_c_at("far")
+    outcome = sqrp("score", cells, "--jobs", 1)
+    assert outcome.code == 130
+    assert outcome.out.endswith("Interrupted: 2 of 3 tasks were finished, 1 passed, 1 could not be scored.\n")
+    assert "2 of 3 candidates were computed, then interrupted" in outcome.err
+    document = sqrp("score", cells, "--jobs", 1, "--json").document
+    assert (document["interrupted"], document["unfinished"], document["passed"]) == (True, 1, False)
+    ctrl_c_at("seen")
+    assert sqrp("score", cells / "good", "--jobs", 1).out == "Interrupted: 0 of 1 task was finished, 0 passed.\n"
+
+
+def test_an_interrupted_comparison_does_not_say_that_all_is_well(sqrp, watch, own_watch, tmp_path, ctrl_c_at):
+    ctrl_c_at("seen")
+    outcome = sqrp("diff", watch, own_watch, "--jobs", 1)
+    assert (outcome.code, outcome.out) == (130, "Interrupted before the two versions could be compared.\n")
+    arguments = ("--vary", "cameras.eye.near=0.5:0.6:2", "--patch", tmp_path / "best.patch", "--jobs", 1)
+    outcome = sqrp("score", own_watch, *arguments)
+    assert (outcome.code, outcome.out) == (130, "")
+    assert outcome.err.startswith("interrupted before all 3 variants were scored")
+    assert not (tmp_path / "best.patch").exists()
+
+
+@pytest.mark.usefixtures("ctrl_c_at")
+@pytest.mark.parametrize("where", ["compare_with", "write_junit", "write_scores"])
+def test_ctrl_c_after_scoring_loses_no_score(sqrp, own_watch, tmp_path, monkeypatch, where):
+    baseline = tmp_path / "baseline.json"
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+
+    def interrupted(*_):
+        signal.raise_signal(signal.SIGINT)
+
+    module = "cli.report_page" if where == "write_scores" else "cli.score_run"
+    monkeypatch.setattr(f"sqrp_cli.{module}.{where}", interrupted)
+    outputs = ("--junit", tmp_path / "junit.xml", "--report", tmp_path / "page.html")
+    outcome = sqrp("score", own_watch, "--baseline", baseline, *outputs)
+    assert outcome.code == 130
+    assert "interrupted before" in outcome.err
+    assert "Interrupted: 1 of 1 task was finished, 1 passed." in outcome.out
 
 
 def test_a_file_that_is_no_baseline_is_refused(sqrp, own_watch, tmp_path):
@@ -279,6 +340,17 @@ def test_what_cannot_be_used_is_refused(sqrp, own_watch, arguments, words, monke
         assert word in outcome.err
 
 
+def test_a_baseline_that_is_compared_with_is_not_overwritten(sqrp, own_watch, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+    before = baseline.read_bytes()
+    for option in ("--save-baseline", "--junit"):
+        outcome = sqrp("score", own_watch, "--baseline", baseline, option, baseline)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert "so it is not overwritten" in outcome.err
+    assert baseline.read_bytes() == before
+
+
 @pytest.mark.parametrize("option", ["--save-baseline", "--junit", "--summary", "--report"])
 @pytest.mark.parametrize("name", ["workspace.yaml", "watch/skill.yaml"])
 def test_a_file_that_is_read_is_not_overwritten(sqrp, own_watch, option, name):
@@ -289,13 +361,24 @@ def test_a_file_that_is_read_is_not_overwritten(sqrp, own_watch, option, name):
     assert (own_watch / name).read_bytes() == before
 
 
-def test_a_file_that_is_no_patch_is_not_overwritten(sqrp, own_watch, tmp_path):
-    notes = tmp_path / "notes.txt"
-    notes.write_text("mine", encoding="utf-8")
-    outcome = sqrp("score", own_watch, "--vary", "cameras.eye.near=1:2:2", "--patch", notes)
+@pytest.mark.parametrize("mine", ["", "notes", "--- workspace.yaml\n+++ workspace.yaml\n"])
+@pytest.mark.parametrize("option", [True, False])
+def test_a_file_that_is_no_patch_of_a_sweep_is_not_overwritten(sqrp, own_watch, tmp_path, monkeypatch, option, mine):
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "watch-best.patch"
+    file.write_text(mine, encoding="utf-8")
+    outcome = sqrp("score", own_watch, "--vary", "cameras.eye.near=1:2:2", *(["--patch", file] if option else []))
     assert (outcome.code, outcome.out) == (2, "")
-    assert "no patch" in outcome.err
-    assert notes.read_text(encoding="utf-8") == "mine"
+    assert "watch-best.patch: this file is there already and is no patch that --vary wrote" in outcome.err
+    assert file.read_text(encoding="utf-8") == mine
+
+
+@pytest.mark.parametrize("place", ["", "nowhere/best.patch"])
+def test_a_patch_that_cannot_be_written_is_refused_before_anything_is_scored(sqrp, own_watch, tmp_path, place):
+    arguments = ("--vary", "cameras.eye.near=0.5:0.6:2", "--patch", tmp_path / place)  # none is better
+    outcome = sqrp("score", own_watch, *arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.startswith(f"error: {tmp_path / place}: ")
 
 
 def test_a_baseline_of_another_sampling_is_refused_in_words(sqrp, own_watch, tmp_path):
@@ -322,6 +405,20 @@ def test_diff_says_what_differs_and_what_that_does(sqrp, watch, own_watch):
     document = sqrp("diff", watch, own_watch, "--json").document
     assert [change["field"] for change in document["changes"]["watch"]][:1] == ["cameras.eye.pose.position.1"]
     assert sqrp("diff", watch, watch).code == 0
+
+
+def test_a_task_that_is_gone_is_named_and_is_no_regression(sqrp, watch, own_watch):
+    edit(own_watch, "task: watch green", "task: watch seen")
+    outcome = sqrp("diff", watch, own_watch)
+    assert outcome.code == 0
+    assert "  new     watch seen\n" in outcome.out
+    assert "  gone    watch green\n" in outcome.out
+    document = sqrp("diff", watch, own_watch, "--json").document
+    assert document["vanished"] == [{"workspace": "watch", "task": "watch green"}]
+    edit(own_watch, "tasks:\n  - {task: watch seen, min_q_avg: 60 %}\n", "")
+    outcome = sqrp("diff", watch, own_watch)
+    assert outcome.code == 0
+    assert "  gone    watch green\n" in outcome.out
 
 
 def test_tasks_of_the_same_name_in_workspaces_of_the_same_name_are_told_apart(sqrp, own_watch, tmp_path):
@@ -365,6 +462,18 @@ def test_a_sweep_names_the_best_variant_and_writes_it_as_a_patch(sqrp, own_watch
     (command,) = (line.strip() for line in shown.splitlines() if line.startswith("  patch "))
     subprocess.run(["/bin/sh", "-c", command], check=True, capture_output=True)
     assert "None is better than the workspace as it is." in sqrp(*arguments).out
+
+
+def test_the_patch_of_a_sweep_has_a_name_of_its_own_and_is_brought_up_to_date(sqrp, own_watch, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    edit(own_watch, "body: {kind: color, distance: [1 m, 3 m]", "body: {kind: color, distance: [1 m, 2 m]")
+    edit(own_watch, "task: watch green", "task: watch seen")
+    for best in ("0.1", "0.12"):
+        outcome = sqrp("score", own_watch, "--vary", f"cameras.eye.pose.position[0]=-0.1:{best}:2")
+        assert outcome.code == 0
+        assert outcome.out.endswith("  patch watch/workspace.yaml < watch-best.patch\n")
+        assert f"position: [{best}, 0, 1]" in (tmp_path / "watch-best.patch").read_text(encoding="utf-8")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["watch", "watch-best.patch"]
 
 
 def test_a_variant_that_cannot_be_is_an_error_and_the_others_are_scored(sqrp, own_watch, tmp_path):

@@ -57,11 +57,6 @@ stray      no                `watch` needs `in_place(stray)`, which does not
 """
 
 
-def plain(text: str) -> str:
-    """Lines without the blanks at their ends."""
-    return "".join(line.rstrip() + "\n" for line in text.splitlines())
-
-
 def width(line: str) -> int:
     return sum(2 if unicodedata.east_asian_width(character) in "WF" else 1 for character in line)
 
@@ -87,9 +82,14 @@ def test_no_line_is_longer_than_the_terminal_and_none_is_cut_off(printed, argume
     outcome = printed(columns, *arguments)
     assert (outcome.code, outcome.err) == (0, "")
     for line in outcome.out.splitlines():
-        assert width(line.rstrip()) <= columns
+        assert width(line) <= columns
     assert "…" not in outcome.out
     assert "\x1b" not in outcome.out
+
+
+@pytest.mark.parametrize("columns", [80, 40])
+def test_no_line_ends_in_blanks(printed, arguments, columns):
+    assert [line for line in printed(columns, *arguments).out.splitlines() if line != line.rstrip()] == []
 
 
 def test_a_narrow_terminal_loses_nothing(printed, arguments):
@@ -101,7 +101,7 @@ def test_a_narrow_terminal_loses_nothing(printed, arguments):
 
 
 def test_the_ranking_is_shown_as_a_table(sqrp, watch):
-    out = plain(sqrp("rank", watch, "watch green").out)
+    out = sqrp("rank", watch, "watch green").out
     assert out.startswith(RANKING)
 
 
@@ -137,7 +137,7 @@ def test_the_table_shows_the_figures_of_the_document(sqrp, tabletop, ranked):
 
 
 def test_check_shows_who_can_and_why_the_others_cannot(sqrp, watch):
-    assert plain(sqrp("check", watch, "watch cube").out) == CHECKED
+    assert sqrp("check", watch, "watch cube").out == CHECKED
 
 
 def test_the_command_that_check_proposes_works(sqrp, watch, tmp_path, monkeypatch):
@@ -149,7 +149,7 @@ def test_the_command_that_check_proposes_works(sqrp, watch, tmp_path, monkeypatc
 
 
 def test_the_chart_shows_when_each_literal_and_camera_is_covered(sqrp, watch):
-    lines = plain(sqrp("explain", watch, "watch turned").out).splitlines()
+    lines = sqrp("explain", watch, "watch turned").out.splitlines()
     rows = {line[:18].rstrip(): line for line in lines}
     # One sign stands for 4 s / 50: in_place matters in [0, 1.5] s and [2, 3] s, faces in [0.5, 1.5] s.
     signs = {name: re.search(r"[█·a-]{50}", row)[0] for name, row in rows.items() if re.search(r"[█·a-]{50}", row)}
@@ -217,10 +217,10 @@ def test_a_motion_that_takes_no_time_is_no_error(sqrp, own_watch, command):
         assert outcome.code == 0, outcome.err
 
 
-def in_a_terminal(arguments: list[str], columns: int) -> str:
-    """What a command prints to a terminal of its own."""
+def in_a_terminal(arguments: list[str], columns: int, **variables: str) -> str:
+    """What a command prints to a terminal of its own, without colour unless variables say otherwise."""
     inside, outside = pty.openpty()
-    environment = {**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1", "TERM": "xterm"}
+    environment = {**os.environ, "COLUMNS": str(columns), "NO_COLOR": "1", "TERM": "xterm", **variables}
     program = "from sqrp_cli.cli.main import main\nmain()"
     process = subprocess.Popen(
         [sys.executable, "-c", program, *arguments], stdout=outside, stderr=subprocess.DEVNULL, env=environment
@@ -243,7 +243,14 @@ def in_a_terminal(arguments: list[str], columns: int) -> str:
 def test_a_terminal_shows_the_same_text_as_a_file(sqrp, watch):
     arguments = ["rank", str(watch), "watch cube"]
     shown = re.sub(r"\x1b\[[0-9;]*m", "", in_a_terminal(arguments, 80))
-    assert plain(shown) == plain(sqrp(*arguments).out)
+    assert shown == sqrp(*arguments).out
+
+
+def test_no_line_ends_in_blanks_where_there_is_colour(watch):
+    shown = in_a_terminal(["check", str(watch), "watch cube"], 80, NO_COLOR="", TERM="xterm-256color")
+    assert "\x1b[1mcandidate" in shown
+    text = re.sub(r"\x1b\[[0-9;]*m", "", shown)
+    assert [line for line in text.splitlines() if line != line.rstrip()] == []
 
 
 def test_without_colour_no_control_characters_reach_the_terminal(watch):

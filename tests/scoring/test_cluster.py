@@ -29,8 +29,31 @@ def test_workers_load_the_program_before_there_are_jobs(tmp_path, monkeypatch):
     options = {"dashboard_address": ":0", "protocol": "tcp", "local_directory": str(tmp_path)}
     with (
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **options) as local,
-        connected(local.scheduler_address) as cluster,
+        connected(local.scheduler_address, print) as cluster,
     ):
         assert cluster is not None
         assert len(cluster.workers) == 1
         assert prepared.wait(timeout=60)
+
+
+def test_it_is_told_when_all_workers_are_gone(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed")
+    from sqrp_cli.scoring import dask_client, shipping
+
+    monkeypatch.setattr(shipping, "prepare", lambda: None)
+    monkeypatch.setattr(dask_client, "LOOKS", 0.05)
+    told, gone = [], threading.Event()
+
+    def tell(text: str) -> None:
+        told.append(text)
+        gone.set()
+
+    options = {"dashboard_address": ":0", "protocol": "tcp", "local_directory": str(tmp_path)}
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **options) as local,
+        dask_client.connected(local.scheduler_address, tell),
+    ):
+        assert not gone.wait(timeout=0.5)
+        local.scale(0)
+        assert gone.wait(timeout=60)
+    assert told == ["the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)"]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from sqrp_cli.interrupts import interrupts_later
 from sqrp_cli.runtime.simulation.requirements import check_simulator
 
 check_simulator()
 
-import mujoco as mujoco  # noqa: E402 - MuJoCo reads its environment here; others import it from this module
+with interrupts_later():
+    import mujoco as mujoco  # reads its environment here; other modules import it from this one
