@@ -72,6 +72,23 @@ def quaternion_to_matrix(quaternion: ArrayLike) -> Array:
     )
 
 
+def matrix_to_quaternion(rotation: Array) -> Array:
+    """The quaternion (x, y, z, w) of length 1 with w >= 0 of a rotation matrix (3, 3)."""
+    R = rotation
+    # Each of its entries times four times one of them: the largest of the four is exact enough to divide by.
+    outer = np.array(
+        [
+            [1 + R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[0, 2] + R[2, 0], R[2, 1] - R[1, 2]],
+            [R[1, 0] + R[0, 1], 1 - R[0, 0] + R[1, 1] - R[2, 2], R[2, 1] + R[1, 2], R[0, 2] - R[2, 0]],
+            [R[0, 2] + R[2, 0], R[2, 1] + R[1, 2], 1 - R[0, 0] - R[1, 1] + R[2, 2], R[1, 0] - R[0, 1]],
+            [R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1], 1 + R[0, 0] + R[1, 1] + R[2, 2]],
+        ]
+    )
+    row = outer[int(np.argmax(np.diag(outer)))]
+    quaternion: Array = row / np.linalg.norm(row)
+    return -quaternion if quaternion[3] < 0 else quaternion
+
+
 def axis_rotation(axis: int, angle: float) -> Array:
     """Rotation matrix about coordinate axis 0, 1 or 2 by an angle [rad]."""
     cosine, sine = np.cos(angle), np.sin(angle)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import tempfile
 from pathlib import Path
+from typing import Any
 
 from PIL import Image
 
@@ -15,6 +16,7 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 CELL = str(ROOT / "workspaces" / "tabletop")
 TASK = "pickup green"
+SHOW_SLIP = "() => { document.getElementById('follow').click(); sqrp.seek(7.5); }"
 SHOW_G1 = "() => sqrp.select(4).then(() => { sqrp.look(null); sqrp.seek(12.4); })"
 
 
@@ -27,19 +29,29 @@ def save(picture: Image.Image, name: str, width: int = 1280) -> None:
     picture.save(DOCS / name, optimize=True)
 
 
+def shown(browser: Any, page: Path, script: str) -> Image.Image:
+    """A page down to what it says about the one that is chosen, after a script."""
+    opened = Opened(browser, page)
+    opened.page.set_viewport_size({"width": 1280, "height": 900})
+    opened.js(script)
+    opened.page.wait_for_timeout(1000)
+    shot = Image.open(io.BytesIO(opened.page.screenshot(full_page=True)))
+    bottom = opened.js("document.querySelector('#candidate').getBoundingClientRect().bottom + scrollY")
+    opened.context.close()
+    return shot.crop((0, 0, shot.width, round(bottom) + 16))
+
+
 def main() -> None:
-    """A page, the view of a camera in it, and what all cameras see in the blind intervals."""
+    """A page, the page of a run, and what all cameras see in the blind intervals."""
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         page, pictures = Path(folder) / "page.html", Path(folder) / "pictures"
         assert run(["rank", CELL, TASK, "--report", str(page)]) == 0
         assert run(["explain", CELL, TASK, "--choose", "g1", "--images", str(pictures)]) == 0
-        opened = Opened(browser, page)
-        opened.page.set_viewport_size({"width": 1280, "height": 900})
-        opened.js(SHOW_G1)
-        opened.page.wait_for_timeout(1000)
-        shot = Image.open(io.BytesIO(opened.page.screenshot(full_page=True)))
-        bottom = opened.js("document.querySelector('#candidate').getBoundingClientRect().bottom + scrollY")
-        save(shot.crop((0, 0, shot.width, round(bottom) + 16)), "report.png")
+        save(shown(browser, page, SHOW_G1), "report.png")
+        program, slip = str(Path(folder) / "pick.yaml"), ["--sim", "--fault", "slip@a4+1"]
+        assert run(["rank", CELL, TASK, "--program", program]) == 0
+        assert run(["run", program, *slip, "--report", str(page)]) == 0
+        save(shown(browser, page, SHOW_SLIP), "run.png")
         save(Image.open(pictures / "contact-sheet.png"), "cameras.png", width=1976)
 
 

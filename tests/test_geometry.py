@@ -11,6 +11,7 @@ from sqrp_cli.geometry import (
     box_corners,
     inverse,
     look_at,
+    matrix_to_quaternion,
     pose,
     quaternion_to_matrix,
     read_only,
@@ -30,6 +31,15 @@ def test_a_quaternion_gives_a_rotation_and_its_negative_the_same(quaternion: np.
     np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(R) == pytest.approx(1.0)
     np.testing.assert_allclose(quaternion_to_matrix(-quaternion), R, atol=1e-12)
+
+
+@given(quaternions)
+def test_a_rotation_gives_the_quaternion_that_it_was_made_of(quaternion: np.ndarray) -> None:
+    R = quaternion_to_matrix(quaternion)
+    found = matrix_to_quaternion(R)
+    assert found[3] >= 0
+    assert np.linalg.norm(found) == pytest.approx(1.0)
+    np.testing.assert_allclose(quaternion_to_matrix(found), R, atol=1e-12)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

@@ -55,7 +55,7 @@ def write_ranking(
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
     title = f"{session.task.text} in {workspace.name}"
     write_page(
-        PageContent(title, f"{summary(ranking, by)}.", "Candidates", about, entries, [_scene(session.cell)]), path
+        PageContent(title, f"{summary(ranking, by)}.", "Candidates", about, entries, [cell_scene(session.cell)]), path
     )
     note(f"open {path} in a browser")
 
@@ -101,7 +101,7 @@ def _scored(workspace: Workspace, scores: Sequence[TaskScore], sampling: Samplin
     cell = Cell.load(workspace)
     assignment = Assignment(cell, workspace.initial_world, sampling)
     details = [None if score.best is None else _detail(assignment, score.best) for score in scores]
-    return _scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
+    return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 
 
 def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> Entry:
@@ -127,7 +127,8 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> Entry:
     )
 
 
-def _scene(cell: Cell) -> CellScene:
+def cell_scene(cell: Cell) -> CellScene:
+    """What a page needs to draw a cell."""
     return CellScene(scene_document(cell), packed(model_document(cell)))
 
 

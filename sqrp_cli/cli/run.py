@@ -14,11 +14,12 @@ from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from sqrp_cli.cli.run_page import RunCell
     from sqrp_cli.knowledge.workspace import Workspace, World
     from sqrp_cli.program import Program, Step
     from sqrp_cli.programming.retry import StepReplanner
     from sqrp_cli.runtime.faults import InjectedFault
-    from sqrp_cli.runtime.outcome import RunReport
+    from sqrp_cli.runtime.outcome import Event, RunReport
     from sqrp_cli.runtime.recording import Gallery
     from sqrp_cli.runtime.simulated_run import Simulation
 
@@ -53,7 +54,12 @@ def command(
         Path | None, typer.Option("--frames", metavar="DIR", help="Keep every image, as `sqrp audit` reads them.")
     ] = None,
     replay: Annotated[
-        Path | None, typer.Option("--replay", metavar="LOG", help="Show a run again, from its log, without simulating.")
+        Path | None,
+        typer.Option(
+            "--replay",
+            metavar="LOG",
+            help="Show a run again, from its log, without simulating; with PROGRAM its page has 3D playback, too.",
+        ),
     ] = None,
     report: Report = None,
     as_json: Json = False,
@@ -80,7 +86,7 @@ def command(
 
         check_report(report)
     if replay is not None:
-        return _replay(replay, report, context.obj, as_json=as_json)
+        return _replay(replay, program, report, context.obj, as_json=as_json)
     if program is None:
         raise InputError(Problem("no-program", "expected a program to run", mend="sqrp run PROGRAM --sim"))
     simulation = _open(program, sim=sim, seed=seed)
@@ -153,7 +159,7 @@ def _run(
     import numpy as np
 
     from sqrp_cli.cli.console import note
-    from sqrp_cli.cli.run_page import EventRecorder, write_run
+    from sqrp_cli.cli.run_page import EventRecorder, RunCell, write_run
     from sqrp_cli.cli.run_view import LiveView, wall_time
     from sqrp_cli.files import check_writable
     from sqrp_cli.runtime.faults import parse_fault
@@ -173,14 +179,16 @@ def _run(
     try:
         with LiveView(list(workspace.cameras)) as view:
             listeners = [listener for listener in (writer, view, recorder) if listener is not None]
-            report = simulation.run(faults, listeners, gallery)
+            # Without a page or a log nobody wants to know where everything really is.
+            report = simulation.run(faults, listeners, gallery, witnessed=page is not None or writer is not None)
         if writer is not None:
             writer.close(report)
     finally:
         if gallery is not None:
             gallery.close()
     if page is not None:
-        write_run(workspace.name, list(workspace.cameras), report, recorder.events, page, arguments)
+        cell = RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace)
+        write_run(cell, report, recorder.events, page, arguments)
     if not as_json:
         note(wall_time(report))
     return _show(report, workspace.name, as_json=as_json)
@@ -213,15 +221,20 @@ def _sweep(simulation: Simulation, text: str, count: int, *, as_json: bool) -> E
     return ExitCode.OK if all(run.report.outcome == "done" for run in runs) else ExitCode.STOPPED_ON_FAULT
 
 
-def _replay(path: Path, page: Path | None, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
+def _replay(
+    path: Path, program: Path | None, page: Path | None, arguments: Sequence[str], *, as_json: bool
+) -> ExitCode:
+    """Show a run again. program: tells where its workspace is, for a page that plays it in three dimensions."""
     from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_view import LiveView
     from sqrp_cli.files import check_not_read
     from sqrp_cli.runtime.log import read_log, report_of
 
-    check_not_read([page], [path])
     events = read_log(path)
     header = next(events)
+    workspace = open_program(program)[1] if program is not None and page is not None else None
+    read = [] if workspace is None else [file.path for file in workspace.files.values()]
+    check_not_read([page], [path, *read, *([] if program is None else [program])])
     report = None
     recorder = EventRecorder()
     with LiveView(header.fields["cameras"], pace=not as_json) as view:
@@ -234,8 +247,22 @@ def _replay(path: Path, page: Path | None, arguments: Sequence[str], *, as_json:
     if report is None:
         raise InputError(Problem("no-log", "this log has no report at its end: the run was interrupted", Place(path)))
     if page is not None:
-        write_run(header.fields["workspace"], header.fields["cameras"], report, recorder.events, page, arguments)
+        write_run(_cell_then(header, workspace), report, recorder.events, page, arguments)
     return _show(report, header.fields["workspace"], as_json=as_json)
+
+
+def _cell_then(header: Event, workspace: Workspace | None) -> RunCell:
+    """The cell of a run that its log is about; a workspace that is not as it was then is not used."""
+    from sqrp_cli.cli.run_page import RunCell
+
+    fields = header.fields
+    name, cameras, digest = fields["workspace"], fields["cameras"], fields["digest"]
+    if workspace is None:
+        mend = "sqrp run PROGRAM --replay LOG --report FILE"
+        return RunCell(name, cameras, digest, None, f"a log has no shapes; `{mend}` takes them from the workspace")
+    if workspace.digest != digest:
+        return RunCell(name, cameras, digest, None, "the workspace of this program is not as it was in the run")
+    return RunCell(name, cameras, digest, workspace)
 
 
 def _show(report: RunReport, workspace: str, *, as_json: bool) -> ExitCode:

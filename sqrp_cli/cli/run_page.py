@@ -1,16 +1,43 @@
-"""The page about a run: what the images showed, when, and what was done about it."""
+"""The page about a run: what really happened in the simulated cell, what the images showed of it, and when."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cli.console import note
-from sqrp_cli.cli.report_page import origin
+from sqrp_cli.cli.report_page import cell_scene, origin
 from sqrp_cli.report.packing import packed
 from sqrp_cli.report.page import Entry, PageContent, write_page
 from sqrp_cli.runtime.outcome import Event, FaultRecord, RunReport
+from sqrp_cli.runtime.witness import Track
+
+if TYPE_CHECKING:
+    from sqrp_cli.knowledge.workspace import Workspace
+
+WITNESSED = (
+    "The robot and the objects move here as they really did in the simulation. The monitors do not know that: they"
+    " judge by images alone. Boxes are where a thing was looked for; their colours, and those of the lines to the"
+    " cameras, say what the images taken at that time showed."
+)
+"""What is shown in three dimensions, in words."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunCell:
+    """The cell of a run. digest: of its workspace's files then.
+
+    workspace: the same, if its files are at hand. why_flat: what is missing for playback in three dimensions, if so.
+    """
+
+    name: str
+    cameras: Sequence[str]
+    digest: str
+    workspace: Workspace | None
+    why_flat: str = ""
 
 
 class EventRecorder:
@@ -24,19 +51,11 @@ class EventRecorder:
         self.events.append(event)
 
 
-def write_run(
-    workspace: str,
-    cameras: Sequence[str],
-    report: RunReport,
-    events: Sequence[Event],
-    path: Path,
-    arguments: Sequence[str],
-) -> None:
+def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: Path, arguments: Sequence[str]) -> None:
     """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
-    names = [
-        " ".join((step.skill, *(str(v) for v in step.parameters.values() if isinstance(v, str))))
-        for step in report.steps
-    ]
+    from sqrp_cli.programming.cell import Cell
+
+    names = [step.label for step in report.steps]
     figures = [("simulated time", f"{report.time:.2f} s"), ("images", f"{report.images}")]
     if report.total.precision is not None:
         figures.append(("predicted to see, and did", f"{100 * report.total.precision:.1f} %"))
@@ -45,6 +64,9 @@ def write_run(
             figures.append((f"{fault.name}: seen after", f"{fault.delay:.2f} s"))
         if fault.delay is not None and fault.predicted_delay is not None:
             figures.append(("predicted: within", f"{fault.predicted_delay:.2f} s"))
+    track = Track.of(events)
+    why_flat = cell.why_flat if track is not None else "this log does not tell where everything was"
+    scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
     watched = any(event.kind == "evidence" for event in events)
     entry = Entry(
         name=", ".join(names),
@@ -52,33 +74,113 @@ def write_run(
         labels={"steps": len(names)},
         candidate=None,
         reasons=[] if report.reason is None else [report.reason],
-        scene=None,
-        detail=packed(_detail(cameras, report, events)) if watched else None,
+        scene=0 if scenes else None,
+        detail=packed(_detail(cell, report, events, track if scenes else None, why_flat))
+        if watched or scenes
+        else None,
         figures=figures,
     )
-    title = f"A run in {workspace}"
-    summary = f"{', '.join(names)}: {report.outcome} at {report.time:.2f} s. What follows is what the images showed."
-    write_page(PageContent(title, summary, "Steps", origin(arguments), [entry], []), path)
+    title = f"A run in {cell.name}"
+    summary = f"{', '.join(names)}: {report.outcome} at {report.time:.2f} s."
+    about = [*origin(arguments), ("workspace", cell.name), ("digest of its files", cell.digest)]
+    write_page(PageContent(title, summary, "Steps", about, [entry], scenes, of_images=True), path)
     note(f"open {path} in a browser")
 
 
-def _detail(cameras: Sequence[str], report: RunReport, events: Sequence[Event]) -> dict[str, Any]:
+def _detail(
+    cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
+) -> dict[str, Any]:
     """What the page reads of a motion, with what images showed in place of what was predicted."""
-    starts = [event for event in events if event.kind == "primitive"]
-    ends = [event.t for event in starts[1:]] + [report.time]
+    marks = [(fault.name, _spans(fault, report.time)) for fault in report.faults]
     return {
+        "of_images": True,
         "time": report.time,
         "still": {},
-        "cameras": {name: {} for name in cameras},
-        "primitives": [
-            {"name": event.fields["name"], "start": event.t, "end": end}
-            for event, end in zip(starts, ends, strict=True)
-        ],
+        "cameras": {name: {} for name in cell.cameras},
+        "primitives": _doings(events, report.time),
         "formulas": [],
-        "targets": {},
-        "marks": [{"label": fault.name, "spans": _spans(fault, report.time)} for fault in report.faults],
-        "samples": [_sample(cameras, event) for event in events if event.kind == "evidence"],
+        "targets": {} if track is None else _targets(events, report.time),
+        "marks": [{"label": name, "spans": spans} for name, spans in marks if spans],
+        "moments": _moments(report, events),
+        "note": WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
+        "samples": _samples(cell.cameras, events, report.time),
+        "track": None if track is None else _track(track),
     }
+
+
+def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> list[dict[str, Any]]:
+    """What the images of each time showed. The last ones count for as long as any before them, and nothing after."""
+    samples = [_sample(cameras, event) for event in events if event.kind == "evidence"]
+    times = [sample["t"] for sample in samples]
+    longest = max((after - t for t, after in pairwise(times)), default=end)
+    over = min(end, times[-1] + longest) if times else 0.0
+    return [*samples, {"t": over, "covered": None, "literals": {}}]
+
+
+def _doings(events: Sequence[Event], end: float) -> list[dict[str, Any]]:
+    """What the robot does: primitives, and what it does between them in words."""
+    starts: list[tuple[float, str]] = []
+    for event in events:
+        match event.kind:
+            case "primitive":
+                starts.append((event.t, event.fields["name"]))
+            case "step":
+                starts.append((event.t, "looks"))
+            case "moving on":
+                starts.append((event.t, "moves on to look"))
+            case "stopping":
+                starts.append((event.t, "stops"))
+    ends = [t for t, _ in starts[1:]] + [end]
+    spans = zip(starts, ends, strict=True)
+    return [{"name": name, "start": start, "end": until} for (start, name), until in spans if until > start]
+
+
+def _targets(events: Sequence[Event], end: float) -> dict[str, Any]:
+    """The boxes of each atom, with the time `from` when `to` when they count: attempts have their own."""
+    starts = [event for event in events if event.kind == "step"]
+    ends = [event.t for event in starts[1:]] + [end + 1.0]
+    targets: dict[str, dict[str, Any]] = {}
+    for event, until in zip(starts, ends, strict=True):
+        for atom, boxes in event.fields["boxes"].items():
+            own = targets.setdefault(atom, {"boxes": []})["boxes"]
+            for box in boxes:
+                before = next((old for old in own if old["to"] == event.t and {**old, **box} == old), None)
+                if before is None:
+                    own.append({**box, "from": event.t, "to": until})
+                else:
+                    before["to"] = until
+    return targets
+
+
+def _track(track: Track) -> dict[str, Any]:
+    return {
+        "t": track.t.tolist(),
+        "joints": list(track.joints),
+        "q": track.q.tolist(),
+        "held": list(track.held),
+        "objects": {name: [[index, *pose] for index, pose in poses] for name, poses in track.poses.items()},
+    }
+
+
+def _moments(report: RunReport, events: Sequence[Event]) -> list[dict[str, Any]]:
+    """The times to look at, with what happens then."""
+    happens: dict[float, list[str]] = {}
+    for fault in report.faults:
+        injected = fault.injected if fault.happened is None else None
+        for t, text in (
+            (injected, f"{fault.name} is injected"),
+            (fault.happened, f"{fault.name} happens"),
+            (fault.detected, f"{fault.name} is seen"),
+        ):
+            if t is not None:
+                happens.setdefault(round(t, 6), []).append(text)
+    words = {"moving on": "the robot moves on to look", "stopping": "the robot stops", "retry": "the robot tries again"}
+    for event in events:
+        if event.kind in words:
+            happens.setdefault(event.t, []).append(words[event.kind])
+    for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
+        happens.setdefault(round(t, 6), []).append("the step is done")
+    return [{"t": t, "text": ", ".join(texts)} for t, texts in sorted(happens.items())]
 
 
 def _spans(fault: FaultRecord, end: float) -> list[dict[str, Any]]:
@@ -89,27 +191,29 @@ def _spans(fault: FaultRecord, end: float) -> list[dict[str, Any]]:
         spans.append({"start": fault.happened, "end": seen, "text": f"{fault.name} has happened and is not seen"})
     if fault.detected is not None:
         acted = end if fault.acted is None else fault.acted
-        spans.append({"start": fault.detected, "end": acted, "text": f"{fault.name} is seen, the robot stops"})
+        spans.append(
+            {"start": fault.detected, "end": acted, "text": f"{fault.name} is seen, the robot stops and looks"}
+        )
     return spans
 
 
 def _sample(cameras: Sequence[str], event: Event) -> dict[str, Any]:
     asked = {name: found for name, found in event.fields["literals"].items() if found["asked"]}
+    told = all(found["value"] != "blind" for found in asked.values())
     return {
         "t": event.fields["exposed"],
-        "q": {},
-        "objects": {},
-        "covered": all(found["value"] != "blind" for found in asked.values()) if asked else None,
+        "covered": told if asked else None,
+        "kind": "told" if told else "untold",
         "literals": {name: _literal(cameras, found) for name, found in asked.items()},
     }
 
 
 def _literal(cameras: Sequence[str], found: Mapping[str, Any]) -> dict[str, Any]:
-    shown = {name: _verdict(found["cameras"].get(name, "blind")) for name in cameras}
-    return {**_verdict(found["value"]), "boxes": [], "cameras": shown}
+    shown = {name: _verdict(found["cameras"].get(name, "blind"), "nothing") for name in cameras}
+    return {**_verdict(found["value"], "unseen"), "boxes": [], "cameras": shown, "really": found.get("true")}
 
 
-def _verdict(shown: str) -> dict[str, Any]:
-    """What images show of an atom: `true`, `false`, or `blind` where they show nothing."""
-    kind = "unseen" if shown == "blind" else f"shown_{shown}"
+def _verdict(shown: str, blind: str) -> dict[str, Any]:
+    """What images show of an atom: `true`, `false`, or `blind` where they show nothing, which has a kind of its own."""
+    kind = blind if shown == "blind" else f"shown_{shown}"
     return {"covered": shown != "blind", "kind": kind, "cause": None, "by": None}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cli.console import Column, Show, joined, live, plain, print_table, say
 from sqrp_cli.program import Program, Step
-from sqrp_cli.runtime.outcome import Confusion, Disagreement, Event, FaultRecord, Prediction, RunReport
+from sqrp_cli.runtime.outcome import STATE, Confusion, Disagreement, Event, FaultRecord, Prediction, RunReport
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.audit import AuditReport
@@ -47,7 +47,7 @@ class LiveView:
 
     def __call__(self, event: Event) -> None:
         """Show an event."""
-        if self._show is None:
+        if self._show is None or event.kind == STATE:
             return
         if self._pace and event.t > self._t:
             time.sleep((event.t - self._t) / _REPLAY_SPEED)

@@ -52,6 +52,7 @@ class PageContent:
     """What a page tells.
 
     heading: of the table. about: what was computed, as pairs of a term and its value, such as version and command.
+    of_images: whether the details tell what images showed, and not what is predicted.
     """
 
     title: str
@@ -60,6 +61,7 @@ class PageContent:
     about: Sequence[tuple[str, str]]
     entries: Sequence[Entry]
     scenes: Sequence[CellScene]
+    of_images: bool = False
 
 
 def write_page(content: PageContent, path: Path) -> None:
@@ -78,6 +80,7 @@ def page(content: PageContent) -> str:
         "about": content.about,
         "entries": [_row(entry) for entry in content.entries],
         "scenes": [scene.scene for scene in content.scenes],
+        "of_images": content.of_images,
     }
     data = {"overview": packed(overview)}
     data |= {f"model-{index}": scene.model for index, scene in enumerate(content.scenes)}

@@ -28,6 +28,7 @@ from sqrp_cli.runtime.retry import Retry
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
 from sqrp_cli.runtime.tool import Tool
 from sqrp_cli.runtime.twin import Twin
+from sqrp_cli.runtime.witness import Witness, asked_boxes
 
 
 class Execution:
@@ -44,8 +45,13 @@ class Execution:
         faults: Sequence[InjectedFault] = (),
         listeners: Sequence[Listener] = (),
         gallery: Gallery | None = None,
+        *,
+        witnessed: bool = False,
     ) -> None:
-        """gallery: takes every image with what was seen in it, if images are to be kept."""
+        """gallery: takes every image with what was seen in it, if images are to be kept.
+
+        witnessed: whether listeners are told where everything really is, too.
+        """
         self._program, self._twin, self._cell, self._faults = program, twin, cell, list(faults)
         self._cameras = workspace.cameras
         before = program.steps[0].before
@@ -58,8 +64,9 @@ class Execution:
         self._lookout = Lookout(workspace.cameras, cell, self._eyes, pool, self._narrator, gallery)
         responses = {name: camera.response for name, camera in workspace.cameras.items()}
         self._ledger = FaultLedger(cell, self._eyes, pool, responses, self._narrator)
+        self._witness = Witness(cell, self._narrator) if witnessed else None
         self._lockstep = Lockstep(
-            cell,
+            self._witness or cell,
             self._playback,
             self._tool,
             self._eyes,
@@ -83,6 +90,8 @@ class Execution:
             report.outcome, report.reason = "stopped", str(stopped)
             self._ledger.stopped(lockstep.now, unwatched=isinstance(stopped, Unwatched))
             lockstep.halt(str(stopped))
+        if self._witness is not None:
+            self._witness.finish()
         report.time = round(lockstep.now, 6)
         report.faults, report.conflicts = self._ledger.records, self._lookout.conflicts
         report.stop_told, report.stop_done = lockstep.stop_told, lockstep.standing_since
@@ -123,7 +132,14 @@ class Execution:
         self._lockstep.attempt = attempt
         self._lookout.watch(attempt, index + 1, self._lockstep.now)
         parameters = dict(step.parameters)
-        self._say("step", number=index + 1, skill=step.skill, parameters=parameters, time=round(step.time, 6))
+        self._say(
+            "step",
+            number=index + 1,
+            skill=step.skill,
+            parameters=parameters,
+            time=round(step.time, 6),
+            boxes=asked_boxes(step),
+        )
         try:
             wrong = self._look(attempt, 0.0)
             if wrong is not None:

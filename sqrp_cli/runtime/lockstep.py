@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import insort
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Protocol
 
 from sqrp_cli.runtime.attempt import Attempt
 from sqrp_cli.runtime.eyes import Eyes
@@ -15,8 +15,15 @@ from sqrp_cli.runtime.lookout import Look, Lookout
 from sqrp_cli.runtime.narrator import Narrator
 from sqrp_cli.runtime.outcome import Unwatched
 from sqrp_cli.runtime.playback import Playback
-from sqrp_cli.runtime.simulation.cell import SimulatedCell
+from sqrp_cli.runtime.simulation.reference import Reference
 from sqrp_cli.runtime.tool import Tool
+
+
+class Clockwork(Protocol):
+    """A cell in which time passes."""
+
+    def advance(self, t: float, reference: Reference) -> None:
+        """Let time pass until t [s] while the arm follows the reference."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,7 @@ class Lockstep:
 
     def __init__(
         self,
-        cell: SimulatedCell,
+        cell: Clockwork,
         playback: Playback,
         tool: Tool,
         eyes: Eyes,

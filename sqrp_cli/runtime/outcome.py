@@ -24,6 +24,10 @@ class Event:
     fields: Mapping[str, Any] = field(default_factory=dict)
 
 
+STATE = "state"
+"""The kind of the events that tell where everything really is; see `witness`."""
+
+
 class Listener(Protocol):
     """Whoever wants to know what happens: the log, the live view."""
 

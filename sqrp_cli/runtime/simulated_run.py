@@ -34,12 +34,20 @@ class Simulation:
     seed: int
 
     def run(
-        self, faults: Sequence[InjectedFault] = (), listeners: Sequence[Listener] = (), gallery: Gallery | None = None
+        self,
+        faults: Sequence[InjectedFault] = (),
+        listeners: Sequence[Listener] = (),
+        gallery: Gallery | None = None,
+        *,
+        witnessed: bool = False,
     ) -> RunReport:
-        """One run. Raises InputError where the simulator cannot be used."""
+        """One run. Raises InputError where the simulator cannot be used.
+
+        witnessed: whether listeners are told where everything really is, too; the run itself is the same.
+        """
         twin = Twin.load(self.workspace.robot)
         with PerceptionPool(knowledge_of(self.workspace, twin)) as pool, self.cell() as cell:
-            return self._execution(twin, cell, pool, faults, listeners, gallery).run()
+            return self._execution(twin, cell, pool, faults, listeners, gallery, witnessed=witnessed).run()
 
     def run_in(
         self, cell: SimulatedCell, faults: Sequence[InjectedFault] = (), listeners: Sequence[Listener] = ()
@@ -58,8 +66,21 @@ class Simulation:
         faults: Sequence[InjectedFault],
         listeners: Sequence[Listener],
         gallery: Gallery | None,
+        *,
+        witnessed: bool = False,
     ) -> Execution:
-        return Execution(self.program, self.workspace, twin, cell, pool, self.replanner, faults, listeners, gallery)
+        return Execution(
+            self.program,
+            self.workspace,
+            twin,
+            cell,
+            pool,
+            self.replanner,
+            faults,
+            listeners,
+            gallery,
+            witnessed=witnessed,
+        )
 
     def cell(self) -> SimulatedCell:
         """A cell at the start of the program."""

@@ -1,22 +1,41 @@
-"""`run --report`: what the images showed, on the run's clock."""
+"""`run --report`: what really happened and what the images showed of it, on the run's clock."""
 
 from __future__ import annotations
 
-import pytest
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest import mock
 
-from sqrp_cli.cli.run_page import write_run
+import numpy as np
+import pytest
+import yaml
+
+from sqrp_cli.cli.run_page import RunCell, write_run
+from sqrp_cli.geometry import Array, transform
 from sqrp_cli.runtime.outcome import Confusion, Event, FaultRecord, RunReport, StepRecord
+from sqrp_cli.runtime.simulation.physics import Physics
 from tests.cli.browser import Opened, chromium
+from tests.cli.test_run_and_look import workspace_of
 
 
 def evidence(t: float, value: str, **cameras: str) -> Event:
-    literal = {"value": value, "asked": True, "cameras": cameras}
+    literal = {"value": value, "asked": True, "cameras": cameras, "true": t < 1.45}
     other = {"value": "true", "asked": False, "cameras": {}}
     return Event(t + 0.05, "evidence", {"exposed": t, "literals": {"hold(g1)": literal, "open": other}})
 
 
 @pytest.fixture(scope="module")
-def opened(tmp_path_factory):
+def browser():
+    with chromium() as opened:
+        yield opened
+
+
+@pytest.fixture(scope="module")
+def opened(browser, tmp_path_factory):
     """A run of 4 s: `hold(g1)` is true for 2 s, lost at 2 s, then unseen by all for 1 s."""
     path = tmp_path_factory.mktemp("run") / "page.html"
     events = [Event(0.0, "primitive", {"name": "a1"}), Event(1.0, "primitive", {"name": "a2"})]
@@ -28,15 +47,16 @@ def opened(tmp_path_factory):
         "stopped", "hold(g1) should be seen", 4.0, [StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0)], [fault]
     )
     report.prediction = [{"hold(g1)": {"cam1": Confusion(tp=30, fp=10)}}]
-    write_run("cell", ["cam1", "cam2"], report, events, path, ["run", "pick.yaml", "--sim", "--report", str(path)])
-    with chromium() as browser:
-        yield Opened(browser, path)
+    cell = RunCell("cell", ["cam1", "cam2"], "0123", None)
+    write_run(cell, report, events, path, ["run", "pick.yaml", "--sim", "--report", str(path)])
+    return Opened(browser, path)
 
 
 def test_the_page_says_how_the_run_went(opened):
     assert opened.complaints == []
     assert opened.texts("#place") == ["stopped"]
     assert opened.texts("#reasons li") == ["hold(g1) should be seen"]
+    assert not opened.page.locator(".overview").is_visible()
     told = dict(zip(opened.texts("#figures dt"), opened.texts("#figures dd"), strict=True))
     assert told["predicted to see, and did"] == "75.0 %"
     assert told["slip: seen after"] == "0.15 s"
@@ -46,11 +66,11 @@ def test_the_timeline_shows_what_the_images_showed(opened):
     labels = opened.js("[...document.querySelectorAll('.run')].map((run) => run.getAttribute('aria-label'))")
     own = [label.removeprefix("hold(g1), ") for label in labels if label.startswith("hold(g1), ")]
     assert own == [
-        "0.00 s to 2.05 s: images show that it is true",
-        "2.05 s to 3.05 s: images show that it is false",
-        "3.05 s to 4.00 s: no image shows it",
+        "0.00 s to 2.10 s: images show that it is true",
+        "2.10 s to 3.10 s: images show that it is false",
+        "3.10 s to 4.00 s: no image shows it",
     ]
-    assert "cam2, hold(g1), 2.05 s to 4.00 s: no image shows it" in labels
+    assert "cam2, hold(g1), 2.10 s to 4.00 s: no image shows it" in labels
     assert not any("open" in label for label in labels)
 
 
@@ -64,3 +84,259 @@ def test_the_time_is_told_in_words(opened):
     assert opened.texts(".now h4 span") == ["images show that it is false"]
     assert opened.texts("#now-time") == ["2.50 s, a2"]
     assert not opened.page.locator("#view").is_visible()
+    (note,) = opened.texts("#note")
+    assert note == "There is no playback in three dimensions: this log does not tell where everything was."
+
+
+def test_what_an_image_shows_counts_from_when_it_was_taken(opened):
+    for t, shown in ((2.09, "true"), (2.11, "false")):
+        opened.js("t => sqrp.seek(t)", t)
+        assert opened.texts(".now h4 span") == [f"images show that it is {shown}"]
+    labels = opened.js("[...document.querySelectorAll('.run')].map((run) => run.getAttribute('aria-label'))")
+    assert "in truth, hold(g1), 0.00 s to 1.50 s: true" in labels
+    assert "in truth, hold(g1), 1.50 s to 4.00 s: false" in labels
+
+
+# A run of the simulated cell
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What MuJoCo itself says of a time: of the tool frame and of `g2`."""
+
+    t: float
+    tool: Array
+    turn: Array
+    thing: Array
+    held: str | None
+
+
+@dataclass(frozen=True)
+class Played:
+    """A run with a slip in the lift. moments: what the simulation says, apart from all that is told; by time."""
+
+    folder: Path
+    document: dict[str, Any]
+    moments: list[Moment]
+    opened: Opened
+
+    def at(self, t: float) -> None:
+        """Have the page show a time [s]."""
+        self.opened.js("t => sqrp.seek(t)", t)
+
+    def tool(self) -> Array:
+        return np.array(self.opened.js("sqrp.scene.toolPosition()"))
+
+    def thing(self) -> Array:
+        return np.array(self.opened.js("sqrp.scene.objectPose('g2')"))
+
+
+def moment(physics: Physics) -> Moment:
+    data = physics._data
+    thing = data.body("g2")
+    return Moment(
+        physics.t,
+        data.body("suction_tip").xpos.copy(),
+        thing.xmat.reshape(3, 3).copy(),
+        thing.xpos.copy(),
+        physics.held(),
+    )
+
+
+@pytest.fixture(scope="module")
+def played(sqrp, browser, tmp_path_factory) -> Iterator[Played]:
+    """The tabletop with two of its cameras, few images and a quick arm."""
+    folder = tmp_path_factory.mktemp("played")
+    cell = workspace_of("tabletop")
+    cell["cameras"] = {name: {**cell["cameras"][name], "rate": "7 Hz"} for name in ("cam3", "cam5")}
+    cell["robot"]["limits"] = {"velocity": "120 deg/s", "acceleration": "400 deg/s^2", "jerk": "3000 deg/s^3"}
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
+    program, page = folder / "pick.yaml", folder / "page.html"
+    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
+    moments = {}
+    real = Physics.advance
+
+    def advance(self, t, reference):
+        real(self, t, reference)
+        moments[round(self.t, 6)] = moment(self)
+
+    outputs = ("--report", page, "--log", folder / "run.jsonl")
+    with mock.patch.object(Physics, "advance", advance):
+        run = sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
+    assert run.code == 0, run.err
+    opened = Opened(browser, page)
+    yield Played(folder, run.document, [moments[t] for t in sorted(moments)], opened)
+    opened.context.close()
+
+
+def test_tool_and_object_are_where_the_simulation_says(played):
+    """Where a state was told to micrometres; between two, where the arm is quick, to what a straight line leaves."""
+    told = [found for found in played.moments if abs(25 * found.t - round(25 * found.t)) < 1e-6]
+    between = [found for found in played.moments if abs(25 * found.t - round(25 * found.t)) > 0.05]
+    for moments, tolerance in ((told, 2e-4), (between, 4e-3)):
+        assert len(moments) > 40
+        for found in moments[:: len(moments) // 40]:
+            played.at(found.t)
+            assert np.abs(played.tool() - found.tool).max() < tolerance, found.t
+            assert np.abs(played.thing()[:3, 3] - found.thing).max() < tolerance, found.t
+            assert np.abs(played.thing()[:3, :3] - found.turn).max() < 20 * tolerance, found.t
+    assert np.ptp([found.tool for found in between], axis=0).max() > 0.1
+
+
+def test_before_the_slip_the_object_is_in_the_tool_and_then_on_the_table(played):
+    (fault,) = played.document["faults"]
+    begin = fault["injected"]
+    for t in (begin - 0.2, begin - 0.05):
+        played.at(t)
+        assert np.linalg.norm(played.thing()[:3, 3] - played.tool()) == pytest.approx(0.02, abs=0.003)
+        assert played.thing()[2, 3] > 0.025
+        assert "holds g2" in played.opened.texts("#tool")[0]
+    heights = []
+    for t in np.linspace(begin, fault["detected"], 9):
+        played.at(t)
+        heights.append(played.thing()[2, 3])
+    assert max(np.diff(heights)) < 1e-3, "it falls and does not rise"
+    played.at(fault["detected"] + 0.1)
+    assert played.thing()[2, 3] == pytest.approx(0.02, abs=0.001)
+    assert np.linalg.norm(played.thing()[:3, 3] - played.tool()) > 0.03
+    assert "holds" not in played.opened.texts("#tool")[0]
+    played.at(played.document["time"])
+    assert np.linalg.norm(played.thing()[:3, 3] - played.tool()) == pytest.approx(0.02, abs=0.003)
+    assert played.thing()[2, 3] > 0.1
+
+
+def test_boxes_are_where_the_thing_is_looked_for_in_the_colour_of_what_images_show(played):
+    (fault,) = played.document["faults"]
+    evidence = [event for event in events_of(played) if event["event"] == "evidence"]
+    for t in (fault["injected"] - 0.1, fault["detected"] + 0.05):
+        played.at(t)
+        hold, place = (
+            np.array(played.opened.js("atom => sqrp.scene.corners(atom, 0)", atom)).mean(axis=0)
+            for atom in ("hold(g2)", "obj_on_table(g2)")
+        )
+        assert np.linalg.norm(hold - played.tool()) == pytest.approx(0.02, abs=0.002)
+        np.testing.assert_allclose(place, played.moments[0].thing, atol=2e-3)
+        taken = [event for event in evidence if event["exposed"] <= t][-1]["literals"]
+        shown = played.opened.js(
+            """() => sqrp.scene.sights.filter((sight) => sight.edges.visible).map((sight) => {
+                const lines = sight.lines.map(({ camera, mesh }) => [camera.name, mesh.material.color.getHex()]);
+                return [sight.atom, sight.edges.material.color.getHex(), Object.fromEntries(lines)];
+            })"""
+        )
+        assert {atom for atom, _, _ in shown} == {"hold(g2)", "obj_on_table(g2)"}
+        colors = colors_of(played)
+        for atom, box, lines in shown:
+            assert box == colors[taken[atom]["value"]]
+            assert lines == {name: colors[taken[atom]["cameras"].get(name, "nothing")] for name in ("cam3", "cam5")}
+
+
+def colors_of(played: Played) -> dict[str, int]:
+    """Colours of the page as three.js has them, by what an image shows."""
+    names = {"true": "covered", "false": "out", "blind": "hidden", "nothing": "nothing"}
+    look_up = """name => {
+        const text = getComputedStyle(document.documentElement).getPropertyValue('--' + name).trim();
+        return new THREE.Color(text).convertSRGBToLinear().getHex();
+    }"""
+    return {shown: played.opened.js(look_up, name) for shown, name in names.items()}
+
+
+def events_of(played: Played) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (played.folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
+
+
+def test_a_second_attempt_has_a_box_where_the_object_was_found(played):
+    (fault,) = played.document["faults"]
+    second = [event for event in events_of(played) if event["event"] == "step"][1]
+    (box,) = second["boxes"]["obj_on_table(g2)"]
+    assert box["frame"] == "world"
+    played.at(fault["acted"] + 0.5)
+    shown = played.opened.js("() => sqrp.scene.sights.filter((s) => s.edges.visible).map((s) => [s.atom, s.corners()])")
+    (corners,) = [np.array(corners) for atom, corners in shown if atom == "obj_on_table(g2)"]
+    half = np.array(box["size"]) / 2
+    np.testing.assert_allclose(np.abs(transform(np.linalg.inv(box["pose"]), corners)), np.tile(half, (8, 1)), atol=1e-5)
+
+
+def test_the_page_of_a_run_says_what_is_true_and_who_does_not_know_it(played):
+    opened = played.opened
+    assert opened.complaints == []
+    assert "The monitors do not know that: they judge by images alone." in opened.texts("#note")[0]
+    (fault,) = played.document["faults"]
+    texts = opened.texts("#moments button")
+    assert texts[0] == f"{fault['happened']:.2f} s slip happens"
+    assert texts[-1] == f"{fault['recovered']:.2f} s the step is done"
+    assert texts[1].startswith(f"{fault['detected']:.2f} s slip is seen")
+    opened.page.locator("#moments button").nth(1).click()
+    assert opened.js("sqrp.time") == pytest.approx(fault["detected"])
+    assert opened.js("document.querySelector('.now em').nextSibling.textContent") == "false"
+    assert opened.texts("#legend span")[-2:] == ["no image of this camera shows it (–)", "empty: no formula asks"]
+
+
+def test_a_run_is_seen_through_its_cameras_and_from_near_the_tool(played):
+    opened = played.opened
+    played.at(played.document["faults"][0]["detected"])
+
+    def picture():
+        return opened.js("() => { sqrp.scene.render(); return sqrp.scene.renderer.domElement.toDataURL(); }")
+
+    outside = picture()
+    opened.page.locator("#views button", has_text="cam3").click()
+    assert picture() != outside
+    opened.page.locator("#views button").first.click()
+    assert picture() == outside
+    opened.page.check("#follow")
+    np.testing.assert_allclose(opened.js("sqrp.scene.orbit.target.toArray()"), played.tool(), atol=1e-9)
+    opened.page.uncheck("#follow")
+    assert picture() == outside
+    assert opened.complaints == []
+
+
+def carried(path: Path, name: str) -> str | None:
+    """What a page carries under a name, packed."""
+    found = re.search(rf'id="{name}">([^<]*)<', path.read_text(encoding="utf-8"))
+    return None if found is None else found[1]
+
+
+def test_a_log_and_its_program_give_the_same_page_again(sqrp, played):
+    again = played.folder / "again.html"
+    run = sqrp("run", played.folder / "pick.yaml", "--replay", played.folder / "run.jsonl", "--report", again)
+    assert run.code == 0, run.err
+    for name in ("detail-0", "model-0"):
+        assert carried(again, name) == carried(played.folder / "page.html", name)
+    program = (played.folder / "pick.yaml").read_bytes()
+    refused = sqrp(
+        "run",
+        played.folder / "pick.yaml",
+        "--replay",
+        played.folder / "run.jsonl",
+        "--report",
+        played.folder / "pick.yaml",
+    )
+    assert refused.code == 2
+    assert (played.folder / "pick.yaml").read_bytes() == program
+
+
+def test_a_log_alone_or_with_another_workspace_gives_a_flat_page_that_says_why(sqrp, played, browser, tmp_path):
+    log, page = tmp_path / "run.jsonl", tmp_path / "page.html"
+    first, rest = (played.folder / "run.jsonl").read_text(encoding="utf-8").split("\n", 1)
+    changed = json.dumps({**json.loads(first), "digest": "0" * 64})
+    log.write_text(f"{changed}\n{rest}", encoding="utf-8")
+    for arguments, why in (
+        (("--replay", log), "a log has no shapes; `sqrp run PROGRAM --replay LOG --report FILE` takes them from the"),
+        ((played.folder / "pick.yaml", "--replay", log), "the workspace of this program is not as it was in the run."),
+    ):
+        assert sqrp("run", *arguments, "--report", page).code == 0
+        assert carried(page, "model-0") is None
+        opened = Opened(browser, page)
+        assert opened.complaints == []
+        assert why in opened.texts("#note")[0]
+        assert not opened.page.locator("#view").is_visible()
+        assert opened.texts("#moments button")[0].endswith("slip happens")
+        opened.context.close()
+
+
+def test_who_watches_the_truth_changes_nothing_and_a_log_stays_small(sqrp, played):
+    """The same run without page and log."""
+    plain = sqrp("run", played.folder / "pick.yaml", "--sim", "--fault", "slip@a4+1", "--json")
+    assert {**plain.document, "wall": 0} == {**played.document, "wall": 0}
+    size = (played.folder / "run.jsonl").stat().st_size
+    assert size < 10_000 * played.document["time"]

@@ -39,6 +39,11 @@ const KINDS = {
   shown_true: ['covered', 't', 'images show that it is true'],
   shown_false: ['out', 'f', 'images show that it is false'],
   unseen: ['missed', '–', 'no image shows it'],
+  nothing: ['nothing', '–', 'no image shows it'],
+  truly_true: ['covered', 't', 'true'],
+  truly_false: ['out', 'f', 'false'],
+  told: ['covered', '', 'images tell of all that is asked'],
+  untold: ['missed', '–', 'no image tells of some of what is asked'],
   missed: ['missed', '–', 'not covered'],
 };
 
@@ -46,6 +51,9 @@ const kindOf = (verdict) => verdict.kind ?? (verdict.covered ? 'covered' : verdi
 
 // The kind of a literal or of a whole state.
 const stateOf = (state) => state.kind ?? (state.covered ? 'covered' : 'missed');
+
+// The kind of what is really so, which only a simulation knows; null where nobody does.
+const truthOf = ({ really }) => (typeof really === 'boolean' ? `truly_${really}` : null);
 
 function because(verdict) {
   const words = KINDS[kindOf(verdict)][2];

@@ -1,5 +1,12 @@
 // The page: one candidate and one time are chosen; table, plot, timeline, list and scene all show them.
 
+// Words of the legend for kinds of which it stands for several, or that read the same elsewhere.
+const LEGEND = {
+  too_far: 'too far or near',
+  oblique: 'too flat an angle, or too small',
+  nothing: 'no image of this camera shows it',
+};
+
 class Page {
   constructor(overview) {
     this.overview = overview;
@@ -20,7 +27,8 @@ class Page {
     byId('ranking-title').textContent = this.overview.heading;
     for (const [term, value] of this.overview.about)
       byId('about').append(make('dt', {}, named(term)), make('dd', {}, named(value)));
-    document.querySelector('.overview').hidden = !this.entries.some((e) => e.candidate || e.reasons.length);
+    const compared = this.entries.some((e) => e.candidate || e.reasons.length);
+    document.querySelector('.overview').hidden = this.overview.of_images || !compared;
     const some = (test) => this.entries.some((e) => e.candidate && test(e.candidate));
     byId('pareto-only').parentElement.hidden = !some((c) => c.pareto);
     byId('feasible-only').parentElement.hidden = !some((c) => !c.feasible);
@@ -78,6 +86,12 @@ class Page {
     byId('play').addEventListener('click', () => (this.playing ? this.pause() : this.play()));
     for (const id of ['show-boxes', 'show-lines', 'show-frusta'])
       byId(id).addEventListener('change', () => this.seek(this.time));
+    const follow = byId('follow');
+    follow.parentElement.hidden = !this.overview.of_images;
+    follow.addEventListener('change', () => {
+      this.scene.follow(follow.checked);
+      this.seek(this.time);
+    });
     byId('theme').addEventListener('click', () =>
       this.dress(document.documentElement.dataset.theme === 'dark' ? 'light' : 'dark'),
     );
@@ -88,10 +102,10 @@ class Page {
 
   legend() {
     const predicted = ['covered', 'hidden', 'out_of_image', 'too_far', 'oblique'];
-    const ofImages = ['shown_true', 'shown_false', 'unseen'];
-    const shown = (this.overview.scenes.length ? predicted : ofImages).map((kind) => {
+    const ofImages = ['shown_true', 'shown_false', 'unseen', 'nothing'];
+    const shown = (this.overview.of_images ? ofImages : predicted).map((kind) => {
       const [style, sign] = KINDS[kind],
-        words = { too_far: 'too far or near', oblique: 'too flat an angle, or too small' }[kind] || KINDS[kind][2];
+        words = LEGEND[kind] ?? KINDS[kind][2];
       return make('span', {}, make('i', { class: `spot ${style}` }), `${words}${sign ? ` (${sign})` : ''}`);
     });
     byId('legend').append(...shown, make('span', {}, 'empty: no formula asks'));
@@ -127,6 +141,7 @@ class Page {
     if (this.selected !== i) return;
     this.motion = this.details.get(i);
     this.figures(entry);
+    this.moments(this.motion.detail);
     this.timeline = new Timeline(this.motion, Object.keys(this.motion.detail.cameras), (t) => {
       this.pause();
       this.seek(t);
@@ -154,6 +169,28 @@ class Page {
     );
   }
 
+  // Times of a run to go to, and what is shown of it.
+  moments({ moments = [], note = '' }) {
+    byId('note').replaceChildren(...(note ? [named(note)] : []));
+    byId('moments').replaceChildren(
+      ...moments.map(({ t, text }) =>
+        make(
+          'button',
+          {
+            type: 'button',
+            onclick: () => {
+              this.pause();
+              this.seek(t);
+            },
+          },
+          make('b', {}, seconds(t)),
+          ' ',
+          named(text),
+        ),
+      ),
+    );
+  }
+
   seek(t) {
     if (!this.motion) return;
     this.time = Math.max(0, Math.min(t, this.motion.time));
@@ -168,7 +205,8 @@ class Page {
     if (!this.scene || this.entries[this.selected].scene === null) return;
     this.scene.seek(this.time);
     const tool = this.scene.toolPosition().map((x) => x.toFixed(3));
-    byId('tool').textContent = `tool at ${tool.join(', ')} m`;
+    const held = this.motion.detail.track && this.scene.place.held;
+    byId('tool').replaceChildren(`tool at ${tool.join(', ')} m`, ...(held ? [', holds ', named(held)] : []));
     const eye = this.scene.through ? `as ${this.scene.through} sees it` : 'from outside';
     const told = sentence(this.motion.at(this.time));
     byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${told}`);
@@ -191,6 +229,7 @@ class Page {
         make(
           'ul',
           {},
+          ...truthLine(state),
           ...Object.entries(state.cameras).map(([camera, verdict]) =>
             make(
               'li',
@@ -208,7 +247,7 @@ class Page {
       ),
     );
     byId('now').replaceChildren(
-      ...(literals.length ? literals : [make('p', { class: 'faint' }, 'No formula asks for anything now.')]),
+      ...(literals.length ? literals : [make('p', { class: 'faint' }, nothing(this.motion))]),
     );
   }
 
@@ -246,9 +285,22 @@ class Page {
   }
 }
 
+// What is really so, where a simulation tells it.
+function truthLine(state) {
+  const kind = truthOf(state);
+  if (kind === null) return [];
+  const parts = [make('i', { class: `spot ${KINDS[kind][0]}` }), make('em', {}, 'in truth'), KINDS[kind][2]];
+  return [make('li', {}, ...parts)];
+}
+
+const nothing = ({ ofImages }) =>
+  ofImages ? 'No image tells of anything that a formula asks for now.' : 'No formula asks for anything now.';
+
 function sentence(sample) {
-  const told = Object.entries(sample.literals).map(
-    ([literal, state]) => `${atomOf(literal)} is ${state.covered ? 'covered' : 'not covered'}`,
+  const told = Object.entries(sample.literals).map(([literal, state]) =>
+    state.kind
+      ? `${atomOf(literal)}: ${KINDS[state.kind][2]}`
+      : `${atomOf(literal)} is ${state.covered ? 'covered' : 'not covered'}`,
   );
   return told.length ? `${[...new Set(told)].join('; ')}.` : 'No formula asks for anything.';
 }

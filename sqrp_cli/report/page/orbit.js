@@ -87,6 +87,12 @@ class Orbit {
     this.update();
   }
 
+  // Look at a point from the same side.
+  aim(point) {
+    this.target.copy(point);
+    this.update();
+  }
+
   update() {
     const level = Math.cos(this.elevation) * this.distance;
     this.camera.position

@@ -85,10 +85,12 @@ class Scene3D {
       this.nodes.get(solid.parent).add(mesh);
       return { name: solid.name, parent: solid.parent, mesh, tint };
     });
-    const objects = Object.entries(this.scene.objects)
-      .filter(([, thing]) => thing.pose === null)
-      .map(([name]) => this.nodes.get(name));
-    for (const node of objects) node.visible = false;
+    this.present(Object.keys(this.scene.objects).filter((name) => this.scene.objects[name].pose !== null));
+  }
+
+  // Show these objects and no others.
+  present(names) {
+    for (const name of Object.keys(this.scene.objects)) this.nodes.get(name).visible = names.includes(name);
   }
 
   light() {
@@ -150,7 +152,8 @@ class Scene3D {
     this.motion = motion;
     for (const sight of this.sights) sight.remove();
     for (const node of this.starts) node.removeFromParent();
-    const first = Object.entries({ ...motion.detail.still, ...motion.samples[0].objects });
+    const first = Object.entries({ ...motion.detail.still, ...motion.places[0].objects });
+    this.present(first.map(([name]) => name));
     this.starts = first.map(([name, pose]) => {
       const node = this.fixed(this.world, pose);
       this.nodes.set(`${name}@start`, node);
@@ -162,7 +165,7 @@ class Scene3D {
     this.sights = [...targets].flatMap(([atom, { boxes }]) =>
       boxes.map((box, index) => {
         const node = this.fixed(this.nodes.get(box.frame), box.pose);
-        return new Sight(atom, index, box.size, node, this.cameras, this.lines);
+        return new Sight(atom, index, box, node, this.cameras, this.lines);
       }),
     );
   }
@@ -179,15 +182,17 @@ class Scene3D {
     for (const [name, pose] of Object.entries(this.motion.detail.still)) this.nodes.get(name).matrix.copy(matrix(pose));
     for (const [name, pose] of Object.entries(before.objects))
       this.nodes.get(name).matrix.copy(between(pose, after.objects[name], way));
+    this.place = before;
     this.sample = this.motion.at(t);
     this.world.updateMatrixWorld(true);
+    if (this.following) this.orbit.aim(this.tool());
     this.tell();
     this.draw();
   }
 
   // Colour what is seen and what hides it.
   tell() {
-    const kinds = ['covered', 'hidden', 'out', 'range', 'angle'];
+    const kinds = ['covered', 'hidden', 'out', 'range', 'angle', 'nothing'];
     const shades = Object.fromEntries(kinds.map((kind) => [kind, linear(colour(kind))]));
     shades.missed = shades.hidden;
     const culprits = new Set(this.sights.flatMap((sight) => sight.tell(this.sample, this.through, shades)));
@@ -198,6 +203,15 @@ class Scene3D {
       camera.body.visible = this.through !== camera.name;
       camera.label.hidden = this.through !== null;
     }
+  }
+
+  // Keep the tool in the middle of the view from outside, from near; or look again from where it was left.
+  follow(wanted) {
+    const { target, distance } = this.orbit;
+    if (wanted) this.left = { target: target.clone(), distance };
+    this.following = wanted;
+    this.orbit.distance = wanted ? Math.min(distance, 0.9) : this.left.distance;
+    if (!wanted) this.orbit.aim(this.left.target);
   }
 
   look(name) {
@@ -252,8 +266,17 @@ class Scene3D {
 
   // For scripts: where the tool frame and the corners of a target box are [m], and the pixel of a point in a camera.
   toolPosition() {
-    const tool = this.nodes.get(this.scene.robot.tool_frame);
-    return new THREE.Vector3().setFromMatrixPosition(tool.matrixWorld).toArray();
+    return this.tool().toArray();
+  }
+
+  tool() {
+    return new THREE.Vector3().setFromMatrixPosition(this.nodes.get(this.scene.robot.tool_frame).matrixWorld);
+  }
+
+  // For scripts: the pose of an object, as rows.
+  objectPose(name) {
+    const columns = this.nodes.get(name).matrixWorld.elements;
+    return [0, 1, 2, 3].map((row) => [0, 1, 2, 3].map((column) => columns[4 * column + row]));
   }
 
   corners(atom, index) {

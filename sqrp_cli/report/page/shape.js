@@ -3,6 +3,17 @@
 const matrix = (rows) => new THREE.Matrix4().set(...rows.flat());
 const linear = (text) => new THREE.Color(text).convertSRGBToLinear();
 
+// The rows of a pose that is given as x, y, z [m] and a quaternion x, y, z, w.
+function poseRows([x, y, z, ...turn]) {
+  const found = new THREE.Matrix4().compose(
+    new THREE.Vector3(x, y, z),
+    new THREE.Quaternion(...turn).normalize(),
+    new THREE.Vector3(1, 1, 1),
+  );
+  const columns = found.elements;
+  return [0, 1, 2, 3].map((row) => [0, 1, 2, 3].map((column) => columns[4 * column + row]));
+}
+
 // Triangles with normals that are smooth over faces that meet at less than 35 degrees.
 function shape(solid, step) {
   const corner = solid.triangles,

@@ -1,9 +1,11 @@
 // A target box, and the lines along which the cameras look at it, coloured by what they see.
 
 class Sight {
-  // node: what the box is fixed to at its own pose. atom, index: which box of which target.
-  constructor(atom, index, size, node, cameras, lines) {
-    Object.assign(this, { atom, index, node, half: size.map((side) => side / 2) });
+  // node: what the box is fixed to at its own pose. atom, index: which box of which target. In a run a box counts
+  // from a time to another, as every attempt has boxes of its own.
+  constructor(atom, index, box, node, cameras, lines) {
+    const { size, from = -Infinity, to = Infinity } = box;
+    Object.assign(this, { atom, index, node, from, to, half: size.map((side) => side / 2) });
     const block = new THREE.BoxGeometry(...size.map((side) => side + 0.002));
     const tube = new THREE.CylinderGeometry(0.003, 0.003, 1, 6);
     this.edges = new THREE.LineSegments(new THREE.EdgesGeometry(block), new THREE.LineBasicMaterial());
@@ -21,15 +23,17 @@ class Sight {
 
   // Show what a sample says; through: the camera that is looked through, or null. Returns what hides the box.
   tell(sample, through, shades) {
-    const state = found(sample, this.atom),
+    const counts = sample.t >= this.from && sample.t < this.to,
+      state = counts ? found(sample, this.atom) : null,
       culprits = [];
     this.edges.visible = this.fill.visible = state !== null && byId('show-boxes').checked;
     for (const { mesh } of this.lines) mesh.visible = state !== null && byId('show-lines').checked && through === null;
     if (state === null) return culprits;
-    const verdicts = state.boxes[this.index].cameras;
-    const seen = through === null ? state.covered : verdicts[through].covered;
+    const verdicts = state.boxes[this.index]?.cameras ?? state.cameras;
+    const told = through === null ? state : verdicts[through];
+    const shade = told.kind ? KINDS[told.kind][0] : told.covered ? 'covered' : 'hidden';
     this.edges.material.depthTest = through === null; // a camera's view shows it also where something hides it
-    this.edges.material.color = this.fill.material.color = shades[seen ? 'covered' : 'hidden'];
+    this.edges.material.color = this.fill.material.color = shades[shade];
     const center = new THREE.Vector3().setFromMatrixPosition(this.node.matrixWorld);
     for (const { camera, mesh } of this.lines) {
       const verdict = verdicts[camera.name];

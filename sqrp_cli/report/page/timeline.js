@@ -38,10 +38,11 @@ class Timeline {
         ),
       );
     rows.push(
-      this.coverage('all literals', (sample) => (sample.covered === null ? null : { covered: sample.covered })),
+      this.coverage('all literals', ({ covered, kind }) => (covered === null ? null : { covered, kind })),
     );
     for (const atom of motion.atoms) {
       rows.push(this.coverage(atom, (sample) => found(sample, atom)));
+      if (motion.samples.some((sample) => truthOf(found(sample, atom) ?? {}))) rows.push(this.truth(atom));
       for (const camera of cameras) rows.push(this.camera(atom, camera));
     }
     this.grid = make(
@@ -133,6 +134,15 @@ class Timeline {
     };
     const share = this.shareText((sample) => verdict(sample)?.covered ?? null);
     return this.row(camera, 'camera', this.runs(`${camera}, ${atom}`, look), share);
+  }
+
+  // What is really so, to be held against what is seen.
+  truth(atom) {
+    const look = (sample) => {
+      const kind = truthOf(found(sample, atom) ?? {});
+      return kind && { key: kind, kind, words: KINDS[kind][2] };
+    };
+    return this.row('in truth', 'camera truth', this.runs(`in truth, ${atom}`, look), '');
   }
 
   shareText(covered) {
