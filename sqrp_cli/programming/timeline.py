@@ -27,9 +27,11 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""
 
-_MOST_PARTS = 16
-"""Into how many parts a bracket around a transition is cut at once, at most."""
+_ROUNDS = range(1, 9)
+"""In how many rounds a bracket may be made narrow enough."""
 
+_LOOK = 100
+"""What a look costs apart from its samples, in samples."""
 
 _TOGETHER = 1000
 """Targets that are looked at together, each counted in every sample: so few that the calls cost the most."""
@@ -190,16 +192,15 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, NDArray[np.in
 
     With the sample at which the bracket of each begins, by index.
 
-    Each is cut into as many equal parts as make it narrow enough in as few rounds as the widest needs: a look at a few
-    samples costs little more than a look at one.
+    Each is cut into equal parts, in as many rounds as cost least in all: many parts at once, or few again and again.
     """
     t, piece, steps = timeline.samples.t, timeline.samples.piece, np.nan_to_num(timeline.steps)
     ratio = steps / _allowed_widths(timeline, tolerance)
     rows = np.flatnonzero(ratio > 1 + 1e-9)
     if not len(rows):
         return None
-    rounds = np.ceil(np.log(ratio[rows].max()) / np.log(_MOST_PARTS))
-    parts = np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)
+    ways = [(rounds, np.ceil(ratio[rows] ** (1 / rounds) - 1e-9).astype(np.int64).clip(2)) for rounds in _ROUNDS]
+    _, parts = min(ways, key=lambda way: way[0] * (_LOOK + int(way[1].sum())))
     bracket, part = ranges(np.ones(len(rows)), parts)
     row = rows[bracket]
     return Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), row
