@@ -3,24 +3,24 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter, ValidationError
+
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.source import missing_file
-from sqrp_cli.runtime.outcome import (
-    Confusion,
-    Disagreement,
-    Event,
-    FaultRecord,
-    RunReport,
-    StepRecord,
-)
+from sqrp_cli.runtime.log_events import first_words, wrong_field
+from sqrp_cli.runtime.outcome import STATE, Event, RunReport
 
 VERSION = 1
 """Of the log's fields."""
+
+ROUNDED = 1e-5
+"""By how much an event may seem earlier than the one before it, as some times are rounded [s]."""
 
 
 class LogWriter:
@@ -50,38 +50,55 @@ def read_log(path: Path) -> Iterator[Event]:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except UnicodeDecodeError as error:
-        message = "this is no log of `sqrp run --log`: it is not UTF-8 text"
-        raise InputError(Problem("no-log", message, Place(path))) from error
+        raise _no_log("this is no log of `sqrp run --log`: it is not UTF-8 text", Place(path)) from error
     except OSError as error:
         message = f"this log cannot be read: {error.strerror or error}"
         raise InputError(Problem("unreadable", message, Place(path))) from error
+    before, joints = 0.0, -1
     for number, line in enumerate(lines, 1):
-        try:
-            document = json.loads(line)
-            event = Event(float(document.pop("t")), str(document.pop("event")), document)
-        except (ValueError, KeyError, TypeError, AttributeError):
-            raise InputError(Problem("no-log", "this line is no event of a log", Place(path, number))) from None
+        place = Place(path, number)
+        event = _event(line, place)
         if number == 1 and event.fields.get("sqrp_log") != VERSION:
-            message = "this is no log of `sqrp run --log`, or one of another version"
-            raise InputError(Problem("no-log", message, Place(path, 1)))
+            raise _no_log("this is no log of `sqrp run --log`, or one of another version", place)
+        first_state = event.kind == STATE and joints < 0
+        kind = "run" if number == 1 else "first state" if first_state else event.kind
+        if (wrong := wrong_field(kind, event.fields)) is not None:
+            raise _no_log(f"this `{event.kind}` is no event of a log: {wrong}", place)
+        if first_state:
+            joints = len(event.fields["joints"])
+        if event.kind == STATE and len(event.fields.get("q", range(joints))) != joints:
+            raise _no_log(f"this state has {len(event.fields['q'])} positions `q` of {joints} joints", place)
+        if event.t < before - ROUNDED:
+            raise _no_log(f"this event is at {event.t:g} s, before that of the line above", place)
+        before = max(before, event.t)
         yield event
     if not lines:
-        raise InputError(Problem("no-log", "this log is empty", Place(path)))
+        raise _no_log("this log is empty", Place(path))
+
+
+def _event(line: str, place: Place) -> Event:
+    try:
+        document = json.loads(line, parse_float=_finite, parse_constant=_finite)
+        event = Event(float(document.pop("t")), str(document.pop("event")), document)
+    except (ValueError, KeyError, TypeError, AttributeError):
+        raise _no_log("this line is no event of a log", place) from None
+    return event
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError
+    return number
+
+
+def _no_log(message: str, place: Place) -> InputError:
+    return InputError(Problem("no-log", message, place))
 
 
 def report_of(path: Path, fields: dict[str, Any]) -> RunReport:
     """The report that the last line of the log at `path` holds. Raises InputError for one that is none."""
-    nested = {"steps", "faults", "prediction", "disagreements"}
     try:
-        return RunReport(
-            **{key: value for key, value in fields.items() if key not in nested},
-            steps=[StepRecord(**step) for step in fields["steps"]],
-            faults=[FaultRecord(**fault) for fault in fields["faults"]],
-            prediction=[
-                {atom: {name: Confusion(**found) for name, found in cameras.items()} for atom, cameras in step.items()}
-                for step in fields["prediction"]
-            ],
-            disagreements=[Disagreement(**entry) for entry in fields["disagreements"]],
-        )
-    except (KeyError, TypeError, AttributeError):
-        raise InputError(Problem("no-log", "the report at the end of this log is none", Place(path))) from None
+        return TypeAdapter(RunReport).validate_python({**fields, "wall": {}})
+    except ValidationError as error:
+        raise _no_log(f"the report at the end of this log is none: {first_words(error)}", Place(path)) from None
