@@ -19,8 +19,8 @@ from sqrp_cli.runtime.outcome import STATE, Event, RunReport
 VERSION = 1
 """Of the log's fields."""
 
-ROUNDED = 1e-5
-"""By how much an event may seem earlier than the one before it, as some times are rounded [s]."""
+SLACK = 0.01
+"""By how much an event may be earlier than the one before it, as the simulation's clock goes in steps [s]."""
 
 
 class LogWriter:
@@ -68,7 +68,7 @@ def read_log(path: Path) -> Iterator[Event]:
             joints = len(event.fields["joints"])
         if event.kind == STATE and len(event.fields.get("q", range(joints))) != joints:
             raise _no_log(f"this state has {len(event.fields['q'])} positions `q` of {joints} joints", place)
-        if event.t < before - ROUNDED:
+        if event.t < before - SLACK:
             raise _no_log(f"this event is at {event.t:g} s, before that of the line above", place)
         before = max(before, event.t)
         yield event

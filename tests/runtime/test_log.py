@@ -107,7 +107,7 @@ def test_what_is_read_from_a_damaged_log_can_be_shown_and_all_else_is_told_with_
         (7, {"q": [0.0, 1.0, 2.0]}, "3 positions `q` of 2 joints"),
         (7, {"objects": {"g": [0.0] * 6}}, "objects.g"),
         (5, {"exposed": float("nan")}, "this line is no event of a log"),
-        (8, {"t": 0.11}, "before that of the line above"),
+        (8, {"t": 0.05}, "before that of the line above"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_an_event_is_said(tmp_path: Path, number: int, change: dict[str, Any], says: str) -> None:
