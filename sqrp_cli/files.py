@@ -77,8 +77,9 @@ def check_distinct(outputs: Mapping[str, Path | None]) -> None:
 
 
 def _is_special(path: Path) -> bool:
-    """Whether a path is that of a device or pipe, such as /dev/null or /dev/stdout."""
-    return path.exists() and not path.is_file() and not path.is_dir()
+    """Whether a path is that of a device or pipe, or leads through one to wherever it goes, as /dev/stdout does."""
+    through = path.absolute().as_posix().startswith(("/dev/std", "/dev/fd/", "/proc/"))
+    return path.exists() and not path.is_dir() and (through or not path.is_file())
 
 
 def write_atomically(path: Path, content: str | bytes, *, executable: bool = False) -> None:
@@ -89,7 +90,8 @@ def write_atomically(path: Path, content: str | bytes, *, executable: bool = Fal
     """
     check_writable(path)
     if _is_special(path):
-        path.write_bytes(content.encode() if isinstance(content, str) else content)
+        with path.open("ab") as special:  # after what has gone the same way before
+            special.write(content.encode() if isinstance(content, str) else content)
         return
     path = path.resolve()
     try:

@@ -95,3 +95,11 @@ def test_one_file_for_two_outputs_is_refused_by_the_names_of_the_options(tmp_pat
         check_distinct({"--junit": tmp_path / "file", "--summary": None, "--report": tmp_path / "link"})
     check_distinct({"--junit": tmp_path / "one", "--summary": tmp_path / "other", "--report": None})
     check_distinct({"--junit": Path("/dev/null"), "--summary": Path("/dev/null")})
+
+
+def test_what_is_written_to_an_open_stream_comes_after_what_is_in_its_file(tmp_path: Path) -> None:
+    path = tmp_path / "all.txt"
+    path.write_text("before\n")
+    with path.open("a") as stream:
+        write_atomically(Path(f"/proc/self/fd/{stream.fileno()}"), "after\n")
+    assert path.read_text() == "before\nafter\n"

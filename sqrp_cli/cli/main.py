@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from sqrp_cli.memory import collect_seldom, keep_freed_memory, leave_all_as_it_is
+from sqrp_cli.memory import collect_seldom, keep_freed_memory
 
 INTERRUPTED = 130
 """As `ExitCode.INTERRUPTED`, which would take an import."""
@@ -15,6 +15,23 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Run a command and leave with its exit code."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def run(arguments: list[str]) -> int:
+    """Run a command; returns its exit code."""
+    try:
+        _prepare()
+        from sqrp_cli.cli.app import execute
+
+        return execute(arguments)
+    except KeyboardInterrupt:
+        # A terminal shows `^C` on a line that nobody has ended.
+        sys.stderr.write("\ninterrupted\n" if sys.stderr.isatty() else "interrupted\n")
+        return INTERRUPTED
+
+
+def _prepare() -> None:
     # Processes share the cores already; threads of linear algebra would get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     keep_freed_memory()
@@ -25,18 +42,3 @@ def main() -> None:
     for stream in (sys.stdin, sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
-    code = run(sys.argv[1:])
-    leave_all_as_it_is()
-    sys.exit(code)
-
-
-def run(arguments: list[str]) -> int:
-    """Run a command; returns its exit code."""
-    try:
-        from sqrp_cli.cli.app import execute
-
-        return execute(arguments)
-    except KeyboardInterrupt:
-        # A terminal shows `^C` on a line that nobody has ended.
-        sys.stderr.write("\ninterrupted\n" if sys.stderr.isatty() else "interrupted\n")
-        return INTERRUPTED

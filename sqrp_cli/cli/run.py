@@ -182,8 +182,10 @@ def _run(
             # Without a page or a log nobody wants to know where everything really is.
             report = simulation.run(faults, listeners, gallery, witnessed=page is not None or writer is not None)
         if writer is not None:
-            writer.close(report)
+            writer.finish(report)
     finally:
+        if writer is not None:
+            writer.close()
         if gallery is not None:
             gallery.close()
     if page is not None:
@@ -260,6 +262,9 @@ def _cell_then(header: Event, workspace: Workspace | None) -> RunCell:
     if workspace is None:
         mend = "sqrp run PROGRAM --replay LOG --report FILE"
         return RunCell(name, cameras, digest, None, f"a log has no shapes; `{mend}` takes them from the workspace")
+    if workspace.name != name:
+        reason = f"this program is for the workspace {workspace.name}, the run was in {name}"
+        return RunCell(name, cameras, digest, None, reason)
     if workspace.digest != digest:
         return RunCell(name, cameras, digest, None, "the workspace of this program is not as it was in the run")
     return RunCell(name, cameras, digest, workspace)

@@ -130,7 +130,7 @@ def _doings(events: Sequence[Event], end: float) -> list[dict[str, Any]]:
                 starts.append((event.t, "moves on to look"))
             case "stopping":
                 starts.append((event.t, "stops"))
-    ends = [t for t, _ in starts[1:]] + [end]
+    ends = [*(t for t, _ in starts), end][1:]
     spans = zip(starts, ends, strict=True)
     return [{"name": name, "start": start, "end": until} for (start, name), until in spans if until > start]
 
@@ -138,7 +138,7 @@ def _doings(events: Sequence[Event], end: float) -> list[dict[str, Any]]:
 def _targets(events: Sequence[Event], end: float) -> dict[str, Any]:
     """The boxes of each atom, with the time `from` when `to` when they count: attempts have their own."""
     starts = [event for event in events if event.kind == "step"]
-    ends = [event.t for event in starts[1:]] + [end + 1.0]
+    ends = [*(event.t for event in starts), end + 1.0][1:]
     targets: dict[str, dict[str, Any]] = {}
     for event, until in zip(starts, ends, strict=True):
         for atom, boxes in event.fields["boxes"].items():

@@ -14,6 +14,7 @@ from sqrp_cli.cli.score_outputs import Outputs
 from sqrp_cli.cli.score_table import print_report
 from sqrp_cli.errors import ExitCode
 from sqrp_cli.files import check_not_read
+from sqrp_cli.memory import keep_all_so_far
 from sqrp_cli.scoring.baseline import Baseline, baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
 from sqrp_cli.scoring.compute import Computer, Means, open_computer
@@ -97,6 +98,7 @@ class ScoreRun:
                     computer.begin(wanted_of(cell))
                     cells.append(cell)
                     advance()
+            keep_all_so_far()
             for cell in cells:
                 print_problems(problem for problem in cell.problems if problem.severity == "warning")
                 if cell.workspace is not None and not cell.tasks:

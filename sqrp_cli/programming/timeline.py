@@ -41,12 +41,14 @@ _TOGETHER = 1000
 class Observation:
     """What the cameras see of `a` targets in m samples.
 
-    required: whether a state holds the target's atom, shape (m, a). known: where it is required and was asked for,
-    shape (m, a): where only coverage is, another atom may already have decided. covered: shape (m, a), False where not
+    looked: whether nothing is taken over from the samples around it, shape (m,). required: whether a state holds the
+    target's atom, shape (m, a). known: where it is required and was asked for, shape (m, a), or the samples around it
+    agree: where only coverage is asked, another atom may already have decided. covered: shape (m, a), False where not
     known. response: of the cameras that cover it [s], NaN where uncovered, shape (m, a).
     matrix: per target and box the verdicts of every camera; None where only coverage was asked.
     """
 
+    looked: Mask
     required: Mask
     known: Mask
     covered: Mask
@@ -66,8 +68,8 @@ class Observation:
         both = self.known[first] & self.known[second]
         seen = both & covered[first] & covered[second] & (response[first] == response[second])
         unseen = both & ~covered[first] & ~covered[second]
-        required = self.required[first] & self.required[second]
-        return Observation(required, seen | unseen, seen, np.where(seen, response[first], np.nan), None)
+        required, known = self.required[first] & self.required[second], seen | unseen
+        return Observation(~known.any(axis=1), required, known, seen, np.where(seen, response[first], np.nan), None)
 
     def joined(self, other: Observation, order: NDArray[np.int64]) -> Observation:
         """The rows of both in the given order."""
@@ -87,6 +89,7 @@ class Observation:
                 for boxes, others in zip(self.matrix, other.matrix, strict=True)
             )
         return Observation(
+            join(self.looked, other.looked),
             join(self.required, other.required),
             join(self.known, other.known),
             join(self.covered, other.covered),
@@ -146,8 +149,13 @@ class Timeline:
 
     @property
     def largest_gap(self) -> float:
-        """Longest time between neighbouring samples that hold literals [s]: shorter events may be missed."""
-        return float(np.nanmax(self.steps[self.monitored[:-1]], initial=0.0))
+        """Longest time between neighbouring samples that hold literals and were looked at [s].
+
+        Shorter events may be missed.
+        """
+        rows = np.flatnonzero(self.monitored & self.observation.looked)
+        steps = np.diff(self.samples.t[rows])[np.diff(self.samples.piece[rows]) == 0]
+        return float(steps.max(initial=0.0))
 
     @property
     def transition_error(self) -> float:
@@ -262,7 +270,7 @@ def _full_look(observer: Observer, targets: Sequence[Target], states: SceneState
         if target.cameras <= len(responses):
             kth = np.sort(np.where(sees, responses, np.inf), axis=1)[:, target.cameras - 1]
             response[:, column] = np.where(covered[:, column], kth, np.nan)
-    return Observation(required, required, covered, response, matrix)
+    return Observation(np.ones(len(required), dtype=bool), required, required, covered, response, matrix)
 
 
 def _quick_look(
@@ -279,8 +287,8 @@ def _quick_look(
     samples that agree about it. Where there are few samples, several targets are looked at together all the same.
     """
     if agreed is None:
-        nothing = np.zeros(required.shape, dtype=bool)
-        agreed = Observation(required, nothing, nothing, np.full(required.shape, np.nan), None)
+        everything, nothing = np.ones(len(required), dtype=bool), np.zeros(required.shape, dtype=bool)
+        agreed = Observation(everything, required, nothing, nothing, np.full(required.shape, np.nan), None)
     known, covered, response = agreed.known.copy(), agreed.covered.copy(), agreed.response.copy()
     lost = known & ~covered
     state_open = ~lost.any(axis=1)
@@ -299,7 +307,7 @@ def _quick_look(
             state_open &= covered[:, column] | ~required[:, column]
             for fault in _faults_of(column, faults):
                 fault_open[fault] &= covered[:, column]
-    return Observation(required, known, covered, response, None)
+    return Observation(agreed.looked, required, known, covered, response, None)
 
 
 def _faults_of(column: int, faults: Mapping[str, tuple[int, ...]]) -> list[str]:

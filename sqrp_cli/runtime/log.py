@@ -28,7 +28,8 @@ class LogWriter:
 
     def __init__(self, path: Path, header: Event) -> None:
         """header: what was run and how."""
-        self._file = path.open("w", encoding="utf-8")
+        # Line by line, so that nothing is lost where a run is interrupted.
+        self._file = path.open("w", encoding="utf-8", buffering=1)
         self(Event(header.t, header.kind, {"sqrp_log": VERSION, **header.fields}))
 
     def __call__(self, event: Event) -> None:
@@ -36,10 +37,13 @@ class LogWriter:
         line = {"t": event.t, "event": event.kind, **event.fields}
         self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
 
-    def close(self, report: RunReport) -> None:
+    def finish(self, report: RunReport) -> None:
         """Write the report as the last line."""
         document = {key: value for key, value in asdict(report).items() if key != "wall"}
         self(Event(report.time, "report", document))
+
+    def close(self) -> None:
+        """Write nothing more."""
         self._file.close()
 
 

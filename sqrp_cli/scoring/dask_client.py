@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import json
 import logging
 import threading
@@ -62,8 +63,8 @@ def _watch(client: Any, tell: Callable[[str], None], ended: threading.Event) -> 
     while not ended.wait(LOOKS):
         try:
             gone = not client.nthreads()
-        except (OSError, RuntimeError):  # the connection is lost or closed, which shows elsewhere
-            continue
+        except (OSError, RuntimeError, concurrent.futures.CancelledError):
+            continue  # the connection is lost or being closed, which shows elsewhere
         if gone and not told:
             tell("the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)")
         told = gone

@@ -52,7 +52,7 @@ def make_story(
         pieces,
         samples,
         ATOMS,
-        Observation(required, required, covered, response, None),
+        Observation(np.ones(len(required), dtype=bool), required, required, covered, response, None),
         {"slip": columns},
         monitored_time(formulas),
         interesting_time(formulas),

@@ -13,8 +13,8 @@ import pytest
 from sqrp_cli.cli.run_page import RunCell, write_run
 from sqrp_cli.cli.run_view import print_run
 from sqrp_cli.errors import InputError
-from sqrp_cli.runtime.log import read_log, report_of
-from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
+from sqrp_cli.runtime.log import LogWriter, read_log, report_of
+from sqrp_cli.runtime.outcome import Event, FaultRecord, RunReport, StepRecord
 from sqrp_cli.runtime.witness import Track
 
 IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -70,6 +70,17 @@ def test_what_is_no_log_is_refused_in_words(tmp_path: Path, content: bytes, says
     path.write_bytes(content)
     with pytest.raises(InputError, match=says):
         list(read_log(path))
+
+
+def test_what_has_happened_is_in_the_file_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    writer = LogWriter(path, Event(0.0, "run", {"workspace": "cell", "digest": "d", "cameras": []}))
+    writer(Event(0.25, "primitive", {"name": "a1"}))
+    assert [event.kind for event in read_log(path)] == ["run", "primitive"]
+    writer.finish(REPORT)
+    writer.close()
+    *_, last = read_log(path)
+    assert report_of(path, dict(last.fields)) == REPORT
 
 
 def test_a_log_says_what_was_written(tmp_path: Path) -> None:

@@ -172,7 +172,8 @@ def _kept(report: RunReport) -> dict[str, Any]:
 def _log(simulation: Simulation, job: Job, path: Path) -> str:
     """The digest of the log of a run."""
     writer = LogWriter(path, header(simulation.program, simulation.workspace, 0, job.faults))
-    writer.close(simulation.run(job.faults, [writer]))
+    writer.finish(simulation.run(job.faults, [writer]))
+    writer.close()
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

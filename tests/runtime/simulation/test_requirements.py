@@ -124,7 +124,9 @@ def test_without_the_extra_only_what_needs_it_says_so(
     tmp_path: Path, words: tuple[str, ...], exit_code: int, said: str
 ) -> None:
     log = tmp_path / "log"
-    LogWriter(log, Event(0.0, "run", {"workspace": "cell", "cameras": []})).close(RunReport())
+    writer = LogWriter(log, Event(0.0, "run", {"workspace": "cell", "digest": "", "cameras": []}))
+    writer.finish(RunReport())
+    writer.close()
     # The program itself is not what this is about.
     script = (
         f"{WITHOUT_EXTRA}\nfrom sqrp_cli.cli import run\nrun.open_program = lambda path: (None, None)\n"
