@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -119,15 +118,22 @@ def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
 
 def open_program(path: Path) -> tuple[Program, Workspace]:
     """A program with at least one step, and its workspace. Raises InputError if it does not fit the workspace."""
-    from sqrp_cli.cli.options import open_workspace
-    from sqrp_cli.program_file import check_program, load_program
+    from sqrp_cli.program_file import check_program
 
-    program = load_program(path)
-    workspace = open_workspace(Path(os.path.normpath(path.absolute().parent / program.workspace)))
+    program, workspace = _program_and_workspace(path)
     check_program(program, path, workspace)
     if not program.steps:
         raise InputError(Problem("no-steps", "this program has no steps", Place(path)))
     return program, workspace
+
+
+def _program_and_workspace(path: Path) -> tuple[Program, Workspace]:
+    """A program and its workspace as it is now, whether or not they still fit."""
+    from sqrp_cli.cli.options import open_workspace
+    from sqrp_cli.program_file import load_program, workspace_path
+
+    program = load_program(path)
+    return program, open_workspace(workspace_path(program, path))
 
 
 class LazyReplanner:
@@ -234,7 +240,7 @@ def _replay(
 
     events = read_log(path)
     header = next(events)
-    workspace = open_program(program)[1] if program is not None and page is not None else None
+    workspace = None if program is None else _program_and_workspace(program)[1]
     read = [] if workspace is None else [file.path for file in workspace.files.values()]
     check_not_read([page], [path, *read, *([] if program is None else [program])])
     report = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -320,7 +321,12 @@ def test_a_log_alone_or_with_another_workspace_gives_a_flat_page_that_says_why(s
     first, rest = (played.folder / "run.jsonl").read_text(encoding="utf-8").split("\n", 1)
     changed = json.dumps({**json.loads(first), "digest": "0" * 64})
     log.write_text(f"{changed}\n{rest}", encoding="utf-8")
+    now = tmp_path / played.folder.name
+    shutil.copytree(played.folder, now)
+    cell = now / "workspace.yaml"
+    cell.write_text(cell.read_text(encoding="utf-8").replace("7 Hz", "8 Hz"), encoding="utf-8")
     for arguments, why in (
+        ((now / "pick.yaml", "--replay", now / "run.jsonl"), "the workspace of this program is not as it was in the"),
         (("--replay", log), "a log has no shapes; `sqrp run PROGRAM --replay LOG --report FILE` takes them from the"),
         ((played.folder / "pick.yaml", "--replay", log), "the workspace of this program is not as it was in the run."),
     ):
@@ -332,6 +338,12 @@ def test_a_log_alone_or_with_another_workspace_gives_a_flat_page_that_says_why(s
         assert not opened.page.locator("#view").is_visible()
         assert opened.texts("#moments button")[0].endswith("slip happens")
         opened.context.close()
+
+
+def test_a_replay_tells_that_its_program_is_not_there(sqrp, played):
+    refused = sqrp("run", played.folder / "pik.yaml", "--replay", played.folder / "run.jsonl", "--json")
+    assert (refused.code, refused.out) == (2, "")
+    assert "pick.yaml" in refused.err
 
 
 def test_who_watches_the_truth_changes_nothing_and_a_log_stays_small(sqrp, played):
