@@ -62,6 +62,13 @@ class Observation:
             raise ValueError("the causes were not looked up")
         return self.matrix
 
+    @classmethod
+    def unknown(cls, required: Mask) -> Observation:
+        """Nothing yet of samples that require targets, shape (m, a)."""
+        nothing = np.zeros(required.shape, dtype=bool)
+        looked = np.ones(len(required), dtype=bool)
+        return cls(looked, required, nothing, nothing, np.full(required.shape, np.nan), None)
+
     def agreed(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> Observation:
         """What the samples `first` and `second`, by index, agree about, without a matrix."""
         covered, response = self.covered, self.response
@@ -257,7 +264,7 @@ def _look(
     states = stage.states(samples)
     if full:
         return _full_look(observer, targets, states, required)
-    return _quick_look(observer, targets, faults, states, required, agreed)
+    return _quick_look(observer, targets, faults, states, required, agreed or Observation.unknown(required))
 
 
 def _full_look(observer: Observer, targets: Sequence[Target], states: SceneStates, required: Mask) -> Observation:
@@ -279,16 +286,13 @@ def _quick_look(
     faults: Mapping[str, tuple[int, ...]],
     states: SceneStates,
     required: Mask,
-    agreed: Observation | None,
+    agreed: Observation,
 ) -> Observation:
     """Coverage only.
 
     A target is not looked at where the state and every fault that needs it are already known uncovered, nor between
     samples that agree about it. Where there are few samples, several targets are looked at together all the same.
     """
-    if agreed is None:
-        everything, nothing = np.ones(len(required), dtype=bool), np.zeros(required.shape, dtype=bool)
-        agreed = Observation(everything, required, nothing, nothing, np.full(required.shape, np.nan), None)
     known, covered, response = agreed.known.copy(), agreed.covered.copy(), agreed.response.copy()
     lost = known & ~covered
     state_open = ~lost.any(axis=1)

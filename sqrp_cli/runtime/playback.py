@@ -60,7 +60,9 @@ class Playback:
         if not self._primitives:
             return t
         if not self._stops or (protective and not self._stops[-1].protective):
-            self._stops.append(self._planned_stop(t, protective=protective))
+            stop = self._planned_stop(t, protective=protective)
+            if stop not in self._stops:
+                self._stops.append(stop)
         return max(t, self._stops[-1].stands)
 
     def standing_time(self, tau: float) -> float:

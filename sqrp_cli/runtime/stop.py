@@ -16,7 +16,7 @@ _ON = PiecewiseCubic(np.array([0.0, 1.0]), np.array([[0.0, 1.0, 0.0, 0.0]]))
 """A clock that goes on at its usual rate."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stop:
     """A stop that begins at a time t [s], when the step's own clock shows tau [s], and lasts for a duration [s].
 

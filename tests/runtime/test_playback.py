@@ -28,6 +28,19 @@ def playback() -> Playback:
     return found
 
 
+def assert_stays_on_the_path(reference: Playback, stands: float, acceleration: float, jerk: float) -> None:
+    """That the arm goes along the path, never back, until it stands, within limits of acceleration and jerk."""
+    t = np.arange(1.0, stands + 0.2, 0.001)
+    q, velocity, found = reference.states(t)
+    along = (q - Q0) / (Q1 - Q0)
+    assert np.allclose(along[:, 0], along[:, 1])
+    assert np.all(np.diff(along[:, 0]) >= -1e-12)
+    assert np.allclose(reference.state(stands)[1], 0.0, atol=1e-9)
+    assert np.abs(found).max() <= 1.02 * acceleration
+    assert np.allclose(np.gradient(q, t, axis=0)[2:-2], velocity[2:-2], atol=2e-3)
+    assert np.abs(np.diff(found, axis=0)).max() / 0.001 <= jerk
+
+
 def test_it_stands_before_and_after_the_motion_and_moves_between() -> None:
     reference = playback()
     assert np.allclose(reference.state(0.5)[0], Q0)
@@ -39,15 +52,7 @@ def test_it_stands_before_and_after_the_motion_and_moves_between() -> None:
 def test_a_stop_stays_on_the_path_and_keeps_the_limits(at: float) -> None:
     reference = playback()
     stands = reference.stop(at)
-    t = np.arange(1.0, stands + 0.2, 0.001)
-    q, velocity, acceleration = reference.states(t)
-    along = (q - Q0) / (Q1 - Q0)
-    assert np.allclose(along[:, 0], along[:, 1])
-    assert np.all(np.diff(along[:, 0]) >= -1e-12)
-    assert np.allclose(reference.state(stands)[1], 0.0, atol=1e-9)
-    assert np.abs(acceleration).max() <= 1.02 * ACCELERATION
-    assert np.allclose(np.gradient(q, t, axis=0)[2:-2], velocity[2:-2], atol=2e-3)
-    assert np.abs(np.diff(acceleration, axis=0)).max() / 0.001 <= 2.2 * JERK
+    assert_stays_on_the_path(reference, stands, ACCELERATION, 2.2 * JERK)
 
 
 def test_after_a_stop_it_stands_where_the_stop_ended() -> None:
@@ -77,15 +82,7 @@ def test_a_protective_stop_takes_over_from_another_that_is_under_way(later: floa
     assert at < stands < usual - 0.3 * (usual - at)
     assert reference.stop(at + 0.01, protective=True) == stands
     assert np.allclose(np.array(before), np.array(reference.state(at + 1e-9)), atol=1e-6)
-    t = np.arange(1.0, stands + 0.2, 0.001)
-    q, velocity, acceleration = reference.states(t)
-    along = (q - Q0) / (Q1 - Q0)
-    assert np.allclose(along[:, 0], along[:, 1])
-    assert np.all(np.diff(along[:, 0]) >= -1e-12)
-    assert np.allclose(reference.state(stands)[1], 0.0, atol=1e-9)
-    assert np.abs(acceleration).max() <= 1.02 * STOP.acceleration
-    assert np.allclose(np.gradient(q, t, axis=0)[2:-2], velocity[2:-2], atol=2e-3)
-    assert np.abs(np.diff(acceleration, axis=0)).max() / 0.001 <= 1.1 * STOP.jerk + 2.2 * JERK
+    assert_stays_on_the_path(reference, stands, STOP.acceleration, 1.1 * STOP.jerk + 2.2 * JERK)
 
 
 def test_a_stop_that_is_nearly_over_is_left_to_itself() -> None:
