@@ -6,10 +6,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.motion.recovery import Recovery
-from sqrp_cli.programming.timeline import Timeline
+from sqrp_cli.programming.ranges import begins_run
+from sqrp_cli.programming.timeline import Mask, Timeline
 
 
 @dataclass(frozen=True)
@@ -96,12 +99,14 @@ def interval_metrics(
 
 def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> Iterator[_Range]:
     """The interval cut where the fault comes into sight or is lost, in order."""
-    covered, not_before = timeline.fault_covered(fault), timeline.samples.t >= interval.start
-    t, response = timeline.samples.t.tolist(), timeline.fault_response(fault).tolist()
+    t, response = timeline.samples.t, timeline.fault_response(fault)
+    covered, not_before = ~np.isnan(response), t >= interval.start
     together = covered[:-1] & covered[1:] & ~np.isnan(timeline.steps) & not_before[1:]
-    covered = covered & not_before
-    sights = [(t[i], t[i], response[i]) for i in np.flatnonzero(covered).tolist()]
-    sights += [(t[i], t[i + 1], max(response[i], response[i + 1])) for i in np.flatnonzero(together).tolist()]
+    covered &= not_before
+    first, last, slower = _stretches(together, np.maximum(response[:-1], response[1:]))
+    appears = np.flatnonzero(covered & ~np.append(False, together))
+    sights = list(zip(t[appears].tolist(), t[appears].tolist(), response[appears].tolist(), strict=True))
+    sights += zip(t[first].tolist(), t[last].tolist(), slower.tolist(), strict=True)
     x, found = interval.start, False
     for start, end, delay in sorted(sights):
         if end < x:
@@ -117,6 +122,17 @@ def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> 
         found = True
     if x < interval.end or not found:
         yield _Range(x, interval.end, seen=False, noticed=total, response=0.0, ever=False)
+
+
+def _stretches(together: Mask, response: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """The stretches of covered samples with one response: their first and last sample, and the response [s].
+
+    together, response: of each sample and the next, shape (m - 1,).
+    """
+    begins = together & begins_run(np.where(together, response, np.nan))
+    goes_on = np.append(together[1:] & ~begins[1:], False)
+    first, last = np.flatnonzero(begins), np.flatnonzero(together & ~goes_on) + 1
+    return first, last, response[first]
 
 
 def _mean_end(part: _Range, recovery: Recovery, total: float) -> float:

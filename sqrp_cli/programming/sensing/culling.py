@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.programming.ranges import ranges
 from sqrp_cli.programming.sensing.sight_lines import TOUCH, Indices, Pairs, SightLines, SolidPoses
 
-_LINES_AT_ONCE = 4096
-"""Sight lines that are compared with all solids at once: what that takes should fit the cache."""
+_HULLS_AT_ONCE = 4096
+"""View hulls, each in a state, that are compared with all solids at once: what that takes should fit the cache."""
 
 _LEAST_DEPTH = 1e-6
 """Depth of a box's nearest corner [m] below which the box has no bounded image, and its hull no cone."""
@@ -30,17 +31,44 @@ def near_pairs(lines: SightLines, poses: SolidPoses, opaque: NDArray[np.bool_]) 
     if not len(lines.state) or not len(solids):
         return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
     hulls = _Hulls.of(lines)
-    balls = _Balls.of(poses, solids, int(lines.state.max()) + 1)
-    found = []
-    for start in range(0, len(lines.state), _LINES_AT_ONCE):
-        chunk = slice(start, start + _LINES_AT_ONCE)
-        hull, state = lines.hull[chunk], lines.state[chunk]
-        near = hulls.meet(hull, balls, state) & opaque[solids][:, lines.box[hull]]
-        line, row = np.nonzero(near.T)
-        kept = _meets_box(hulls, hull[line], balls.centers[:, row, state[line]], poses, solids[row], state[line])
-        found.append((line[kept] + start, solids[row[kept]]))
-    lines_found, solids_found = zip(*found, strict=True)
-    return np.concatenate(lines_found), np.concatenate(solids_found)
+    moves = np.array([len(poses.pose(index)) > 1 for index in solids.tolist()])
+    every_hull = np.arange(len(lines.box))
+    # What stands still is compared with each hull once, whatever the number of its lines.
+    hull, standing = _near(hulls, lines.box, opaque, poses, solids[~moves], every_hull, np.zeros_like(every_hull))
+    at, line = _all_lines_of(hull, lines)
+    moved_line, moving = _near(hulls, lines.box, opaque, poses, solids[moves], lines.hull, lines.state)
+    line, solid = np.concatenate([line, moved_line]), np.concatenate([standing[at], moving])
+    order = np.lexsort((solid, line))
+    return line[order], solid[order]
+
+
+def _all_lines_of(hull: Indices, lines: SightLines) -> tuple[Indices, Indices]:
+    """Every sight line of each hull (n,), with the index of the hull among those n; a hull's lines follow each other."""
+    first = np.searchsorted(lines.hull, np.arange(len(lines.box) + 1))
+    return ranges(first[hull], first[hull + 1])
+
+
+def _near(
+    hulls: _Hulls,
+    box: Indices,
+    opaque: NDArray[np.bool_],
+    poses: SolidPoses,
+    solids: Indices,
+    hull: Indices,
+    state: Indices,
+) -> Pairs:
+    """Pairs (row, index of solid) of n hulls, each in a state, and some of the solids."""
+    found = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
+    if len(solids):
+        balls = _Balls.of(poses, solids, int(state.max()) + 1)
+        for start in range(0, len(hull), _HULLS_AT_ONCE):
+            of, at = hull[start : start + _HULLS_AT_ONCE], state[start : start + _HULLS_AT_ONCE]
+            near = hulls.meet(of, balls, at) & opaque[solids][:, box[of]]
+            row, index = np.nonzero(near.T)
+            kept = _meets_box(hulls, of[row], balls.centers[:, index, at[row]], poses, solids[index], at[row])
+            found.append((row[kept] + start, solids[index[kept]]))
+    rows, near_ones = zip(*found, strict=True)
+    return np.concatenate(rows), np.concatenate(near_ones)
 
 
 @dataclass(frozen=True, eq=False)

@@ -67,9 +67,10 @@ class Surface:
         _, begin, count = np.unique(key[order], return_index=True, return_counts=True)
         one, other = order[begin], order[begin + count - 1]
         joins = (count == 2) & (start[one] != start[other])
-        alone = np.setdiff1d(order, np.concatenate([one[joins], other[joins]]))
-        side = np.concatenate([one[joins], alone])
-        right = np.concatenate([other[joins] // 3, np.full(len(alone), len(triangles))])
+        alone = np.ones(len(order), dtype=bool)
+        alone[one[joins]] = alone[other[joins]] = False
+        side = np.concatenate([one[joins], np.flatnonzero(alone)])
+        right = np.concatenate([other[joins] // 3, np.full(int(alone.sum()), len(triangles))])
         return Surface(vertices, triangles, normals, offsets, start[side], end[side], side // 3, right)
 
 
