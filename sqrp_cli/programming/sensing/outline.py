@@ -14,6 +14,9 @@ from sqrp_cli.programming.sensing.ray_grid import COLUMNS, ROWS, SHIFT, first_ro
 from sqrp_cli.programming.sensing.sight_lines import Indices
 from sqrp_cli.programming.sensing.surface import Surface
 
+_ABOVE, _BELOW = np.uint8(2), np.uint8(4)
+"""Marks of points beyond the first row of rays, or beyond the last one; 1 of those before the first column."""
+
 AHEAD = 1e-6
 """Depth from which on a point counts as in front of the camera [m]."""
 
@@ -50,24 +53,21 @@ class Outline:
         grids, shape (3, 4, k). facing: see `facing`.
         """
         left, right = facing.take(surface.left, axis=0), facing.take(surface.right, axis=0)
-        bends = np.flatnonzero(left != right)
+        # Vertex by vertex, so that edges which share an end give it the same row to the last bit.
+        column, row, depth = surface.homogeneous @ maps
+        # Most edges lie wholly beyond one side of the grid, and are dropped before anything is worked out for them.
+        beyond = (column <= 0.0) | ((row <= 0.0) * _ABOVE) | ((row > (ROWS - 0.5) * depth) * _BELOW)
+        start, end = beyond.take(surface.start, axis=0), beyond.take(surface.end, axis=0)
+        bends = np.flatnonzero((left != right) & ((start & end) == 0))
         edge = bends // len(layer)
         view = bends - edge * len(layer)
-        # Vertex by vertex, so that edges which share an end give it the same row to the last bit.
-        column, row, depth = (surface.homogeneous @ maps).reshape(3, -1)
-        depth = np.maximum(depth, AHEAD)  # what lies behind the camera belongs to no triangle that counts
         ends = surface.ends.take(edge, axis=1) * len(layer) + view
-        row = row.take(ends) / depth.take(ends)
-        first, last = first_row(row)
-        # Most edges are dropped before anything else is worked out for them.
-        crossing = np.flatnonzero(first != last)
-        ends = ends.take(crossing, axis=1)
-        column = column.take(ends) / depth.take(ends)
-        before = np.flatnonzero((column[0] > 0.0) | (column[1] > 0.0))
-        crossing = crossing.take(before)
+        depth = depth.take(ends)
+        row = row.take(ends) / depth
+        crossing = np.not_equal(*first_row(row)).nonzero()[0]
         bends, view = bends.take(crossing), view.take(crossing)
-        weight = left.take(bends) - right.take(bends)
-        return cls(layer.take(view), column.take(before, axis=1), row.take(crossing, axis=1), weight)
+        column = column.take(ends.take(crossing, axis=1)) / depth.take(crossing, axis=1)
+        return cls(layer.take(view), column, row.take(crossing, axis=1), left.take(bends) - right.take(bends))
 
     def inside(self, layers: int) -> NDArray[np.bool_]:
         """Which rays the outlines of each layer wind around, shape (COLUMNS, layers, ROWS).
