@@ -43,7 +43,7 @@ def near_pairs(lines: SightLines, poses: SolidPoses, opaque: NDArray[np.bool_]) 
 
 
 def _all_lines_of(hull: Indices, lines: SightLines) -> tuple[Indices, Indices]:
-    """Every sight line of each hull (n,), with the index of the hull among those n; a hull's lines follow each other."""
+    """Every sight line of each hull (n,), with the hull's place among those n; a hull's lines follow each other."""
     first = np.searchsorted(lines.hull, np.arange(len(lines.box) + 1))
     return ranges(first[hull], first[hull + 1])
 
@@ -57,39 +57,48 @@ def _near(
     hull: Indices,
     state: Indices,
 ) -> Pairs:
-    """Pairs (row, index of solid) of n hulls, each in a state, and some of the solids."""
-    found = [(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
-    if len(solids):
-        balls = _Balls.of(poses, solids, int(state.max()) + 1)
-        for start in range(0, len(hull), _HULLS_AT_ONCE):
-            of, at = hull[start : start + _HULLS_AT_ONCE], state[start : start + _HULLS_AT_ONCE]
-            near = hulls.meet(of, balls, at) & opaque[solids][:, box[of]]
-            row, index = np.nonzero(near.T)
-            kept = _meets_box(hulls, of[row], balls.centers[:, index, at[row]], poses, solids[index], at[row])
-            found.append((row[kept] + start, solids[index[kept]]))
+    """Pairs (row, index of solid) of n hulls, each in a state, shape (n,), and some of the solids, ordered by row.
+
+    box: which box each of the hulls belongs to, shape (h,).
+    """
+    if not len(solids):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    bounds = _Bounds.of(poses, solids, int(state.max()) + 1)
+    found = []
+    for start in range(0, len(hull), _HULLS_AT_ONCE):
+        of, at = hull[start : start + _HULLS_AT_ONCE], state[start : start + _HULLS_AT_ONCE]
+        near = hulls.meet_balls(of, bounds, at) & opaque[solids][:, box[of]]
+        row, index = np.nonzero(near.T)
+        kept = hulls.meet_boxes(of[row], bounds, index, at[row])
+        found.append((row[kept] + start, solids[index[kept]]))
     rows, near_ones = zip(*found, strict=True)
     return np.concatenate(rows), np.concatenate(near_ones)
 
 
 @dataclass(frozen=True, eq=False)
-class _Balls:
-    """Balls around s solids in m states.
+class _Bounds:
+    """Balls and boxes around s solids in m states, with the same centres.
 
-    centers: in the world, shape (3, s, m). radii: shape (s, 1) [m].
+    centers: in the world, shape (3, s, m). radii: of the balls, shape (s, 1) [m]. half_axes: of the boxes in the world,
+    coordinate second, shape (3, 3, s, m).
     """
 
     centers: Array
     radii: Array
+    half_axes: Array
 
     @classmethod
-    def of(cls, poses: SolidPoses, solids: Indices, count: int) -> _Balls:
-        centers = np.empty((3, len(solids), count))
+    def of(cls, poses: SolidPoses, solids: Indices, count: int) -> _Bounds:
+        axes_and_center = np.empty((4, 3, len(solids), count))
         for row, index in enumerate(solids.tolist()):
-            X_WP = poses.pose(index)[:count]
-            center = np.append(poses.solids[index].center, 1.0)
-            # One product with a vector, in place of one for every state.
-            centers[:, row] = (X_WP.reshape(-1, 4) @ center).reshape(-1, 4)[:, :3].T
-        return cls(centers, np.array([[poses.solids[index].radius] for index in solids.tolist()]))
+            solid, X_WP = poses.solids[index], poses.pose(index)[:count]
+            columns_P = np.eye(4)
+            columns_P[:3, :3], columns_P[:3, 3] = solid.half_axes.T, solid.center
+            # One product of two matrices, in place of one for every state.
+            columns_W = (X_WP.reshape(-1, 4) @ columns_P).reshape(-1, 4, 4)
+            axes_and_center[:, :, row] = columns_W[:, :3].transpose(2, 1, 0)
+        radii = np.array([[poses.solids[index].radius] for index in solids.tolist()])
+        return cls(axes_and_center[3], radii, axes_and_center[:3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,17 +130,33 @@ class _Hulls:
         points = np.concatenate([corners, eyes[:, None]], axis=1)
         return cls(np.concatenate([eyes, axis, [cosine, sine, length]]), planes, points)
 
-    def meet(self, hull: Indices, balls: _Balls, state: Indices) -> NDArray[np.bool_]:
+    def meet_balls(self, hull: Indices, bounds: _Bounds, state: Indices) -> NDArray[np.bool_]:
         """Whether the cone of each hull (n,) may touch each ball in a state (n,); shape (s, n)."""
         *eye_and_axis, cosine, sine, length = self.cones[:, hull]
-        x, y, z = (balls.centers[axis][:, state] - eye_and_axis[axis] for axis in range(3))
+        x, y, z = (bounds.centers[axis][:, state] - eye_and_axis[axis] for axis in range(3))
         along = _dot((x, y, z), eye_and_axis[3:])
         aside = np.sqrt(np.maximum(_dot((x, y, z), (x, y, z)) - along * along, 0.0))
-        reach = balls.radii + TOUCH
+        reach = bounds.radii + TOUCH
         meets: NDArray[np.bool_] = aside * cosine - along * sine <= reach
         # A hull without a cone has an infinite length, and anything may touch it.
         meets &= ((along >= -reach) & (along <= reach + length)) | np.isinf(length)
         return meets
+
+    def meet_boxes(self, hull: Indices, bounds: _Bounds, solid: Indices, state: Indices) -> Indices:
+        """Which hulls (n,) may touch the box around a solid (n,) in a state (n,), by index."""
+        center, half_axes = bounds.centers[:, solid, state], bounds.half_axes[:, :, solid, state]
+        planes = self.planes[:, :, hull]
+        normals = planes[:, :3].swapaxes(0, 1)
+        extent = sum(np.abs(_dot(normals, half_axis)) for half_axis in half_axes)
+        kept = np.flatnonzero((_dot(normals, center) - extent <= planes[:, 3] + TOUCH).all(axis=0))
+        points = self.points[:, :, hull[kept]] - center[:, None, kept]
+        meets = np.ones(len(kept), dtype=bool)
+        for half_axis in half_axes[:, :, kept]:
+            # The hull does not reach into the box if all of its points lie beyond the same face.
+            along, length = _dot(points, half_axis), _norm(half_axis)
+            reach = length * (length + TOUCH)
+            meets &= (along.min(axis=0) <= reach) & (along.max(axis=0) >= -reach)
+        return kept[meets]
 
 
 def _planes(eyes: Array, rays: Array, axis: Array, depth: Array) -> Array:
@@ -157,27 +182,6 @@ def _planes(eyes: Array, rays: Array, axis: Array, depth: Array) -> Array:
     planes[:, 3] = _dot(planes[:, :3].swapaxes(0, 1), eyes)
     planes[8, 3] += depth.max(axis=0)
     return planes
-
-
-def _meets_box(
-    hulls: _Hulls, hull: Indices, center: Array, poses: SolidPoses, solid: Indices, state: Indices
-) -> Indices:
-    """Which hulls (n,) may touch the box around a solid (n,) with its centre (3, n) in a state (n,), by index."""
-    axes_P = np.array([entry.half_axes for entry in poses.solids])[solid]
-    half_axes = np.ascontiguousarray((axes_P @ poses.at(solid, state)[:, :3, :3].swapaxes(1, 2)).transpose(1, 2, 0))
-    planes = hulls.planes[:, :, hull]
-    normals = planes[:, :3].swapaxes(0, 1)
-    extent = sum(np.abs(_dot(normals, half_axis)) for half_axis in half_axes)
-    kept = np.flatnonzero((_dot(normals, center) - extent <= planes[:, 3] + TOUCH).all(axis=0))
-    half_axes = half_axes[:, :, kept]
-    points = hulls.points[:, :, hull[kept]] - center[:, None, kept]
-    meets = np.ones(len(kept), dtype=bool)
-    for half_axis in half_axes:
-        # The hull does not reach into the box if all of its points lie beyond the same face.
-        along, length = _dot(points, half_axis), _norm(half_axis)
-        reach = length * (length + TOUCH)
-        meets &= (along.min(axis=0) <= reach) & (along.max(axis=0) >= -reach)
-    return kept[meets]
 
 
 def _dot(a: Array | tuple[Array, ...], b: Array | list[Array] | tuple[Array, ...]) -> Array:

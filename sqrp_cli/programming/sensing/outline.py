@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.ranges import ranges
 from sqrp_cli.programming.sensing.ray_grid import COLUMNS, ROWS, SHIFT, first_row
 from sqrp_cli.programming.sensing.sight_lines import Indices
 from sqrp_cli.programming.sensing.surface import Surface
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 _ABOVE, _BELOW = np.uint8(2), np.uint8(4)
 """Marks of points beyond the first row of rays, or beyond the last one; 1 of those before the first column."""
@@ -76,17 +78,22 @@ class Outline:
         direction.
         """
         whole_row = first_row(self.row)
+        crossings = np.abs(whole_row[1] - whole_row[0])
+
+        def each(values: NDArray[Scalar]) -> NDArray[Scalar]:
+            """The values of every crossing's edge."""
+            return np.repeat(values, crossings)
+
+        row = np.arange(crossings.sum()) + each(whole_row.min(axis=0) - np.cumsum(crossings) + crossings)
         slope = (self.column[1] - self.column[0]) / (self.row[1] - self.row[0])
-        edge, crossed = ranges(np.minimum(*whole_row), np.maximum(*whole_row))
-        start = self.column[0] - self.row[0] * slope
-        beyond = start[edge] + crossed * slope[edge] - SHIFT[crossed]
+        beyond = each(self.column[0] - self.row[0] * slope) + row * each(slope) - SHIFT.take(row)
         beyond = np.ceil(np.minimum(np.maximum(beyond, 0.0), COLUMNS))
-        weight = self.weight * np.sign(whole_row[1] - whole_row[0])
+        weight = (self.weight * np.sign(whole_row[1] - whole_row[0])).astype(np.int16)
         # Each crossing counts for the rays on the one side of it: it is a step where the rays begin.
         rays = layers * ROWS
         winding = np.zeros((COLUMNS + 1, rays), dtype=np.int16)
-        at = beyond.astype(np.int64) * rays + (self.layer * ROWS)[edge] + crossed
-        np.add.at(winding.reshape(-1), at, weight[edge].astype(np.int16))
+        at = beyond.astype(np.int64) * rays + each(self.layer * ROWS) + row
+        np.add.at(winding.reshape(-1), at, each(weight))
         for column in range(COLUMNS - 1, 0, -1):
             winding[column] += winding[column + 1]
         inside: NDArray[np.bool_] = (winding[1:] != 0).reshape(COLUMNS, -1, ROWS)
