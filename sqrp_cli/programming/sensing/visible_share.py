@@ -24,7 +24,7 @@ from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs, SightLines,
 from sqrp_cli.programming.sensing.surface import Surface
 from sqrp_cli.programming.solids import BOX_TRIANGLES
 
-_CHUNK = 256
+_CHUNK = 1024
 """Sight lines that are sampled together at most."""
 
 _MEMORY = 2_000_000
