@@ -29,11 +29,12 @@ class Mount:
 class JointTree:
     """N movable joints, parents first, and the links that they carry.
 
-    A joint at position q has the pose `still + sin(q) sine + (1 - cos(q)) versine` in its parent if it turns
-    (Rodrigues' formula), and `still + q sine` if it slides; these matrices have shape (N, 4, 4).
+    A joint at position q has the pose `A + sin(q) B + (1 - cos(q)) C` in its parent if it turns (Rodrigues' formula),
+    and `A + q B` if it slides.
 
     joints: as in the URDFs. parents: index of each joint's parent, -1 for the world.
     turns: whether each joint turns, (N,). axes: unit vectors in the joints' frames, (N, 3).
+    terms: the matrices A, B and C of each joint, (N, 3, 4, 4).
     mounts: what carries each link of robot and tool.
     """
 
@@ -41,9 +42,7 @@ class JointTree:
     parents: tuple[int, ...]
     turns: NDArray[np.bool_]
     axes: Array
-    still: Array
-    sine: Array
-    versine: Array
+    terms: Array
     mounts: dict[str, Mount]
 
     @staticmethod
@@ -76,9 +75,8 @@ class JointTree:
         motion = np.zeros_like(still)
         motion[turns, :3, :3] = np.cross(axes[turns, None, :], np.eye(3)).swapaxes(1, 2)
         motion[~turns, :3, 3] = axes[~turns]
-        sine = still @ motion
-        parents = tuple(seat.joint for seat in seats)
-        return JointTree(tuple(joints), parents, turns, axes, still, sine, sine @ motion, mounts)
+        terms = np.stack([still, still @ motion, still @ motion @ motion], axis=1)
+        return JointTree(tuple(joints), tuple(seat.joint for seat in seats), turns, axes, terms, mounts)
 
     def chain(self, link: str) -> list[int]:
         """Indices of the joints that carry a link, from the world outwards."""
@@ -91,8 +89,13 @@ class JointTree:
     def along(self, chain: Sequence[int]) -> JointTree:
         """A tree of the joints of a chain that begins at the world, without links."""
         rows = list(chain)
-        matrices = (self.turns[rows], self.axes[rows], self.still[rows], self.sine[rows], self.versine[rows])
-        return JointTree(tuple(self.joints[row] for row in rows), tuple(range(-1, len(rows) - 1)), *matrices, {})
+        joints, parents = tuple(self.joints[row] for row in rows), tuple(range(-1, len(rows) - 1))
+        return JointTree(joints, parents, self.turns[rows], self.axes[rows], self.terms[rows], {})
+
+    @property
+    def still(self) -> Array:
+        """Poses of the joints in their parents at position 0, shape (N, 4, 4)."""
+        return self.terms[:, 0]
 
     @cached_property
     def sliding(self) -> NDArray[np.intp]:
@@ -101,12 +104,11 @@ class JointTree:
 
     def poses(self, positions: Array) -> Array:
         """World poses X_WJ of all joints, shape (m, N, 4, 4), at positions of shape (m, N) [rad or m]."""
-        sines, versines = np.sin(positions), 1.0 - np.cos(positions)
+        factors = np.empty((*positions.T.shape, 3))  # joints first, which is quicker
+        factors[..., 0], factors[..., 1], factors[..., 2] = 1.0, np.sin(positions).T, 1.0 - np.cos(positions).T
         if len(self.sliding):
-            sines[:, self.sliding], versines[:, self.sliding] = positions[:, self.sliding], 0.0
-        by_joint: Array = sines.T[..., None, None] * self.sine[:, None]  # joints first, which is quicker
-        by_joint += self.still[:, None]
-        by_joint += versines.T[..., None, None] * self.versine[:, None]
+            factors[self.sliding, :, 1], factors[self.sliding, :, 2] = positions[:, self.sliding].T, 0.0
+        by_joint: Array = (factors @ self.terms.reshape(-1, 3, 16)).reshape(*positions.T.shape, 4, 4)
         for index, parent in enumerate(self.parents):
             if parent >= 0:
                 by_joint[index] = by_joint[parent] @ by_joint[index]
