@@ -27,7 +27,7 @@ def command(
     """
     from sqrp_cli.cli.console import progress, say_raw
     from sqrp_cli.cli.documents import as_text
-    from sqrp_cli.cli.run import open_program
+    from sqrp_cli.cli.program_input import open_program
     from sqrp_cli.cli.run_document import audit_document
     from sqrp_cli.cli.run_view import print_audit
     from sqrp_cli.runtime.simulation.requirements import check_packages

@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.cli.run import LazyReplanner
+from sqrp_cli.cli.lazy_replanner import LazyReplanner
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.program import Step
 from sqrp_cli.program_file import load_program, new_program, save_program

@@ -1,0 +1,89 @@
+"""One run of a program in the simulated cell, shown live, with all that may be kept of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from sqrp_cli.errors import ExitCode
+    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.runtime.faults import InjectedFault
+    from sqrp_cli.runtime.recording import Gallery
+    from sqrp_cli.runtime.simulated_run import Simulation
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Where a film, a log and the images of a run go; None for what is not kept."""
+
+    record: Path | None
+    log: Path | None
+    frames: Path | None
+
+
+def run_once(
+    simulation: Simulation,
+    fault_texts: Sequence[str],
+    kept: Kept,
+    page: Path | None,
+    arguments: Sequence[str],
+    *,
+    as_json: bool,
+) -> ExitCode:
+    """Run a program with faults that are given as text. page: file of the page about it, if one is wanted.
+
+    Raises InputError for a fault that is not known and for a file that cannot be written.
+    """
+    import numpy as np
+
+    from sqrp_cli.cli.console import note
+    from sqrp_cli.cli.run_page import EventRecorder, RunCell, write_run
+    from sqrp_cli.cli.run_result import show_run
+    from sqrp_cli.cli.run_view import LiveView, wall_time
+    from sqrp_cli.files import check_writable
+    from sqrp_cli.runtime.faults import parse_fault
+    from sqrp_cli.runtime.log import LogWriter
+    from sqrp_cli.runtime.simulated_run import header
+
+    program, workspace = simulation.program, simulation.workspace
+    rng = np.random.default_rng(simulation.seed)
+    faults: list[InjectedFault] = [parse_fault(text, program.steps[0], workspace.cameras, rng) for text in fault_texts]
+    for path in (kept.record, kept.log):
+        if path is not None:
+            check_writable(path)
+    gallery = _gallery(workspace, kept)
+    writer = LogWriter(kept.log, header(program, workspace, simulation.seed, faults)) if kept.log is not None else None
+    recorder = EventRecorder()
+    try:
+        with LiveView(list(workspace.cameras)) as view:
+            listeners = [listener for listener in (writer, view, recorder) if listener is not None]
+            # Without a page or a log nobody wants to know where everything really is.
+            report = simulation.run(faults, listeners, gallery, witnessed=page is not None or writer is not None)
+        if writer is not None:
+            writer.finish(report)
+    finally:
+        if writer is not None:
+            writer.close()
+        if gallery is not None:
+            gallery.close()
+    if page is not None:
+        cell = RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace)
+        write_run(cell, report, recorder.events, page, arguments)
+    if not as_json:
+        note(wall_time(report))
+    return show_run(report, workspace.name, as_json=as_json)
+
+
+def _gallery(workspace: Workspace, kept: Kept) -> Gallery | None:
+    """What takes the images of a run, if they are kept as a film or one by one."""
+    if kept.record is None and kept.frames is None:
+        return None
+    from sqrp_cli.runtime.recording import Film, FrameFolder, Gallery
+
+    rate = max(camera.rate for camera in workspace.cameras.values())
+    folder = FrameFolder(kept.frames) if kept.frames is not None else None
+    return Gallery(folder, Film(kept.record, list(workspace.cameras), rate) if kept.record is not None else None)

@@ -1,0 +1,65 @@
+"""A run shown again from its log, without simulating."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sqrp_cli.errors import InputError, Place, Problem
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from sqrp_cli.cli.run_page import RunCell
+    from sqrp_cli.errors import ExitCode
+    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.runtime.outcome import Event
+
+
+def run_replay(
+    path: Path, program: Path | None, page: Path | None, arguments: Sequence[str], *, as_json: bool
+) -> ExitCode:
+    """Show a run again. program: tells where its workspace is, for a page that plays it in three dimensions."""
+    from sqrp_cli.cli.program_input import program_and_workspace
+    from sqrp_cli.cli.run_page import EventRecorder, write_run
+    from sqrp_cli.cli.run_result import show_run
+    from sqrp_cli.cli.run_view import LiveView
+    from sqrp_cli.files import check_not_read
+    from sqrp_cli.runtime.log import read_log, report_of
+
+    events = read_log(path)
+    header = next(events)
+    workspace = None if program is None else program_and_workspace(program)[1]
+    read = [] if workspace is None else [file.path for file in workspace.files.values()]
+    check_not_read([page], [path, *read, *([] if program is None else [program])])
+    report = None
+    recorder = EventRecorder()
+    with LiveView(header.fields["cameras"], pace=not as_json) as view:
+        for event in events:
+            if event.kind == "report":
+                report = report_of(path, dict(event.fields))
+            else:
+                view(event)
+                recorder(event)
+    if report is None:
+        raise InputError(Problem("no-log", "this log has no report at its end: the run was interrupted", Place(path)))
+    if page is not None:
+        write_run(_cell_then(header, workspace), report, recorder.events, page, arguments)
+    return show_run(report, header.fields["workspace"], as_json=as_json)
+
+
+def _cell_then(header: Event, workspace: Workspace | None) -> RunCell:
+    """The cell of a run that its log is about; a workspace that is not as it was then is not used."""
+    from sqrp_cli.cli.run_page import RunCell
+
+    fields = header.fields
+    name, cameras, digest = fields["workspace"], fields["cameras"], fields["digest"]
+    if workspace is None:
+        mend = "sqrp run PROGRAM --replay LOG --report FILE"
+        return RunCell(name, cameras, digest, None, f"a log has no shapes; `{mend}` takes them from the workspace")
+    if workspace.name != name:
+        reason = f"this program is for the workspace {workspace.name}, the run was in {name}"
+        return RunCell(name, cameras, digest, None, reason)
+    if workspace.digest != digest:
+        return RunCell(name, cameras, digest, None, "the workspace of this program is not as it was in the run")
+    return RunCell(name, cameras, digest, workspace)

@@ -1,0 +1,24 @@
+"""What a run ended with, for people or as JSON."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sqrp_cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.outcome import RunReport
+
+
+def show_run(report: RunReport, workspace: str, *, as_json: bool) -> ExitCode:
+    """Print a report; the exit code says whether the program is done."""
+    from sqrp_cli.cli.console import say_raw
+    from sqrp_cli.cli.documents import as_text
+    from sqrp_cli.cli.run_document import run_document
+    from sqrp_cli.cli.run_view import print_run
+
+    if as_json:
+        say_raw(as_text(run_document(workspace, report)))
+    else:
+        print_run(workspace, report)
+    return ExitCode.OK if report.outcome == "done" else ExitCode.STOPPED_ON_FAULT
