@@ -56,9 +56,9 @@ def command(
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
+    from sqrp_cli.cli.choice import check_choice, choose_candidate
     from sqrp_cli.cli.console import print_problems, say_raw
     from sqrp_cli.cli.documents import as_text, header
-    from sqrp_cli.cli.rank import check_choice, choose_candidate
     from sqrp_cli.cli.session import Session, assess
     from sqrp_cli.cli.study_document import infeasible_document, study_document
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from sqrp_cli.cli.session import Session
     from sqrp_cli.programming.assessment import Assessment
     from sqrp_cli.programming.ranking import Criterion, Ranked
-    from sqrp_cli.programming.task import Task
 
 NAME = "rank"
 
@@ -67,6 +66,7 @@ def command(
 
     The best are those in which the cameras will see what matters. The chosen one can be written as a program.
     """
+    from sqrp_cli.cli.choice import check_choice
     from sqrp_cli.cli.console import note, print_problems, say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
@@ -149,6 +149,7 @@ def _write_chosen(
 
     Returns the exit code, and what there is to say about it.
     """
+    from sqrp_cli.cli.choice import choose_candidate
     from sqrp_cli.cli.session import ChosenStep, add_steps
 
     chosen = choose_candidate(ranking, choose)
@@ -165,26 +166,6 @@ def _write_chosen(
     step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
     add_steps(session.cell, [step], session.assignment.sampling, program)
     return ExitCode.OK, f"{chosen.assessment.candidate.name} is now the last step of {program}"
-
-
-def check_choice(task: Task, choice: str) -> None:
-    """Raises InputError for a name that no candidate has, before any of them is computed."""
-    names = [candidate.name for candidate in task.candidates]
-    if choice != "best" and not any(_is_meant(name, choice) for name in names):
-        message = f"there is no candidate `{choice}`; {expected_names(choice, names)}"
-        raise InputError(Problem("unknown-candidate", message))
-
-
-def choose_candidate(ranking: Sequence[Ranked], choice: str) -> Ranked:
-    """The candidate that `best` or a name stands for: the first in the ranking whose name has all its words."""
-    if choice == "best":
-        return ranking[0]
-    return next(ranked for ranked in ranking if _is_meant(ranked.assessment.candidate.name, choice))
-
-
-def _is_meant(name: str, choice: str) -> bool:
-    words = set(choice.split())
-    return bool(words) and words <= set(name.split())
 
 
 def _criterion(by: str) -> Criterion:
