@@ -143,10 +143,10 @@ class Terminal:
 
     def interrupt(self) -> int:
         """Type Ctrl-C until the process has ended; one between the question and the wait for its answer is lost."""
-        for _ in range(6):
+        for _ in range(20):
             self.process.send_signal(signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
-                return self.process.wait(10)
+                return self.process.wait(3)
         raise AssertionError(self.shown)
 
 

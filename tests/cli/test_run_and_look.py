@@ -31,10 +31,12 @@ def run_in(cell: dict[str, Any], folder: Path, sqrp: Callable[..., Any], task: s
 
 @pytest.fixture(scope="module")
 def moved_on(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """A slip of red2 in a lift that is out of sight; a faster arm, fewer cameras and fewer images than usual."""
+    """A slip of red2 in a lift that is out of sight; a faster arm, fewer cameras, few and small images."""
     folder = tmp_path_factory.mktemp("screws")
     cell = workspace_of("screws")
-    cell["cameras"] = {name: {**cell["cameras"][name], "rate": "5 Hz"} for name in ("cam3", "cam4")}
+    cell["cameras"] = {name: {**cell["cameras"][name], "rate": "4 Hz"} for name in ("cam3", "cam4")}
+    for camera in cell["cameras"].values():
+        camera["image"] |= {"width": 1024, "height": 768}
     for limit, value in (("velocity", "60 deg/s"), ("acceleration", "300 deg/s^2"), ("jerk", "2000 deg/s^3")):
         cell["robot"]["limits"][limit] |= dict.fromkeys(ARM, value)
     return run_in(cell, folder, sqrp, "pickup_two_finger red2", "slip@a4+1.7")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -101,18 +102,19 @@ def judge(title: str, found: list[Difference]) -> None:
     assert [d for d in found if d.error > 100 * DEFAULT_TOLERANCE + d.unsure + d.missed] == []
 
 
-def feasible_studies(cell: Cell) -> list[Study]:
-    """The feasible candidates of the tasks that a workspace lists."""
+@cache
+def feasible_studies(name: str) -> tuple[Cell, list[Study]]:
+    """A shipped workspace and the feasible candidates of the tasks that it lists."""
+    cell = Cell.load(load_workspace(TABLETOP.parent / name))
     workspace, world = cell.workspace, cell.initial_world
     candidates = [c for task in workspace.tasks for c in read_task(task.task, workspace).candidates]
     found = [study(cell, candidate, world, Adaptive(), full=False) for candidate in candidates]
-    return [result for result in found if isinstance(result, Study)]
+    return cell, [result for result in found if isinstance(result, Study)]
 
 
 @pytest.mark.parametrize("name", ["tabletop", "screws", "tower"])
 def test_the_default_is_within_its_tolerance_on_every_candidate_of_every_shipped_workspace(name: str) -> None:
-    cell = Cell.load(load_workspace(TABLETOP.parent / name))
-    studies = feasible_studies(cell)
+    cell, studies = feasible_studies(name)
     assert studies
     found = []
     for studied in studies:
@@ -122,8 +124,8 @@ def test_the_default_is_within_its_tolerance_on_every_candidate_of_every_shipped
 
 @pytest.mark.parametrize("name", ["tabletop", "screws", "tower"])
 def test_coverage_alone_says_what_the_full_matrix_says_of_the_same_samples(name: str) -> None:
-    cell = Cell.load(load_workspace(TABLETOP.parent / name))
-    for studied in feasible_studies(cell):
+    cell, studies = feasible_studies(name)
+    for studied in studies:
         observation = studied.timeline.observation
         matrix = cell.observer.verdicts(studied.targets, studied.stage.states(studied.timeline.samples), shares=False)
         for column, (target, boxes) in enumerate(zip(studied.targets, matrix, strict=True)):

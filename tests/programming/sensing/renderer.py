@@ -151,7 +151,8 @@ class MujocoScene:
         color, raw = np.empty((n, n, 3), dtype=np.uint8), np.empty((n, n), dtype=np.float32)
         mujoco.mjr_render(area, self._scene, self._context)
         mujoco.mjr_readPixels(color, raw, area, self._context)
-        code = color[::-1].astype(np.int64) @ np.array([1, 256, 65536])
+        red, green, blue = (color[::-1, :, channel].astype(np.int32) for channel in range(3))
+        code = red + 256 * green + 65536 * blue
         # Window depth is 1 at the near plane and 0 at the far plane, linear in 1 / z.
         depth = 1.0 / (1.0 / FAR + raw[::-1].astype(float) * (1.0 / near - 1.0 / FAR))
         centers = (np.arange(n) + 0.5) * side / n

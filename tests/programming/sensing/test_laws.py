@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -55,7 +56,7 @@ class Watch:
     target: Target
     states: SceneStates
 
-    @property
+    @cached_property
     def observer(self) -> Observer:
         return Observer(self.cameras, load_solids(self.parts))
 
@@ -64,12 +65,12 @@ class Watch:
         (found,) = self.observer.coverage([self.target], self.states, [rows])
         return found
 
-    @property
+    @cached_property
     def matrix(self) -> tuple[BoxVerdicts, ...]:
         (boxes,) = self.observer.verdicts([self.target], self.states)
         return boxes
 
-    @property
+    @cached_property
     def covered(self) -> NDArray[np.bool_]:
         return self.coverage().covered
 

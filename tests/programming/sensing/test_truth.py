@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -76,15 +77,15 @@ class View:
     leaves: Array
     pixel: float
 
-    @property
+    @cached_property
     def silhouette(self) -> NDArray[np.bool_]:
         return self.leaves > 0
 
-    @property
+    @cached_property
     def blocked(self) -> NDArray[np.bool_]:
         return self.silhouette & (self.picture.depth < self.leaves)
 
-    @property
+    @cached_property
     def share(self) -> float:
         return 1.0 - float(self.blocked.sum() / self.silhouette.sum())
 
@@ -141,13 +142,14 @@ def shrunk(box: TargetBox) -> tuple[Array, Array]:
 
 def exit_depth(picture: Picture, X_CB: Array, low: Array, high: Array) -> Array:
     """Optical z at which each pixel's ray leaves a box, 0 where it misses it."""
-    rays = np.stack([picture.u, picture.v, np.ones_like(picture.u)], axis=-1)
     X_BC = inverse(X_CB)
-    slope, eye = rays @ X_BC[:3, :3].T, X_BC[:3, 3]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        first, second = (low - eye) / slope, (high - eye) / slope
-    enters = np.minimum(first, second).max(axis=-1)
-    leaves = np.maximum(first, second).min(axis=-1)
+    enters, leaves = np.full_like(picture.u, -np.inf), np.full_like(picture.u, np.inf)
+    for axis in range(3):
+        slope = X_BC[axis, 0] * picture.u + X_BC[axis, 1] * picture.v + X_BC[axis, 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            first, second = (low[axis] - X_BC[axis, 3]) / slope, (high[axis] - X_BC[axis, 3]) / slope
+        enters = np.maximum(enters, np.minimum(first, second))
+        leaves = np.minimum(leaves, np.maximum(first, second))
     return np.where((enters <= leaves) & (leaves > 0), leaves, 0.0)
 
 
