@@ -388,9 +388,8 @@ def test_a_terminal_that_knows_no_block_characters_shows_the_rest(sqrp_process, 
 
 
 def test_a_reader_that_leaves_early_is_no_error(watch):
-    program = "from sqrp_cli.cli.main import main\nmain()"
     process = subprocess.Popen(
-        [sys.executable, "-c", program, "explain", str(watch), "watch cube", "--all", "--json"],
+        [sys.executable, "-m", "sqrp_cli", "explain", str(watch), "watch cube", "--all", "--json"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         encoding="utf-8",
@@ -404,8 +403,7 @@ def test_a_reader_that_leaves_early_is_no_error(watch):
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-"])
 def test_a_stream_that_is_closed_is_no_error(watch, closed):
-    program = "from sqrp_cli.cli.main import main; main()"
-    command = f'"{sys.executable}" -c "{program}" show "{watch}" --json {closed}'
+    command = f'"{sys.executable}" -m sqrp_cli show "{watch}" --json {closed}'
     finished = subprocess.run(["/bin/sh", "-c", command], capture_output=True, encoding="utf-8", check=False)
     assert (finished.returncode, finished.stderr) == (0, "")
     assert finished.stdout[:1] == ("" if closed == ">&-" else "{")
@@ -413,17 +411,15 @@ def test_a_stream_that_is_closed_is_no_error(watch, closed):
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device that is always full")
 def test_results_that_cannot_be_written_are_an_error(watch):
-    program = "from sqrp_cli.cli.main import main; main()"
-    command = f'"{sys.executable}" -c "{program}" show "{watch}" > /dev/full'
+    command = f'"{sys.executable}" -m sqrp_cli show "{watch}" > /dev/full'
     finished = subprocess.run(["/bin/sh", "-c", command], capture_output=True, encoding="utf-8", check=False)
     assert finished.returncode == 2
     assert finished.stderr == "error: the output cannot be written: No space left on device\n"
 
 
 def test_a_program_is_written_even_if_the_reader_of_the_ranking_leaves_early(watch, tmp_path):
-    program = "from sqrp_cli.cli.main import main\nmain()"
     arguments = ["rank", str(watch), "watch cube", "--program", str(tmp_path / "p.yaml")]
-    process = subprocess.Popen([sys.executable, "-c", program, *arguments], stdout=subprocess.PIPE)
+    process = subprocess.Popen([sys.executable, "-m", "sqrp_cli", *arguments], stdout=subprocess.PIPE)
     process.stdout.close()
     assert process.wait(timeout=60) in (0, 141)
     assert (tmp_path / "p.yaml").is_file()

@@ -126,7 +126,7 @@ class Terminal:
         self.shown = ""
         self.end, end = pty.openpty()
         self.process = subprocess.Popen(
-            [sys.executable, "-c", "from sqrp_cli.cli.main import main; main()", *map(str, arguments)],
+            [sys.executable, "-m", "sqrp_cli", *map(str, arguments)],
             stdin=end, stdout=end, stderr=end, start_new_session=True, close_fds=True,
             preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             env={**os.environ, "COLUMNS": "80", "NO_COLOR": "1"},

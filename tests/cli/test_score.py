@@ -252,8 +252,7 @@ def test_results_are_the_same_with_any_number_of_processes(sqrp, own_watch):
 def test_a_run_that_is_killed_goes_on_where_it_was(sqrp, tabletop, tmp_path):
     undisturbed, out = tmp_path / "undisturbed", tmp_path / "results"
     whole = sqrp("score", tabletop, "--out", undisturbed, "--json")
-    program = "from sqrp_cli.cli.main import main\nmain()"
-    arguments = [sys.executable, "-c", program, "score", str(tabletop), "--out", str(out), "--jobs", "2"]
+    arguments = [sys.executable, "-m", "sqrp_cli", "score", str(tabletop), "--out", str(out), "--jobs", "2"]
     process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while process.poll() is None and not list(out.rglob("*.json")):
         time.sleep(0.005)

@@ -18,7 +18,7 @@ import psutil
 ROOT = Path(__file__).parents[2]
 COMPILED = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 """An environment in which a program is compiled once, as an installed one is."""
-SQRP = [sys.executable, "-c", "from sqrp_cli.cli.main import main; main()"]
+SQRP = [sys.executable, "-m", "sqrp_cli"]
 LOOKS = 0.25
 """How often a running command is looked at [s]; more often would take from the cores what is to be measured."""
 
