@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import shlex
 import tempfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -76,6 +77,22 @@ def check_distinct(outputs: Mapping[str, Path | None]) -> None:
             )
 
 
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Let other processes wait that want to be alone with a file, too, while this one reads and replaces it.
+
+    Where the system or the file's folder knows no locks, nobody waits.
+    """
+    with ExitStack() as stack:
+        with suppress(ImportError, OSError):
+            import fcntl
+
+            folder = os.open(path.resolve().parent, os.O_RDONLY)
+            stack.callback(os.close, folder)
+            fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+
+
 def _is_special(path: Path) -> bool:
     """Whether a path is that of a device or pipe, or leads through one to wherever it goes, as /dev/stdout does."""
     through = path.absolute().as_posix().startswith(("/dev/std", "/dev/fd/", "/proc/"))
@@ -90,7 +107,7 @@ def write_atomically(path: Path, content: str | bytes, *, executable: bool = Fal
     """
     check_writable(path)
     if _is_special(path):
-        with path.open("ab") as special:  # after what has gone the same way before
+        with suppress(BrokenPipeError), path.open("ab") as special:  # after what has gone the same way before
             special.write(content.encode() if isinstance(content, str) else content)
         return
     path = path.resolve()

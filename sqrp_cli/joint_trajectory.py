@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.program import Program, ProgramPrimitive, Step
+from sqrp_cli.program import Program, ProgramPrimitive
 
 LEAST_GAP = 0.01
 """A multiple of the period this near to a point where a primitive begins or ends gives way to it [periods]."""
@@ -67,7 +67,7 @@ def tool_commands(program: Program) -> tuple[ToolCommand, ...]:
     """What the tool has to do over the whole program, in order."""
     commands, begin = [], 0.0
     for number, step in enumerate(program.steps, 1):
-        for primitive, after in _with_held_after(step):
+        for primitive, after in zip(step.primitives, step.held_after, strict=True):
             span = (begin + primitive.start, begin + primitive.end)
             if primitive.held is not None and primitive.held != after:
                 commands.append(ToolCommand(*span, number, "release", primitive.held))
@@ -161,12 +161,6 @@ FORMATS: Mapping[str, Callable[[Program, Sequence[str], float], str]] = {
 def action_name(primitive: ProgramPrimitive) -> str:
     """What a primitive does, as `joint_move` or `grasp`."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", primitive.action).lower()
-
-
-def _with_held_after(step: Step) -> Iterator[tuple[ProgramPrimitive, str | None]]:
-    """The primitives, each with what the tool holds after it."""
-    held = [*(primitive.held for primitive in step.primitives[1:]), step.after.held]
-    return zip(step.primitives, held, strict=True)
 
 
 def _times(start: float, end: float, rate: float) -> Array:

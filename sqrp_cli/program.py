@@ -6,7 +6,7 @@ camera covers what when, and the world before and after.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Annotated, Literal, Protocol
 
@@ -189,6 +189,12 @@ class Step(Entry):
         objects = (value for value in self.parameters.values() if value in self.before.objects)
         return " ".join([self.skill, *map(str, objects)])
 
+    @property
+    def held_after(self) -> tuple[str | None, ...]:
+        """What the tool holds after each primitive."""
+        held = [*(primitive.held for primitive in self.primitives), self.after.held]
+        return tuple(held[1:] if self.primitives else [])
+
 
 class Program(Entry):
     """Steps for one workspace.
@@ -203,9 +209,9 @@ class Program(Entry):
     joints: tuple[str, ...]
     steps: tuple[Step, ...]
 
-    def with_step(self, step: Step) -> Program:
-        """The program with one more step at its end."""
-        return self.model_copy(update={"steps": (*self.steps, step)})
+    def with_steps(self, steps: Sequence[Step]) -> Program:
+        """The program with more steps at its end."""
+        return self.model_copy(update={"steps": (*self.steps, *steps)})
 
     def without_last_step(self) -> Program:
         """The program without its last step, of which there must be one."""

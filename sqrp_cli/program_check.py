@@ -91,13 +91,36 @@ def _flaws_of(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
     if not motion and set(joints) == set(step.before.joints) == set(step.after.joints):
         with np.errstate(over="ignore", invalid="ignore"):
             yield from list(_jumps(step, at, joints))
-    for index, primitive in enumerate(step.primitives):
-        if primitive.held is not None and primitive.held not in step.before.objects:
-            expected = expected_names(primitive.held, step.before.objects)
-            message = f"`{primitive.name}` holds `{primitive.held}`, which is nowhere before; {expected}"
-            yield Flaw("program-object", (*at, "primitives", index, "held"), message)
+    yield from _held_flaws(step, at)
     for atom, target in step.targets.items():
         yield from _target_flaws(target, (*at, "targets", atom), step.time)
+
+
+def _held_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
+    """Only `Grasp` and `Release` change at their end what the tool holds; the rest holds what was held before."""
+    held = step.before.held
+    for index, (primitive, then) in enumerate(zip(step.primitives, step.held_after, strict=True)):
+        inside = (*at, "primitives", index, "held")
+        if primitive.held is not None and primitive.held not in step.before.objects:
+            expected = expected_names(primitive.held, step.before.objects)
+            yield Flaw(
+                "program-object",
+                inside,
+                f"`{primitive.name}` holds `{primitive.held}`, which is nowhere before; {expected}",
+            )
+            return
+        if primitive.held != held:
+            message = f"`{primitive.name}` holds {_named(primitive.held)}, but the tool then holds {_named(held)}"
+            yield Flaw("program-held", inside, message)
+            return
+        held = then if primitive.action == "Grasp" else None if primitive.action == "Release" else held
+    if step.after.held != held:
+        message = f"found {_named(step.after.held)}, but the tool then holds {_named(held)}"
+        yield Flaw("program-held", (*at, "after", "held"), message)
+
+
+def _named(held: str | None) -> str:
+    return "nothing" if held is None else f"`{held}`"
 
 
 def _world_flaws(world: ProgramWorld, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
-
 import typer
 
 from sqrp_cli import __version__
@@ -64,10 +61,6 @@ def execute(arguments: list[str]) -> int:
         return ExitCode.BAD_INPUT
     except typer.Abort as error:  # what other versions of typer make of it
         raise KeyboardInterrupt from error
-    except BrokenPipeError:
-        # Whoever reads has enough, as `head` does; nothing more may be written, not even at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return ExitCode.OK
     except OSError as error:
         where = error.filename or "the output cannot be written"  # files that are read have a name
         typer.echo(f"error: {where}: {error.strerror or error}", err=True)

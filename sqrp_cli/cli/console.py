@@ -58,17 +58,9 @@ Cell = Styled | Share
 """What a table may hold."""
 
 
-class _Output(Console):
-    """A console that leaves it to its caller what a closed pipe means."""
-
-    def on_broken_pipe(self) -> None:
-        """Raise what Rich would turn into an exit."""
-        raise BrokenPipeError
-
-
 def output() -> Console:
     """The console of results, on stdout."""
-    console = _Output(highlight=False, soft_wrap=False, emoji=False)
+    console = Console(highlight=False, soft_wrap=False, emoji=False)
     console.width = max(console.width, LEAST_WIDTH)
     return console
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import os
+import stat
 import sys
 from pathlib import Path
+from typing import Any, TextIO
 
 from sqrp_cli.memory import collect_seldom, keep_freed_memory
 
@@ -36,9 +38,28 @@ def _prepare() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     keep_freed_memory()
     collect_seldom()
-    # A stream that was closed, as by `>&-`, is None here; nobody wants what goes there.
-    sys.stdout = sys.stdout or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - until the end
-    sys.stderr = sys.stderr or Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115
-    for stream in (sys.stdin, sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
+    sys.stdout, sys.stderr = _writable(sys.stdout), _writable(sys.stderr)
+    if isinstance(sys.stdin, io.TextIOWrapper):
+        sys.stdin.reconfigure(errors="replace")
+
+
+def _writable(stream: TextIO | None) -> TextIO:
+    """A stream for output that takes whatever is written, even if it was closed or nobody reads it any more."""
+    if stream is None:  # closed, as by `>&-`
+        return Path(os.devnull).open("w", encoding="utf-8")
+    if isinstance(stream, io.TextIOWrapper):
+        if stat.S_ISFIFO(os.fstat(stream.fileno()).st_mode):
+            pipe = io.BufferedWriter(_Pipe(stream.fileno(), "w", closefd=False))
+            stream = io.TextIOWrapper(pipe, stream.encoding, line_buffering=stream.line_buffering)
+        stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
+    return stream
+
+
+class _Pipe(io.FileIO):
+    """A pipe whose reader may leave early, as `head` does: what is still to be done is done, with its exit code."""
+
+    def write(self, data: Any) -> int:  # noqa: ANN401 - any buffer
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            return memoryview(data).nbytes

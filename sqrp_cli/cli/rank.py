@@ -95,7 +95,11 @@ def command(
     if report is not None and not interrupted:
         from sqrp_cli.cli.report_page import write_ranking
 
-        write_ranking(session, ranking, criterion, report, context.obj, job_count(jobs))
+        try:
+            write_ranking(session, ranking, criterion, report, context.obj, job_count(jobs))
+        except KeyboardInterrupt:
+            note(f"interrupted before {report} was written")
+            interrupted = True
     # Written before it is told, because whoever reads may leave early.
     code, told = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, choose, program)
     if as_json:

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqrp_cli.cli.console import progress
-from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.files import check_writable
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.files import alone, check_writable
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.program import Program
+from sqrp_cli.program_check import flaws
 from sqrp_cli.program_file import check_program, load_program, new_program, save_program
 from sqrp_cli.programming.assessment import Assessment, Study, study
 from sqrp_cli.programming.cell import Cell
@@ -116,15 +117,23 @@ def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:
 
 
 def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path) -> Program:
-    """Append steps to a program file, all or none; it is made if it does not exist. Returns the program."""
-    workspace = cell.workspace
-    program = load_program(path) if path.exists() else new_program(workspace, cell.model.joints, path)
-    check_program(program, path, workspace)
+    """Append steps to a program file, all or none; it is made if it does not exist. Returns the program.
+
+    Raises InputError where the file has changed since the steps were computed, so that they do not begin where it ends.
+    """
     cameras = tuple(camera.name for camera in cell.observer.cameras)
+    added = []
     for chosen in steps:
         found = study(cell, chosen.assessment.candidate, chosen.world, sampling, full=True)
         if isinstance(found, Infeasible):
             raise ValueError(f"{chosen.assessment.candidate.name} is infeasible: {found.reasons[0]}")
-        program = program.with_step(make_step(chosen.task, found, chosen.assessment, cameras))
-    save_program(program, path)
+        added.append(make_step(chosen.task, found, chosen.assessment, cameras))
+    with alone(path):
+        program = load_program(path) if path.exists() else new_program(cell.workspace, cell.model.joints, path)
+        check_program(program, path, cell.workspace)
+        program = program.with_steps(added)
+        if any(flaws(program)):
+            message = "this program has changed meanwhile, and the new step does not begin where it ends now"
+            raise InputError(Problem("changed-meanwhile", message, Place(path), mend="run the same command again"))
+        save_program(program, path)
     return program

@@ -323,6 +323,20 @@ def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
 
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
+def test_ctrl_c_while_the_page_is_written_keeps_the_ranking(sqrp, watch, tmp_path, monkeypatch):
+    def interrupted(*_):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("sqrp_cli.cli.report_page.write_ranking", interrupted)
+    page = tmp_path / "page.html"
+    outcome = sqrp("rank", watch, "watch cube", "--report", page)
+    assert outcome.code == 130
+    assert outcome.out == sqrp("rank", watch, "watch cube").out
+    assert outcome.err == f"interrupted before {page} was written\n"
+    assert not page.exists()
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
 @pytest.mark.parametrize("command", ["check", "rank", "explain", "show", "score", "diff"])
 def test_ctrl_c_while_files_are_read_is_told_in_one_line(sqrp, watch, monkeypatch, command):
     def interrupted(*_, **__):
@@ -415,6 +429,17 @@ def test_results_that_cannot_be_written_are_an_error(watch):
     finished = subprocess.run(["/bin/sh", "-c", command], capture_output=True, encoding="utf-8", check=False)
     assert finished.returncode == 2
     assert finished.stderr == "error: the output cannot be written: No space left on device\n"
+
+
+def test_the_exit_code_does_not_depend_on_whether_the_reader_leaves_early(watch):
+    arguments = ["explain", str(watch), "watch stray", "--json"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sqrp_cli", *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    process.stdout.close()
+    with process.stderr:
+        assert process.stderr.read() == b""
+    assert process.wait(timeout=60) == 1
 
 
 def test_a_program_is_written_even_if_the_reader_of_the_ranking_leaves_early(watch, tmp_path):

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
+from sqrp_cli.cli import session
 from sqrp_cli.program_file import load_program
 
 Document = dict[str, Any]
@@ -169,6 +170,22 @@ def test_a_second_step_begins_where_the_first_ends(sqrp, watch, tmp_path):
     assert "watched(seen)" in steps[1]["before"]["facts"]
     assert {"watched(seen)", "watched(turned)"} <= set(steps[1]["after"]["facts"])
     assert path.read_text(encoding="utf-8").splitlines()[0] == SHEBANG
+
+
+def test_a_program_that_changes_while_its_next_step_is_computed_is_left_as_it_is(sqrp, tabletop, tmp_path, monkeypatch):
+    path, other = tmp_path / "program.yaml", tmp_path / "other.yaml"
+    assert sqrp("rank", tabletop, "pickup g2", "--program", other).code == 0
+    finished = session.make_step
+
+    def made_too_late(*arguments):
+        path.write_text(other.read_text())
+        return finished(*arguments)
+
+    monkeypatch.setattr(session, "make_step", made_too_late)
+    outcome = sqrp("rank", tabletop, "pickup g5", "--program", path)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "has changed meanwhile" in outcome.err
+    assert path.read_text() == other.read_text()
 
 
 def test_a_chosen_candidate_becomes_the_step(sqrp, watch, tmp_path):

@@ -82,7 +82,7 @@ def write_programs(folder: Path) -> list[str]:
         assessments.append(assessment)
         path = folder / f"{candidate.name}.yaml"
         step = make_step(TASK, result, assessment, tuple(workspace.cameras))
-        save_program(new_program(workspace, cell.model.arm, path).with_step(step), path)
+        save_program(new_program(workspace, cell.model.arm, path).with_steps([step]), path)
     return [ranked.assessment.candidate.name for ranked in rank(assessments, "q_eoi")]
 
 
