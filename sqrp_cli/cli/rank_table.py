@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, wi
 from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.task import Candidate, in_words
+from sqrp_cli.programming.verdict import NOTHING_MISSING
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
@@ -51,7 +52,9 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
         say(_praise(feasible, by))
         if len(feasible) > 1:
             last = feasible[-1].assessment
-            say(f"Last is {last.candidate.name}: {last.verdict[0].lower()}{last.verdict[1:]}")
+            name, all_seen = last.candidate.name, last.verdict == NOTHING_MISSING
+            beginning = f"Even in the last, {name}," if all_seen else f"Last is {name}:"
+            say(f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}")
         say(
             plain(
                 f"* none is better in all of Q_eoi, Q_avg and time. {accuracy(session.assignment.sampling, feasible)}",
@@ -116,11 +119,9 @@ def _print_feasible(feasible: Sequence[Ranked]) -> None:
     columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
     if faults:
         title = faults[0] if len(faults) == 1 else "fault"
-        columns += [
-            Column(f"{title}\nseen [s]", right=True),
-            Column("at\nworst", right=True),
-            Column("all\ndone", right=True),
-        ]
+        columns += [Column(f"{title}\nseen [s]", right=True), Column("at\nworst", right=True)]
+    if feasible[0].assessment.candidate.skill.retried_faults.intersection(faults):
+        columns.append(Column("all\ndone", right=True))
     rows = [_row(ranked, [words[name] for name in differing]) for ranked, words in zip(feasible, values, strict=True)]
     print_table(columns, rows)
     if len(faults) > 1:
@@ -131,19 +132,20 @@ def _row(ranked: Ranked, parameters: Sequence[str]) -> list[Cell]:
     assessment = ranked.assessment
     row: list[Cell] = [f"{ranked.rank}{' *' if ranked.pareto else ''}", *parameters]
     row += [Share(assessment.q_eoi), Share(assessment.q_avg), f"{assessment.time:.2f}"]
-    return [*row, *_fault_cells(list(assessment.faults.values()))]
+    return [*row, *_fault_cells(assessment.faults, assessment.candidate.skill.retried_faults)]
 
 
-def _fault_cells(faults: Sequence[FaultMetrics]) -> list[Styled]:
-    """Delays and all done of the worst fault in each; none without faults."""
+def _fault_cells(faults: Mapping[str, FaultMetrics], retried: Collection[str]) -> list[Styled]:
+    """Delays of the worst fault in each, and when all is done after the worst that is retried; none without faults."""
     if not faults:
         return []
-    style = "red" if any(fault.unseen > 0 for fault in faults) else ""
-    return [
-        plain(f"{max(fault.delay_mean for fault in faults):.2f}", style),
-        plain(f"{max(fault.delay_worst for fault in faults):.2f}", style),
-        f"{max(fault.expected_time for fault in faults):.1f}",
+    style = "red" if any(fault.unseen > 0 for fault in faults.values()) else ""
+    cells: list[Styled] = [
+        plain(f"{max(fault.delay_mean for fault in faults.values()):.2f}", style),
+        plain(f"{max(fault.delay_worst for fault in faults.values()):.2f}", style),
     ]
+    done = [fault.expected_time for name, fault in faults.items() if name in retried]
+    return [*cells, f"{max(done):.1f}"] if done else cells
 
 
 def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
@@ -198,4 +200,10 @@ def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
             how = f"Sampled {samples} times per primitive"
         case FixedStep(dt):
             how = f"Sampled every {dt:g} s"
-    return f"{how}: Q is within {max(100 * error, 0.001):.2g} points, save for events shorter than {gap:.2g} s."
+    points = min(max(100 * error, 0.001), 100.0)
+    missed = f", save for events shorter than {_two_digits(gap)} s" if gap else ""
+    return f"{how}: Q is within {_two_digits(points)} points{missed}."
+
+
+def _two_digits(value: float) -> str:
+    return f"{value:.2g}" if value < 10 else f"{value:.0f}"

@@ -64,9 +64,11 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None) -> None:
     say(plain(LEGEND, "dim"))
     for name, fault in assessment.faults.items():
         unseen = f", in {100 * fault.unseen:.0f} % of cases only at the end" if fault.unseen else ""
+        retried = name in study.candidate.skill.retried_faults
+        done = f"; done after one retry at {fault.expected_time:.1f} s" if retried else ""
         say(
             f"\n{name}: noticed after {fault.delay_mean:.2f} s on average, {fault.delay_worst:.2f} s at worst{unseen};"
-            f" longest blind stretch {fault.blind_longest:.2f} s; done after one retry at {fault.expected_time:.1f} s"
+            f" longest blind stretch {fault.blind_longest:.2f} s{done}"
         )
     say(f"\n{_camera_failures(cell, study, assessment)}")
     totals = cause_totals(cell, study)

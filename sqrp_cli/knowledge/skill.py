@@ -249,3 +249,9 @@ class Skill:
     targets: Mapping[str, TargetSpec]
     places: Mapping[str, Place]
     """Position of every key of skill.yaml, by its dotted path (such as `primitives.0.to`)."""
+
+    @property
+    def retried_faults(self) -> frozenset[str]:
+        """Names of the faults after which the robot tries again."""
+        retried = (requirement.name for requirement in self.requirements if requirement.response.action == "retry")
+        return frozenset(name for name in retried if name is not None)

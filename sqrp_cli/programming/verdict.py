@@ -23,7 +23,8 @@ from sqrp_cli.programming.stage import Samples
 _LOOKS = 5
 """Samples of a blind stretch at which the causes are looked up."""
 
-_NOTHING_MISSING = "Every literal is covered all the time."
+NOTHING_MISSING = "Every literal is covered all the time."
+"""What is said of a candidate in which nothing is lost."""
 
 HELP = ". It would help to "
 """What parts the sentence about what is lost from the one about what would help."""
@@ -138,7 +139,7 @@ def _on_coverage(cell: Cell, study: Study) -> str:
     t = timeline.samples.t
     candidates = list(stretches(interesting if interesting.any() else blind))
     if not candidates:
-        return _NOTHING_MISSING
+        return NOTHING_MISSING
     stretch = explain_stretch(cell, study, max(candidates, key=lambda rows: t[rows[-1]] - t[rows[0]]))
     return f"{stretch}{HELP}{stretch.advice}."
 
