@@ -131,6 +131,9 @@ def load_baseline(path: Path, sampling: Sampling) -> Baseline:
         raise InputError(Problem("missing-file", message, Place(path), mend=mend)) from error
     except (ValidationError, ValueError, LookupError, TypeError, AttributeError) as error:
         message = "this is no baseline, or of another version"
+        # Whatever it is, it is not for a mend to replace.
+        another = path.with_name(f"{path.stem}-new.json")
+        mend = f"make one with: sqrp score ... --save-baseline {another}"
         raise InputError(Problem("bad-baseline", message, Place(path), mend=mend)) from error
     if baseline.sampling != repr(sampling):
         made, asked = (_sampling_options(text) for text in (baseline.sampling, repr(sampling)))
