@@ -93,6 +93,7 @@ def _check(
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.logic.planner import find_plan
     from sqrp_cli.programming.dependency_check import best_suggestion, check_candidate
+    from sqrp_cli.programming.outside import intervals_outside
     from sqrp_cli.programming.sampling import Adaptive
     from sqrp_cli.programming.suggestion import Suggester
 
@@ -112,7 +113,8 @@ def _check(
     suggested = best_suggestion(found, suggester) if planned else ()
     if program is not None and suggested:
         add_steps(session.cell, chosen_steps(suggested), Adaptive(), program)
-    return _Checked(workspace.name, (*problems, *session.cell.warnings), tuple(found), suggested)
+    told = (*problems, *session.cell.warnings, *intervals_outside(found))
+    return _Checked(workspace.name, told, tuple(found), suggested)
 
 
 def _planner(name: str) -> Planner:
