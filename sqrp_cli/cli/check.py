@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +13,9 @@ from sqrp_cli.cli.options import After, Jobs, Json, Seed, WorkspacePath, job_cou
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sqrp_cli.knowledge.workspace import Workspace
     from sqrp_cli.logic.planner import Planner
     from sqrp_cli.programming.dependency_check import Feasibility
     from sqrp_cli.programming.suggestion import SuggestedStep, Suggestion
@@ -93,13 +96,16 @@ def _check(
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.logic.planner import find_plan
     from sqrp_cli.programming.dependency_check import best_suggestion, check_candidate
+    from sqrp_cli.programming.outside import intervals_outside
     from sqrp_cli.programming.sampling import Adaptive
     from sqrp_cli.programming.suggestion import Suggester
 
     workspace = load_workspace(path)
     problems = (*workspace.warnings, *lint(workspace))
-    if task is None or any(problem.severity == "error" for problem in problems):
+    if any(problem.severity == "error" for problem in problems):
         return _Checked(workspace.name, problems)
+    if task is None:
+        return _Checked(workspace.name, (*problems, *_unreadable_tasks(workspace), *_contact_at_home(workspace, seed)))
     session = Session.begin(workspace, task, world_before(after, program), Adaptive(), seed=seed)
     world = session.assignment.world
     suggester = Suggester(session.cell, world, _planner(planner) if planner else find_plan, jobs)
@@ -112,7 +118,33 @@ def _check(
     suggested = best_suggestion(found, suggester) if planned else ()
     if program is not None and suggested:
         add_steps(session.cell, chosen_steps(suggested), Adaptive(), program)
-    return _Checked(workspace.name, (*problems, *session.cell.warnings), tuple(found), suggested)
+    told = (*problems, *session.cell.warnings, *intervals_outside(found))
+    return _Checked(workspace.name, told, tuple(found), suggested)
+
+
+def _unreadable_tasks(workspace: Workspace) -> Iterator[Problem]:
+    """What `rank` would say of the tasks that the workspace lists, with the place where each stands."""
+    from sqrp_cli.programming.task import read_task
+
+    for index, expected in enumerate(workspace.tasks):
+        try:
+            read_task(expected.task, workspace)
+        except InputError as error:
+            place = workspace.places.get(f"tasks.{index}.task")
+            yield from (replace(problem, place=place) for problem in error.problems)
+
+
+def _contact_at_home(workspace: Workspace, seed: int) -> Iterator[Problem]:
+    """What the robot hits at home; a warning, because a program may have left it elsewhere."""
+    from sqrp_cli.programming.cell import Cell
+
+    cell = Cell.load(workspace, seed)
+    contact = cell.collision.contact_in(cell.initial_world)
+    if contact is not None:
+        message = f"at home {contact} before anything moves, so no task can begin there"
+        mend = "change the home position, or move what is in its way"
+        place = workspace.places.get("robot.home")
+        yield Problem("contact-at-home", message, place, severity="warning", mend=mend)
 
 
 def _planner(name: str) -> Planner:

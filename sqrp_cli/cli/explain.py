@@ -62,6 +62,7 @@ def command(
     from sqrp_cli.cli.session import Session, assess
     from sqrp_cli.cli.study_document import infeasible_document, study_document
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
+    from sqrp_cli.programming.outside import intervals_outside
     from sqrp_cli.programming.ranking import rank
 
     if all_candidates and choose is not None:
@@ -75,7 +76,9 @@ def command(
     session = Session.begin(open_workspace(workspace), task, after, sampling, seed=seed)
     print_problems(session.cell.warnings)
     check_choice(session.task, choice)
-    ranking = rank(list(assess(session, job_count(jobs))), "q_eoi")
+    assessments = list(assess(session, job_count(jobs)))
+    print_problems(intervals_outside(assessments))
+    ranking = rank(assessments, "q_eoi")
     explained = _explain(session, list(ranking) if all_candidates else [choose_candidate(ranking, choice)])
     if as_json:
         documents = [

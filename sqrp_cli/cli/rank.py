@@ -72,6 +72,7 @@ def command(
     from sqrp_cli.cli.rank_table import print_ranking
     from sqrp_cli.cli.session import Session, world_before
     from sqrp_cli.files import check_distinct, check_not_read
+    from sqrp_cli.programming.outside import intervals_outside
     from sqrp_cli.programming.ranking import rank
 
     criterion = _criterion(by)
@@ -91,6 +92,7 @@ def command(
     assessments, interrupted = _assess(session, job_count(jobs))
     if not assessments:
         return ExitCode.INTERRUPTED
+    print_problems(intervals_outside(assessments))
     ranking = rank(assessments, criterion)
     if report is not None and not interrupted:
         from sqrp_cli.cli.report_page import write_ranking

@@ -15,6 +15,7 @@ from sqrp_cli.cli.score_table import print_report
 from sqrp_cli.errors import ExitCode
 from sqrp_cli.files import check_not_read
 from sqrp_cli.memory import keep_all_so_far
+from sqrp_cli.programming.outside import intervals_outside
 from sqrp_cli.scoring.baseline import Baseline, baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
 from sqrp_cli.scoring.compute import Computer, Means, open_computer
@@ -108,6 +109,9 @@ class ScoreRun:
     def findings(self, baseline: Baseline | None, allowance: float) -> Findings:
         """Score all and compare with a baseline if there is one."""
         findings = score_cells(self.cells, self.computer, progress)
+        for cell in self.cells:
+            outcomes = filter(None, map(self.computer.outcome, wanted_of(cell)))
+            print_problems(intervals_outside(outcome.assessment for outcome in outcomes))
         note(self._count(interrupted=findings.interrupted))
         if findings.interrupted or baseline is None:
             return findings

@@ -116,4 +116,5 @@ def _checked_pairs(cell: Cell) -> str:
 
 
 def _numbers(values: object) -> str:
-    return " ".join(f"{value:.2f}" for value in values)  # type: ignore[attr-defined]
+    """Numbers [m] to 1 mm."""
+    return " ".join(f"{round(value, 3) + 0.0:.3f}" for value in values)  # type: ignore[attr-defined]

@@ -8,19 +8,19 @@ from dataclasses import replace
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, side_pose
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import Grasp, GraspWaypoint, Reference, Setting, Skill
+from sqrp_cli.knowledge.skill import Grasp, GraspWaypoint, Reference, Release, Setting, Skill
 from sqrp_cli.knowledge.source import Document
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl import Variable
 
 
 def grasping_skills(skills: Iterable[Skill]) -> dict[str, Skill]:
-    """The predicates that a grasp makes true of what it grasps, such as `hold`, with the first skill that does."""
+    """The predicates that a skill makes true of what it ends with in the tool, such as `hold`, with the first such."""
     found: dict[str, Skill] = {}
     for skill in skills:
-        grasped = {Variable(p.object) for p in skill.primitives if isinstance(p, Grasp)}
+        held = _held_at_the_end(skill)
         for added in skill.action.effect.adds:
-            if len(added.terms) == 1 and added.terms[0] in grasped:
+            if held is not None and added.terms == (Variable(held),):
                 found.setdefault(added.predicate, skill)
     return found
 
@@ -38,7 +38,8 @@ def with_held_by_facts(
         return dict(objects), ()
     ((name, fact),) = stated.items()
     skill = skills_by[fact.predicate]
-    grasp = next((w for w in skill.waypoints.values() if isinstance(w, GraspWaypoint)), None)
+    held = _held_at_the_end(skill)
+    grasp = next((w for w in skill.waypoints.values() if isinstance(w, GraspWaypoint) and w.object == held), None)
     if grasp is None:
         return dict(objects), ()
     side, X_TO = _grasped(skill, grasp, objects[name])
@@ -54,6 +55,17 @@ def with_held_by_facts(
 def pose_in_tool(size: tuple[float, float, float], side: str, yaw: float, depth: float) -> Array:
     """The pose X_TO of an object of a size [m] that is held by a side, as in `skill.GraspWaypoint`, shape (4, 4)."""
     return read_only(inverse(side_pose(size, side) @ pose(axis_rotation(2, yaw), (0.0, 0.0, depth))))
+
+
+def _held_at_the_end(skill: Skill) -> str | None:
+    """The parameter of what a skill has grasped and not released again when it ends, or None."""
+    held = None
+    for primitive in skill.primitives:
+        if isinstance(primitive, Grasp):
+            held = primitive.object
+        elif isinstance(primitive, Release):
+            held = None
+    return held
 
 
 def _grasped(skill: Skill, grasp: GraspWaypoint, thing: SceneObject) -> tuple[str, Array]:

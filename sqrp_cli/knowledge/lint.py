@@ -8,7 +8,7 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.held import grasping_skills
 from sqrp_cli.knowledge.lint_actions import formulas_against_the_action, impossible_preconditions
 from sqrp_cli.knowledge.lint_formulas import contradictions, fault_boxes_that_move, predicates_of
-from sqrp_cli.knowledge.lint_scene import blind_cameras, overlapping_objects, too_small_boxes
+from sqrp_cli.knowledge.lint_scene import blind_cameras, floating_objects, overlapping_objects, too_small_boxes
 from sqrp_cli.knowledge.skill import Reference, Skill
 from sqrp_cli.knowledge.workspace import Workspace
 
@@ -18,8 +18,9 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
 
     Codes: literal-without-target, box-moves-with-lost-object, contradictory-formulas, contradictory-precondition,
     against-the-precondition, against-the-effect, too-few-cameras, too-small-for-every-camera,
-    unused-parameter, held-against-the-facts, camera-inside-object, camera-sees-nothing, overlapping-objects. Intervals
-    that end before they start and frames that do not exist are refused when the workspace is read.
+    unused-parameter, held-against-the-facts, camera-inside-object, camera-sees-nothing, overlapping-objects,
+    floating-object. Intervals that end before they start and frames that do not exist are refused when the workspace is
+    read.
     """
     findings: list[Problem] = []
     for skill in workspace.skills.values():
@@ -34,6 +35,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     findings += _held_against_the_facts(workspace)
     findings += blind_cameras(workspace)
     findings += overlapping_objects(workspace)
+    findings += floating_objects(workspace)
     return tuple(findings)
 
 

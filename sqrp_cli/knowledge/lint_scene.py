@@ -1,4 +1,4 @@
-"""Findings in the geometry of a cell: boxes too small to see, cameras that see nothing, objects in one place."""
+"""Findings in the geometry of a cell: boxes too small to see, blind cameras, objects in one place or in the air."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from sqrp_cli.errors import Problem
-from sqrp_cli.geometry import Array, box_corners, inverse, transform
+from sqrp_cli.geometry import Array, box_corners, inverse, pose, transform
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.overlap import box_penetration
 from sqrp_cli.knowledge.read_cell import WORLD, camera_axes_as_body
@@ -19,6 +19,9 @@ from sqrp_cli.knowledge.workspace import Workspace
 
 MIN_OVERLAP = 1e-3
 """Depth [m] from which two objects count as being in one place."""
+
+LEAST_GAP = 5e-3
+"""Distance [m] from which an object counts as not standing on another one."""
 
 START = "@start"
 
@@ -104,6 +107,30 @@ def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
             )
             place = workspace.places.get(f"objects.{other.name}.pose")
             yield Problem("overlapping-objects", message, place, mend=f"move one of them by {1e3 * depth:.1f} mm")
+
+
+def floating_objects(workspace: Workspace) -> Iterator[Problem]:
+    """Objects that are 5 mm or more away from what they are said to be on, with nothing else under them.
+
+    Parts that are no boxes count as the boxes around them, so the distance may be larger than what is told.
+    """
+    around = {thing.name: list(_boxes_around(thing)) for thing in workspace.objects.values() if thing.X_WO is not None}
+    for thing in workspace.objects.values():
+        support = workspace.objects.get(thing.on) if thing.on is not None else None
+        if support is None or thing.name not in around or support.name not in around:
+            continue
+        above, below = around[thing.name], around[support.name]
+        gap = min(-box_penetration(*one, *other) for one, other in product(above, below))
+        if gap < LEAST_GAP - 1e-9:
+            continue
+        if _stands_on_any(above, [box for other, boxes in around.items() if other != thing.name for box in boxes]):
+            continue
+        bottom = min(transform(X_WG, box_corners(size))[:, 2].min() for X_WG, size in above)
+        top = max(transform(X_WG, box_corners(size))[:, 2].max() for X_WG, size in below)
+        mend = f"lower it by {1e3 * gap:.1f} mm" if bottom - top > gap - 1e-6 else f"move it onto `{support.name}`"
+        message = f"`{thing.name}` is said to be on `{support.name}`, but between them is a gap of {1e3 * gap:.1f} mm"
+        place = workspace.places.get(f"objects.{thing.name}.pose")
+        yield Problem("floating-object", message, place, severity="warning", mend=f"{mend}, or correct `on`")
 
 
 def _objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
@@ -211,6 +238,30 @@ def _solid_boxes(thing: SceneObject) -> list[tuple[Array, Array]]:
         for part in thing.parts
         if isinstance(part.shape, Box) and thing.X_WO is not None
     ]
+
+
+def _stands_on_any(boxes: Sequence[tuple[Array, Array]], others: Sequence[tuple[Array, Array]]) -> bool:
+    """Whether boxes that are lowered by `LEAST_GAP` get into one of the others."""
+    lowered = [(pose(position=(0.0, 0.0, -LEAST_GAP)) @ X_WG, size) for X_WG, size in boxes]
+    return any(box_penetration(*one, *other) > 1e-9 for one, other in product(lowered, others))
+
+
+def _boxes_around(thing: SceneObject) -> Iterator[tuple[Array, Array]]:
+    """Pose in the world and full extents of a box around each part of an object of known pose."""
+    assert thing.X_WO is not None  # noqa: S101 - callers choose objects of known pose
+    for part in thing.parts:
+        X_WG = thing.X_WO @ part.X_PG
+        match part.shape:
+            case Box(size):
+                yield X_WG, np.asarray(size)
+            case Sphere(radius):
+                yield X_WG, np.full(3, 2 * radius)
+            case Cylinder(radius, length):
+                yield X_WG, np.array([2 * radius, 2 * radius, length])
+            case Capsule(radius, length):
+                yield X_WG, np.array([2 * radius, 2 * radius, length + 2 * radius])
+            case _:
+                yield thing.X_WO, np.asarray(thing.size)
 
 
 def _reach(thing: SceneObject, X_WG: Array, size: Array) -> float:

@@ -6,14 +6,14 @@ import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
 from sqrp_cli.knowledge.read_cell import WORLD, CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.source import Document, parse_document, read_document
+from sqrp_cli.knowledge.source import YAML_ENDINGS, Document, nearest_entry, parse_document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
@@ -85,7 +85,7 @@ def workspace_file(path: Path) -> Path:
             return path / WORKSPACE_FILE
         entries = sorted(path.iterdir())
         inside = [entry.name for entry in entries if (entry / WORKSPACE_FILE).is_file()]
-        files = [entry.name for entry in entries if entry.suffix in (".yaml", ".yml")]
+        files = [entry.name for entry in entries if entry.suffix in YAML_ENDINGS]
         hint = "the folder is empty" if not entries else "it has neither YAML files nor workspaces"
         if inside:
             hint = "it has the workspaces " + ", ".join(f"`{name}`" for name in inside)
@@ -97,10 +97,16 @@ def workspace_file(path: Path) -> Path:
         while not folder.is_dir():
             folder = folder.parent
         wanted = path.relative_to(folder).parts[0]
-        close = nearest(wanted, (entry.name for entry in folder.iterdir()))
+        rest = path.relative_to(folder / wanted)
+        close = nearest_entry(folder / wanted, lambda entry: _is_workspace(entry / rest))
         hint = f"; did you mean `{folder / close}`?" if close else f"; {folder} has no `{wanted}`"
         raise InputError(Problem("missing-file", f"no such file or folder{hint}", Place(path)))
     return path
+
+
+def _is_workspace(path: Path) -> bool:
+    """Whether a path may be meant as a workspace: a folder with a `workspace.yaml`, or another YAML file."""
+    return (path / WORKSPACE_FILE).is_file() or (path.suffix in YAML_ENDINGS and path.is_file())
 
 
 def _skills(document: Document, file: WorkspaceFile, digest: ContentDigest) -> tuple[dict[str, Skill], list[Problem]]:

@@ -220,7 +220,8 @@ class CellReader:
             return None
         signature = signatures[predicate]
         if len(arguments) != len(signature.parameters):
-            message = f"`{predicate}` has {len(arguments)} arguments, expected {len(signature.parameters)}: {signature}"
+            found = f"{len(arguments)} argument{'s' * (len(arguments) != 1)}"
+            message = f"`{predicate}` has {found}, expected {len(signature.parameters)}: {signature}"
             self._report("wrong-arity", path, message)
             return None
         for argument, parameter in zip(arguments, signature.parameters, strict=True):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -226,7 +227,8 @@ class RobotReader:
         for joint in joints:
             position = positions.get(joint.name, joint.lower)
             if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
-                message = f"{position:.4g} is outside the joint's limits, {joint.lower:.4g} to {joint.upper:.4g}"
+                message = f"{_in_units(joint, position)} is outside the joint's limits, "
+                message += _in_units(joint, joint.lower, joint.upper)
                 self._report("outside-limits", (*path, joint.name), message)
         return {joint.name: positions[joint.name] for joint in joints if joint.name in positions}
 
@@ -344,3 +346,11 @@ class RobotReader:
 def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
     """The mesh file that a URDF names, for `link_parts`; roots: `Robot.package_roots`. Raises as `packages.resolve`."""
     return packages.resolve(reference, urdf.parent, roots, Place(urdf))
+
+
+def _in_units(joint: UrdfJoint, *positions: float) -> str:
+    """A position of a joint [rad or m], or a range of them, with its unit; of one that turns in degrees as well."""
+    stated = " to ".join(f"{position:.4g}" for position in positions)
+    if joint.type == "prismatic":
+        return f"{stated} m"
+    return f"{stated} rad ({' to '.join(f'{math.degrees(position):.4g}' for position in positions)} deg)"

@@ -7,7 +7,7 @@ not exist. Keys are always text. Numbers must be finite.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -16,6 +16,8 @@ from typing import Any
 import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
+
+YAML_ENDINGS = (".yaml", ".yml")
 
 MAX_BYTES = 1_000_000
 """Largest YAML file that is read."""
@@ -151,11 +153,27 @@ def missing_file(path: Path) -> Problem:
     folder = path.parent
     if not folder.is_dir():
         return Problem("missing-file", f"file not found: there is no folder {folder}", Place(path))
-    try:
-        close = nearest(path.name, (entry.name for entry in folder.iterdir()))
-    except OSError:
-        close = None
+    close = nearest_entry(path, lambda entry: _is_alike(path, entry) and entry.is_file())
     return Problem("missing-file", "file not found" + (f"; did you mean `{close}`?" if close else ""), Place(path))
+
+
+def nearest_entry(path: Path, could_be_meant: Callable[[Path], bool]) -> str | None:
+    """The name nearest in spelling to a path that does not exist, of what stands in its folder and could be meant.
+
+    Endings do not count: that two files have the same one makes them no nearer.
+    """
+    try:
+        names = {entry.stem: entry.name for entry in sorted(path.parent.iterdir()) if could_be_meant(entry)}
+    except OSError:
+        return None
+    close = nearest(path.stem, names)
+    return names[close] if close is not None else None
+
+
+def _is_alike(path: Path, entry: Path) -> bool:
+    """Whether a file may be meant by its ending: that of the path, or another one of the same name; by default YAML."""
+    one, other = path.suffix.lower() or YAML_ENDINGS[0], entry.suffix.lower()
+    return one == other or (one in YAML_ENDINGS and other in YAML_ENDINGS) or path.stem == entry.stem
 
 
 def _leaves(value: object, path: KeyPath) -> Iterator[tuple[KeyPath, Scalar]]:

@@ -96,8 +96,23 @@ def ground_operators(
     return tuple(
         replace(entry, start=min(max(entry.start, 0.0), total), end=min(max(entry.end, 0.0), total))
         for entry in entries
-        if entry.end > -SAME_INSTANT and entry.start < total + SAME_INSTANT
+        if not _is_outside(entry, total)
     )
+
+
+def operators_outside(formula: Formula, spans: Mapping[str, tuple[float, float]], total: float) -> tuple[int, ...]:
+    """Which temporal operators of a bound formula have no entry in `ground_operators`, by their place in `operators`.
+
+    They are never looked at. Arguments and errors are those of `ground_operators`.
+    """
+    nested = _nested_operators(formula, spans, 0.0, 0.0)
+    return tuple(index for index, entry in enumerate(nested) if _is_outside(entry, total))
+
+
+def operators(formula: Formula) -> tuple[Always | Eventually, ...]:
+    """The temporal operators of a formula, outer before inner, from left to right."""
+    own = (formula,) if isinstance(formula, Always | Eventually) else ()
+    return (*own, *(operator for part in children(formula) for operator in operators(part)))
 
 
 def merge(stretches: Iterable[Stretch]) -> tuple[Stretch, ...]:
@@ -124,6 +139,11 @@ def formula_time(operators: Iterable[GroundOperator]) -> tuple[Stretch, ...]:
 def events_of_interest(operators: Iterable[GroundOperator]) -> tuple[Stretch, ...]:
     """The stretches of the events of interest: of every `eventually`."""
     return merge(operator.stretch for operator in operators if operator.operator == "eventually")
+
+
+def _is_outside(operator: GroundOperator, total: float) -> bool:
+    """Whether nothing of an interval that is not clipped lies in [0, total]."""
+    return operator.end <= -SAME_INSTANT or operator.start >= total + SAME_INSTANT
 
 
 def _nested_operators(

@@ -34,6 +34,8 @@ from sqrp_cli.logic.formula_time import (
     formula_time,
     ground_operators,
     merge,
+    operators,
+    operators_outside,
     union_length,
     with_times,
 )
@@ -61,6 +63,8 @@ __all__ = [
     "formula_time",
     "ground_operators",
     "merge",
+    "operators",
+    "operators_outside",
     "parse_formula",
     "to_unicode",
     "union_length",

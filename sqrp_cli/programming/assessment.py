@@ -11,7 +11,7 @@ from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.faults import FaultMetrics, fault_metrics
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.grounding import TargetGrounder, ground_formulas
+from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.recovery import Recovery, recovery_over
@@ -33,6 +33,7 @@ class Assessment:
     states: number of samples that hold literals. error: bound on the error of Q from bisection. largest_gap: between
     samples [s].
     ways_around: what goes around what, such as `a1 goes around wall`, where the direct move is blocked.
+    outside: the temporal operators that are never looked at, see `grounding.formulas_outside`.
     verdict: one or two sentences. recalibrated: the qualities with camera poses drawn anew, if that was asked for.
     """
 
@@ -49,6 +50,7 @@ class Assessment:
     error: float | None = None
     largest_gap: float | None = None
     ways_around: tuple[str, ...] = ()
+    outside: tuple[tuple[int, int], ...] = ()
     verdict: str = ""
     recalibrated: tuple[Qualities, ...] = ()
 
@@ -91,6 +93,7 @@ class Study:
             error=timeline.transition_error,
             largest_gap=timeline.largest_gap,
             ways_around=self.motion.ways_around,
+            outside=formulas_outside(self.candidate, self.motion),
             verdict=verdict,
         )
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.grounding import formulas_outside
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.ranking import rank
@@ -20,7 +21,7 @@ class Feasibility:
 
     reasons: why not, most useful first. time: of its motion [s], None if infeasible. ways_around: what goes around
     what, such as `a1 goes around wall`, where the direct move is blocked. suggestion: how to establish its
-    precondition.
+    precondition. outside: the temporal operators that are never looked at, see `grounding.formulas_outside`.
     """
 
     candidate: Candidate
@@ -29,6 +30,7 @@ class Feasibility:
     time: float | None
     suggestion: Suggestion
     ways_around: tuple[str, ...] = ()
+    outside: tuple[tuple[int, int], ...] = ()
 
 
 def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
@@ -37,7 +39,8 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     motion = feasible_motion(suggester.cell, candidate, suggester.world)
     if isinstance(motion, Infeasible):
         return Feasibility(candidate, feasible=False, reasons=motion.reasons, time=None, suggestion=suggestion)
-    return Feasibility(candidate, True, (), motion.time, suggestion, motion.ways_around)
+    outside = formulas_outside(candidate, motion)
+    return Feasibility(candidate, True, (), motion.time, suggestion, motion.ways_around, outside)
 
 
 def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[SuggestedStep, ...]:

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.skill import BoxSpec, TargetSpec
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
-from sqrp_cli.logic.formula_time import ground_operators
+from sqrp_cli.logic.formula_time import ground_operators, operators_outside
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
@@ -46,6 +46,19 @@ def ground_formulas(
         GroundFormula(operator, requirement.name)
         for requirement, formula in zip(candidate.skill.requirements, bound_formulas(candidate), strict=True)
         for operator in ground_operators(formula, spans, total)
+    )
+
+
+def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, int], ...]:
+    """The temporal operators of the candidate's formulas of whose interval the motion leaves nothing.
+
+    Each as the index of its requirement, and its own among the operators of that; see `formula_time.operators`.
+    """
+    spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
+    return tuple(
+        (index, operator)
+        for index, formula in enumerate(bound_formulas(candidate))
+        for operator in operators_outside(formula, spans, motion.time)
     )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import combinations, product
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise, product
 
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge import units
@@ -66,7 +66,10 @@ def read_task(text: str, workspace: Workspace) -> Task:
         raise InputError(Problem("unknown-skill", message))
     settings = _settings([word for word in words[1:] if "=" in word], skill)
     filters = [word for word in words[1:] if "=" not in word]
-    choices = _object_choices(skill, workspace, settings, filters)
+    try:
+        choices = _object_choices(skill, workspace, settings, filters)
+    except InputError as error:
+        raise InputError(*(replace(problem, mend=_without_blank(words)) for problem in error.problems)) from error
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
     count = 1
     for values in [*choices, *motion]:
@@ -126,6 +129,15 @@ def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:
     return settings
 
 
+def _without_blank(words: Sequence[str]) -> str | None:
+    """What mends a task in which a blank stands between a number and its unit, or before the number."""
+    for setting, word in pairwise(words):
+        value = setting.rpartition("=")[2].rpartition(",")[2]
+        if "=" in setting and "=" not in word and read_quantity(f"{value} {word}") is not None:
+            return f"write a value and its unit without a blank: `{setting}{word}`"
+    return None
+
+
 def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tuple[MotionValue, ...]:
     parameter = next(parameter for parameter in skill.motion_parameters if parameter.name == name)
     if name not in settings:
@@ -137,7 +149,10 @@ def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tupl
             if (complaint := kind.complaint(value)) is not None:
                 code, message = complaint
                 raise InputError(Problem(code, f"`{name}={settings[name]}`: {message}"))
-        values[value if isinstance(value, str) else value.value] = None
+        plain = value if isinstance(value, str) else value.value
+        if plain in values:
+            raise InputError(Problem("repeated-value", f"`{name}={settings[name]}`: a value is given twice"))
+        values[plain] = None
     return tuple(values)
 
 

@@ -91,7 +91,7 @@ def read_coverage(numbers: Numbers) -> Coverage:
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401 # JSON has no tuples
-    return tuple(value) if isinstance(value, list) else value
+    return tuple(map(_plain, value)) if isinstance(value, list) else value
 
 
 def _ends(stretch: Stretch) -> list[float]:

@@ -61,7 +61,8 @@ def crowded(layout: Layout, cell: Cell, reach: float, crowd: Crowd) -> Layout:
         cubes.append(Cube(f"{color[0]}{index // len(COLORS) + 1}", color, _triple([*place, size / 2])))
     views = [_view(rng, f"cam{index + 1}", base, reach) for index in range(crowd.cameras)]
     colors = dict.fromkeys(cube.color for cube in cubes)
-    side = max(layout.table_side, ceil(20 * (farthest + float(np.abs(base).max()) + 0.2)) / 10)
+    edge = max(farthest + float(np.abs(base).max()), taken.edge)
+    side = max(layout.table_side, ceil(20 * (edge + 0.2)) / 10)
     tasks = tuple(f"pickup {color}" for color in colors)
     return replace(layout, cubes=cubes, obstacles=obstacles, views=views, tasks=tasks, table_side=side)
 
@@ -73,6 +74,11 @@ class _Ground:
         self._base, self._nearest = base, nearest
         self._places = np.empty((0, 2))
         self._radii = np.empty(0)
+
+    @property
+    def edge(self) -> float:
+        """The largest distance from the world's origin, along x or y, at which anything stands [m]."""
+        return float((np.abs(self._places).max(axis=1) + self._radii).max(initial=0.0))
 
     def draw(self, rng: np.random.Generator, farthest: float, radius: float, apart_from: Array, by: float) -> Array:
         """A free place for a thing of a radius, uniform over the ring around the base; in whole millimetres, (2,).

@@ -137,6 +137,25 @@ def test_a_missing_program_names_the_nearest(sqrp, program):
     assert "did you mean `program.yaml`?" in outcome.err
 
 
+@pytest.mark.parametrize(
+    ("asked", "there", "meant"),
+    [
+        ("nosuch.yaml", "ph.yaml", None),
+        ("nosuch", "such.sh", None),
+        ("steps.yaml", "stepps.json", None),
+        ("steps", "stepps.yaml", "stepps.yaml"),
+        ("steps.yaml", "stepps.yml", "stepps.yml"),
+        ("steps.ymal", "steps.yaml", "steps.yaml"),
+    ],
+)
+def test_only_a_near_name_of_its_kind_is_suggested_for_a_missing_program(sqrp, tmp_path, asked, there, meant):
+    (tmp_path / there).touch()
+    outcome = sqrp("run", tmp_path / asked, "--sim")
+    assert outcome.code == 2
+    hint = f"; did you mean `{meant}`?" if meant else ""
+    assert f"{tmp_path / asked}: file not found{hint}\n" in outcome.err
+
+
 def test_the_steps_of_a_listing_are_those_of_the_file(sqrp, program):
     steps = yaml.safe_load(program.read_text(encoding="utf-8"))["steps"]
     listed = sqrp("program", program, "--json").document["steps"]

@@ -240,6 +240,23 @@ def in_a_terminal(arguments: list[str], columns: int, **variables: str) -> str:
     return b"".join(pieces).decode().replace("\r\n", "\n")
 
 
+def test_the_scene_is_shown_to_a_millimetre(sqrp, own_watch):
+    file = own_watch / "workspace.yaml"
+    seen = "seen: {type: cube, color: green, size: [10 cm, 10 cm, 10 cm], pose: {position: [2, 0.3, 1]}}"
+    text = file.read_text(encoding="utf-8")
+    assert seen in text
+    moved = seen.replace("10 cm, 10 cm, 10 cm", "45 mm, 10 cm, 10 cm").replace("[2, 0.3, 1]", "[0.025, 0.3, -1e-9]")
+    file.write_text(text.replace(seen, moved), encoding="utf-8")
+    assert re.search(r"seen +green cube +0\.045 0\.100 0\.100 +0\.025 0\.300 0\.000 ", sqrp("show", own_watch).out)
+
+
+@pytest.mark.parametrize("name", ["screws", "tabletop", "tower"])
+def test_the_shipped_scenes_fit_into_eighty_columns(sqrp, tabletop, name):
+    lines = sqrp("show", tabletop.parent / name).out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert sum(re.match(r"(camera|object)  ", line) is not None for line in lines) == 2  # tables, not paragraphs
+
+
 def test_a_terminal_shows_the_same_text_as_a_file(sqrp, watch):
     arguments = ["rank", str(watch), "watch cube"]
     shown = re.sub(r"\x1b\[[0-9;]*m", "", in_a_terminal(arguments, 80))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sqrp_cli.knowledge.lint import lint
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.workspace import Workspace
 
@@ -55,3 +56,19 @@ def test_without_such_a_fact_nothing_is_held(cell: Path) -> None:
     workspace = load_workspace(cell)
     assert workspace.initial_world.held is None
     assert not [warning for warning in workspace.warnings if warning.code == "held-by-the-facts"]
+
+
+@pytest.mark.parametrize("facts", ["  - moved(red)", "  - moved(red)\n  - moved(blue)"])
+def test_a_fact_of_a_skill_that_lets_go_again_says_nothing_about_the_tool(damaged: Damage, facts: str) -> None:
+    released = "- {name: a5, joint_move: home}\n  - {name: a6, release: 1 s}"
+    action = {"(hand_empty))\n  (:a": "(hand_empty) (moved ?object - movable))\n  (:a", "(and (hold ?": "(and (moved ?"}
+    edits = [
+        {"file": "pickup/skill.yaml", "replace": {"- {name: a5, joint_move: home}": released}},
+        {"file": "pickup/pickup.pddl", "replace": action},
+        {"file": "workspace.yaml", "replace": {"  - on_table(red)": facts}},
+    ]
+    workspace = load_workspace(damaged({"edits": edits}))
+    assert workspace.initial_world.held is None
+    assert workspace.objects["red"].X_WO is not None
+    codes = [problem.code for problem in (*workspace.warnings, *lint(workspace))]
+    assert not {"held-by-the-facts", "held-against-the-facts"} & set(codes)

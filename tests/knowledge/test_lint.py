@@ -59,6 +59,11 @@ def test_objects_that_touch_or_sink_by_less_than_a_millimetre_are_apart(damaged:
     assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
 
 
+def test_objects_that_float_by_less_than_five_millimetres_stand(damaged: Damage) -> None:
+    edit = {"position: [0.4, 0, 2 cm]": "position: [0.4, 0, 2.4 cm]"}
+    assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
+
+
 def test_an_object_inside_a_hollow_one_does_not_overlap_it(damaged: Damage) -> None:
     edit = {"position: [0.4, 0, 2 cm]": "position: [0.7, -0.2, 3 cm]"}
     assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()

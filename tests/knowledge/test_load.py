@@ -142,6 +142,28 @@ def test_the_digest_changes_with_every_file_that_is_read(cell: Path, file: str, 
     assert load_workspace(cell).digest != before
 
 
+@pytest.mark.parametrize(
+    ("asked", "entries", "meant"),
+    [
+        ("nosuch", ["env.sh", "such.txt", "such/readme.md"], None),
+        ("nosuch", ["such/workspace.yaml"], "such"),
+        ("tabeltop", ["tabletop.sh", "tabletop.yaml"], "tabletop.yaml"),
+        ("tabeltop.yaml", ["tray.yaml", "bin.yaml"], None),
+        ("cels/left", ["cells/readme.md", "cell/left/workspace.yaml"], "cell"),
+    ],
+)
+def test_only_what_can_be_a_workspace_of_a_near_name_is_suggested(
+    tmp_path: Path, asked: str, entries: list[str], meant: str | None
+) -> None:
+    for entry in entries:
+        (tmp_path / entry).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / entry).touch()
+    with pytest.raises(InputError) as caught:
+        load_workspace(tmp_path / asked)
+    hint = f"did you mean `{tmp_path / meant}`?" if meant else f"{tmp_path} has no `{Path(asked).parts[0]}`"
+    assert caught.value.problems[0].message == f"no such file or folder; {hint}"
+
+
 def test_a_folder_of_workspaces_says_which_it_has(tmp_path: Path, cell: Path) -> None:
     with pytest.raises(InputError, match="it has the workspaces `cell`"):
         load_workspace(tmp_path)

@@ -31,6 +31,7 @@ def test_a_bad_task_is_refused_with_what_would_be_right(case: dict, workspace: W
     assert problem.code == case["code"]
     for fragment in case["fragments"]:
         assert fragment in problem.message
+    assert case.get("mend", "") in (problem.mend or "")
 
 
 def test_words_filter_objects_by_name_type_and_colour(workspace: Workspace) -> None:
@@ -66,8 +67,9 @@ def test_several_values_of_a_parameter_are_tried_in_all_combinations(workspace: 
     assert {candidate.parameters["lift"] for candidate in candidates} == {0.05, 0.1}
 
 
-def test_every_value_in_a_list_is_checked_and_repeated_ones_count_once(workspace: Workspace) -> None:
-    assert len(read_task("pickup g1 lift=5cm,50mm", workspace).candidates) == 1
+def test_every_value_in_a_list_is_checked_and_repeated_ones_are_refused(workspace: Workspace) -> None:
+    with pytest.raises(InputError, match="`lift=5cm,50mm`: a value is given twice"):
+        read_task("pickup g1 lift=5cm,50mm", workspace)
     with pytest.raises(InputError, match="`elbow=up,sideways`: found `sideways`, expected one of"):
         read_task("pickup g1 elbow=up,sideways", workspace)
 

@@ -45,3 +45,8 @@ def test_the_seed_decides(tmp_path: Path) -> None:
         made(tmp_path / str(index), Crowd(seed, 6, 3))
         texts.append((tmp_path / str(index) / "workspace.yaml").read_text(encoding="utf-8"))
     assert texts[0] == texts[1] != texts[2]
+
+
+def test_the_table_grows_with_the_ring_on_which_things_stand(tmp_path: Path) -> None:
+    findings = lint(made(tmp_path / "cell", Crowd(0, 1500, 1)))
+    assert "floating-object" not in [finding.code for finding in findings]
