@@ -109,8 +109,12 @@ def _detail(
 
 
 def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> list[dict[str, Any]]:
-    """What the images of each time showed. The last ones count for as long as any before them, and nothing after."""
-    samples = [_sample(cameras, event) for event in events if event.kind == "evidence"]
+    """What the images of each time showed. The last ones count for as long as any before them, and nothing after.
+
+    Images of one time may arrive one after the other: what all of them showed is told last.
+    """
+    told = {event.fields["exposed"]: event for event in events if event.kind == "evidence"}
+    samples = [_sample(cameras, told[t]) for t in sorted(told)]
     times = [sample["t"] for sample in samples]
     longest = max((after - t for t, after in pairwise(times)), default=end)
     over = min(end, times[-1] + longest) if times else 0.0
