@@ -53,6 +53,7 @@ class EventRecorder:
 
 def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: Path, arguments: Sequence[str]) -> None:
     """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
+    from sqrp_cli.cli.run_view import short_times
     from sqrp_cli.programming.cell import Cell
 
     names = [step.label for step in report.steps]
@@ -73,7 +74,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         mark=report.outcome,
         labels={"steps": len(names)},
         candidate=None,
-        reasons=[] if report.reason is None else [report.reason],
+        reasons=[] if report.reason is None else [short_times(report.reason)],
         scene=0 if scenes else None,
         detail=packed(_detail(cell, report, events, track if scenes else None, why_flat))
         if watched or scenes

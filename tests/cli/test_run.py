@@ -93,6 +93,15 @@ def test_recorded_frames_confirm_the_predictions(sqrp: Callable[..., Any], slip:
     assert sqrp("audit", cell.program, cell.folder / "frames", "--threshold", "1.5").code == 2
 
 
+def test_a_fault_whose_time_does_not_come_is_said_not_to_have_happened(sqrp: Callable[..., Any], cell: Cell) -> None:
+    faults = ("--fault", "camera-loss:cam3@300 ms", "--fault", "frozen:cam5@99")
+    found = sqrp("run", cell.program, "--sim", *faults, "--json")
+    assert [fault["name"] for fault in found.document["faults"]] == ["camera-loss"]
+    end = found.document["time"]
+    assert f"--fault frozen:cam5@99 never happened: the run ended before, at {end:.2f} s\n" in found.err
+    assert "camera-loss" not in found.err
+
+
 @pytest.fixture(scope="module")
 def lost(sqrp: Callable[..., Any], cell: Cell) -> list[Any]:
     """The same run twice in which a camera fails soon."""
@@ -188,6 +197,12 @@ def test_a_bad_fault_is_bad_input(sqrp: Callable[..., Any], cell: Cell, fault: s
     found = sqrp("run", cell.program, "--sim", "--fault", fault)
     assert (found.code, found.out) == (2, "")
     assert "to mend it" in found.err
+
+
+def test_slips_are_swept_only_where_something_can_be_lost(sqrp: Callable[..., Any], cell: Cell) -> None:
+    found = sqrp("run", cell.program, "--sim", "--sweep", "slip@a1")
+    assert (found.code, found.out) == (2, "")
+    assert "the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`, `a5`" in found.err
 
 
 @pytest.mark.parametrize("option", ["--log", "--report"])
