@@ -62,6 +62,11 @@ class Lookout:
         return dict(self._values)
 
     @property
+    def caught_up(self) -> bool:
+        """Whether the images of all cameras of some moment since `forget` are there."""
+        return bool(self._complete)
+
+    @property
     def places(self) -> dict[str, Array]:
         """Where objects were located since `forget`, (3,) each [m]: the median over the images."""
         return {name: np.median(found, axis=0) for name, found in self._places.items()}
