@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from sqrp_cli.errors import ExitCode
     from sqrp_cli.knowledge.workspace import Workspace
     from sqrp_cli.runtime.faults import InjectedFault
+    from sqrp_cli.runtime.outcome import Event
     from sqrp_cli.runtime.recording import Gallery
     from sqrp_cli.runtime.simulated_run import Simulation
 
@@ -75,7 +76,22 @@ def run_once(
         write_run(cell, report, recorder.events, page, arguments)
     if not as_json:
         note(wall_time(report))
-    return show_run(report, workspace.name, as_json=as_json)
+    for fault in _never_happened(faults, recorder.events):
+        note(f"--fault {fault.text} never happened: the run ended before, at {report.time:.2f} s")
+    period = max(1.0 / camera.rate for camera in workspace.cameras.values())
+    return show_run(report, workspace.name, period, as_json=as_json)
+
+
+def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) -> list[InjectedFault]:
+    """The faults whose time never came."""
+    injected = [event.fields["fault"] for event in events if event.kind == "injected"]
+    late = []
+    for fault in faults:
+        if fault.text in injected:
+            injected.remove(fault.text)
+        else:
+            late.append(fault)
+    return late
 
 
 def _gallery(workspace: Workspace, kept: Kept) -> Gallery | None:

@@ -53,6 +53,7 @@ class EventRecorder:
 
 def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: Path, arguments: Sequence[str]) -> None:
     """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
+    from sqrp_cli.cli.run_view import short_times
     from sqrp_cli.programming.cell import Cell
 
     names = [step.label for step in report.steps]
@@ -73,7 +74,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         mark=report.outcome,
         labels={"steps": len(names)},
         candidate=None,
-        reasons=[] if report.reason is None else [report.reason],
+        reasons=[] if report.reason is None else [short_times(report.reason)],
         scene=0 if scenes else None,
         detail=packed(_detail(cell, report, events, track if scenes else None, why_flat))
         if watched or scenes
@@ -109,8 +110,12 @@ def _detail(
 
 
 def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> list[dict[str, Any]]:
-    """What the images of each time showed. The last ones count for as long as any before them, and nothing after."""
-    samples = [_sample(cameras, event) for event in events if event.kind == "evidence"]
+    """What the images of each time showed. The last ones count for as long as any before them, and nothing after.
+
+    Images of one time may arrive one after the other: what all of them showed is told last.
+    """
+    told = {event.fields["exposed"]: event for event in events if event.kind == "evidence"}
+    samples = [_sample(cameras, told[t]) for t in sorted(told)]
     times = [sample["t"] for sample in samples]
     longest = max((after - t for t, after in pairwise(times)), default=end)
     over = min(end, times[-1] + longest) if times else 0.0

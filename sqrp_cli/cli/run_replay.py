@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+from statistics import median
 from typing import TYPE_CHECKING
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -45,7 +47,16 @@ def run_replay(
         raise InputError(Problem("no-log", "this log has no report at its end: the run was interrupted", Place(path)))
     if page is not None:
         write_run(_cell_then(header, workspace), report, recorder.events, page, arguments)
-    return show_run(report, header.fields["workspace"], as_json=as_json)
+    cell = _cell_then(header, workspace).workspace
+    rates = [] if cell is None else [camera.rate for camera in cell.cameras.values()]
+    period = 1.0 / min(rates) if rates else _usual_period(recorder.events)
+    return show_run(report, header.fields["workspace"], period, as_json=as_json)
+
+
+def _usual_period(events: Sequence[Event]) -> float | None:
+    """The time from one image to the next [s] by what a log tells, which has no rates of cameras; None without any."""
+    exposed = sorted({event.fields["exposed"] for event in events if event.kind == "evidence"})
+    return median(after - t for t, after in pairwise(exposed)) if len(exposed) > 1 else None
 
 
 def _cell_then(header: Event, workspace: Workspace | None) -> RunCell:

@@ -10,8 +10,11 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.outcome import RunReport
 
 
-def show_run(report: RunReport, workspace: str, *, as_json: bool) -> ExitCode:
-    """Print a report; the exit code says whether the program is done."""
+def show_run(report: RunReport, workspace: str, period: float | None, *, as_json: bool) -> ExitCode:
+    """Print a report; the exit code says whether the program is done.
+
+    period: between images of the slowest camera [s], None if that is not known.
+    """
     from sqrp_cli.cli.console import say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.run_document import run_document
@@ -20,5 +23,5 @@ def show_run(report: RunReport, workspace: str, *, as_json: bool) -> ExitCode:
     if as_json:
         say_raw(as_text(run_document(workspace, report)))
     else:
-        print_run(workspace, report)
+        print_run(workspace, report, period)
     return ExitCode.OK if report.outcome == "done" else ExitCode.STOPPED_ON_FAULT

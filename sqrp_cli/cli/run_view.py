@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -10,7 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cli.console import Column, Show, joined, live, plain, print_table, say
 from sqrp_cli.program import Program, Step
-from sqrp_cli.runtime.outcome import STATE, Confusion, Disagreement, Event, FaultRecord, Prediction, RunReport
+from sqrp_cli.runtime.outcome import (
+    STATE,
+    Confusion,
+    Disagreement,
+    Event,
+    FaultRecord,
+    Prediction,
+    RunReport,
+    tolerance,
+)
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.audit import AuditReport
@@ -20,6 +30,9 @@ MOST_DISAGREEMENTS = 8
 """Groups of disagreements that a table lists."""
 
 _STYLES = {"true": "green", "false": "cyan", "blind": "yellow"}
+
+_INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
+_TIME = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
 
 _REPLAY_SPEED = 4.0
 """How many times as fast as it happened a replay is shown."""
@@ -91,8 +104,11 @@ def _line(event: Event) -> str:
     return f"tries again ({event.fields['attempt']} of {event.fields['of']})"
 
 
-def print_run(workspace: str, report: RunReport) -> None:
-    """The outcome of a run: what was done, the faults, and whether predictions came true."""
+def print_run(workspace: str, report: RunReport, period: float | None = None) -> None:
+    """The outcome of a run: what was done, the faults, and whether predictions came true.
+
+    period: between images of the slowest camera [s], None if that is not known.
+    """
     what = "; ".join(step.label for step in report.steps)
     tries = sum(step.attempts - 1 for step in report.steps)
     after = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
@@ -100,10 +116,11 @@ def print_run(workspace: str, report: RunReport) -> None:
         say(joined([f"{what} in {workspace}: ", ("done", "bold green"), f"{after}, {report.time:.2f} s"]))
     else:
         say(joined([f"{what} in {workspace}: ", ("stopped", "bold red"), f" at {report.time:.2f} s"]))
-        say(f"The robot stopped because {report.reason}.")
+        say(f"The robot stopped because {short_times(report.reason or '')}.")
     if report.faults:
         say()
         _print_faults(report.faults)
+        _print_late(report.faults, period)
     say()
     _print_prediction(report.prediction, report.total)
     _print_disagreements(report.disagreements)
@@ -133,6 +150,24 @@ def _print_faults(faults: Sequence[FaultRecord]) -> None:
                 f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s: where it was, "
                 "the cameras could not judge whether to try again."
             )
+
+
+def _print_late(faults: Sequence[FaultRecord], period: float | None) -> None:
+    """Which faults were seen later than predicted, and what that may be due to."""
+    for fault in faults:
+        if fault.delay is None or fault.predicted_delay is None or period is None:
+            continue
+        late = fault.delay - fault.predicted_delay
+        if late > tolerance(period) + 1e-9:
+            say(
+                f"The images showed {fault.name} {late:.2f} s later than predicted: before tool and object have parted "
+                "by some 2 pixels, as at the very start of a lift, no image can show that they part."
+            )
+
+
+def short_times(text: str) -> str:
+    """A text with the times of the formulas in it as people read them, with two decimals."""
+    return _INTERVAL.sub(lambda interval: _TIME.sub(lambda t: f"{float(t[0]):.2f}", interval[0]), text)
 
 
 def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
@@ -240,7 +275,7 @@ def _print_stops(runs: Sequence[SweepRun]) -> None:
         if run.report.reason:
             stopped.setdefault(run.report.reason, []).append(f"{run.x:.2f}")
     for reason, places in stopped.items():
-        say(f"Stopped with the slip at {', '.join(places)}: {reason}.")
+        say(f"Stopped with the slip at {', '.join(places)}: {short_times(reason)}.")
 
 
 def print_audit(program: Program, workspace: str, report: AuditReport, threshold: float) -> None:

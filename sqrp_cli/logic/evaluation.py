@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 
 from sqrp_cli.logic.formula import Always, And, Eventually, Formula, Implies, Interval, Not, Or, Predicate, children
@@ -90,6 +91,12 @@ class Monitor:
         if self.verdict.truth == Truth.UNKNOWN:
             self.verdict = self._judge(end)
         return self.verdict
+
+    def copy(self) -> Monitor:
+        """One with the same evidence, which takes more without this one learning of it."""
+        found = copy(self)
+        found._samples = list(self._samples)
+        return found
 
     def _judge(self, end: float) -> Verdict:
         return evaluate(self._formula, Trace(tuple(self._samples), end, self._total))

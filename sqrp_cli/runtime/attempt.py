@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,8 +10,9 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.program import Step
+from sqrp_cli.runtime.album import Look
 from sqrp_cli.runtime.expectation import Expectation, values_when_open
-from sqrp_cli.runtime.judge import Judge
+from sqrp_cli.runtime.judge import Alarm, Judge
 from sqrp_cli.runtime.perception.sighting import Watchlist
 from sqrp_cli.runtime.prediction_check import PredictionCheck
 
@@ -60,3 +61,19 @@ class Attempt:
     def counts(self, tau: float | None) -> bool:
         """Whether an image taken at a time of the step [s] counts in the check of predictions."""
         return self.undisturbed and tau is not None and 0.0 <= tau <= self.step.time
+
+    def alarms(self, looks: Iterable[Look]) -> Iterator[Alarm]:
+        """What calls for a response in the motion, first by what is known completely, then by what is there of more.
+
+        looks: in order of time, complete ones first.
+        """
+        ahead = []
+        for look in looks:
+            if look.tau is None or not 0.0 <= look.tau <= self.step.time or look.t > self.end + 1e-9:
+                continue
+            if not look.complete:
+                ahead.append((look.tau, look.values))
+            elif (alarm := self.judge.observe(look.tau, look.values)) is not None:
+                yield alarm
+        while ahead and (alarm := self.judge.anticipate(ahead)) is not None:
+            yield alarm

@@ -159,13 +159,10 @@ class Execution:
         self._playback.play(attempt.step.primitives, attempt.start)
         end = attempt.end
         while lockstep.now < end - 1e-9 or eyes.has_arrival_from(end):
-            for look in lockstep.pass_time(end):
-                inside = look.tau is not None and 0.0 <= look.tau <= attempt.step.time
-                alarm = attempt.judge.observe(look.tau, look.values) if inside and look.tau is not None else None
-                if alarm is not None and alarm.response.action != "continue":
+            for alarm in attempt.alarms(lockstep.pass_time(end)):
+                if alarm.response.action != "continue":
                     return alarm
-                if alarm is not None:
-                    self._ledger.seen(alarm, lockstep.now)
+                self._ledger.seen(alarm, lockstep.now)
         self._lookout.forget(lockstep.now)
         return self._look(attempt, attempt.step.time)
 
@@ -177,8 +174,9 @@ class Execution:
         looked = False
         while not looked or (alarm is not None and lockstep.now < until - 1e-9):
             for look in lockstep.pass_time():
-                alarm = attempt.judge.at_rest(tau, look.values)
-                looked = True
+                if look.complete:
+                    alarm = attempt.judge.at_rest(tau, look.values)
+                    looked = True
         return alarm
 
     def _schedule(self, attempt: Attempt, start: float) -> None:

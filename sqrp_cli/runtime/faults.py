@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.knowledge.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.program import Step
 
 FaultKind = Literal["slip", "miss-pick", "camera-loss", "frozen", "latency", "perception-crash"]
@@ -22,12 +23,9 @@ _FORMS = {
     "latency": "latency:cam3=0.5",
     "perception-crash": "perception-crash:cam1@4",
 }
-_NUMBER = r"\d+(?:\.\d*)?|\.\d+"
-_SLIP = re.compile(
-    rf"(?:(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>{_NUMBER})|(?P<random>:random))?|(?P<time>{_NUMBER}))"
-)
-_CAMERA_AT = re.compile(rf"(?P<camera>[^@=]+)@(?P<time>{_NUMBER})")
-_CAMERA_BY = re.compile(rf"(?P<camera>[^@=]+)=(?P<delay>{_NUMBER})")
+_SLIP = re.compile(r"(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*)")
+_CAMERA_AT = re.compile(r"(?P<camera>[^@=]+)@(?P<time>.+)")
+_CAMERA_BY = re.compile(r"(?P<camera>[^@=]+)=(?P<delay>.+)")
 
 
 @dataclass(frozen=True)
@@ -48,7 +46,8 @@ class InjectedFault:
 def parse_fault(text: str, step: Step, cameras: Collection[str], rng: np.random.Generator) -> InjectedFault:
     """A fault such as `slip@a4+0.4`. Raises InputError that says what was expected.
 
-    step: whose primitives are meant, with times from its start. rng: of random instants.
+    text: with times in seconds or with a unit. step: whose primitives are meant, with times from its start. rng: of
+    random instants.
     """
     head = _kind(text)
     if head not in _FORMS:
@@ -67,12 +66,14 @@ def parse_fault(text: str, step: Step, cameras: Collection[str], rng: np.random.
             found = _CAMERA_BY.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
             if found is None:
                 raise _refused(text, "expected the camera and by how much it is late")
-            return InjectedFault("latency", text, 0.0, _camera(text, found["camera"], cameras), float(found["delay"]))
+            camera = _camera(text, found["camera"], cameras)
+            return InjectedFault("latency", text, 0.0, camera, _time(text, found["delay"]))
     found = _CAMERA_AT.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
     if found is None:
         raise _refused(text, "expected the camera and when it happens")
     kind: FaultKind = "camera-loss" if head == "camera-loss" else "frozen" if head == "frozen" else "perception-crash"
-    return InjectedFault(kind, text, float(found["time"]), _camera(text, found["camera"], cameras))
+    camera = _camera(text, found["camera"], cameras)
+    return InjectedFault(kind, text, _time(text, found["time"]), camera)
 
 
 def _slip(text: str, rest: str, step: Step, rng: np.random.Generator) -> InjectedFault:
@@ -80,7 +81,10 @@ def _slip(text: str, rest: str, step: Step, rng: np.random.Generator) -> Injecte
     if found is None:
         raise _refused(text, "expected when it slips")
     if found["time"]:
-        return InjectedFault("slip", text, float(found["time"]))
+        t, last = _time(text, found["time"]), step.primitives[-1].end
+        if t > last:
+            raise _refused(text, f"the step lasts only {last:.2f} s")
+        return InjectedFault("slip", text, t)
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in step.primitives}
     if found["primitive"] not in spans:
         hint = expected_names(found["primitive"], spans)
@@ -88,10 +92,18 @@ def _slip(text: str, rest: str, step: Step, rng: np.random.Generator) -> Injecte
     start, end = spans[found["primitive"]]
     if found["random"]:
         return InjectedFault("slip", text, float(rng.uniform(start, end)))
-    offset = float(found["offset"] or 0.0)
+    offset = _time(text, found["offset"] or "0")
     if start + offset > end:
         raise _refused(text, f"`{found['primitive']}` lasts only {end - start:.2f} s")
     return InjectedFault("slip", text, start + offset)
+
+
+def _time(text: str, words: str) -> float:
+    """A time [s], read from a plain number or one with a unit."""
+    found = read_quantity(words)
+    if found is None or found.dimension not in (None, TIME) or found.value < 0:
+        raise _refused(text, f"expected {expected_quantity(TIME)}, 0 or more, found `{words}`")
+    return found.value
 
 
 def _camera(text: str, name: str, cameras: Collection[str]) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal as OneOf
@@ -51,6 +52,12 @@ class _Watch:
         self.over = False
         self.violated: Alarm | None = None
 
+    def copy(self) -> _Watch:
+        """One with the same evidence, which takes more without this one learning of it."""
+        found = copy(self)
+        found.monitor = self.monitor.copy()
+        return found
+
     def applies(self, t: float) -> bool:
         """Whether any operator asks about a time; what is seen at other times says nothing about those."""
         return any(operator.start - _SAME <= t <= operator.end + _SAME for operator in self.operators)
@@ -83,14 +90,31 @@ class Judge:
     def observe(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         """Judge new evidence: what is known of each atom from time t on. Returns what calls for a response, if any.
 
+        The evidence is complete, and later than all before: nothing that arrives afterwards changes it.
+
         A fault goes before the violation of a plain requirement, that before missing evidence. A violation waits while
         a fault may explain it: as long as what of the fault is not seen yet is predicted to be out of sight.
         """
-        alarms = [self._judge(watch, t, values) for watch in self._watches]
-        found = [alarm for alarm in alarms if alarm is not None]
-        found.sort(key=lambda alarm: alarm.kind != "fault")
+        alarm = self._seen_wrong(t, values)
         blindness = self._missing_evidence(t, values)
-        return found[0] if found else blindness
+        return alarm or blindness
+
+    def anticipate(self, evidence: Sequence[tuple[float, Mapping[str, Truth]]]) -> Alarm | None:
+        """Judge evidence that is not complete: what the images that have arrived show of times after all complete ones.
+
+        evidence: all of it, with what is known of each atom from its time on. Nothing of it is kept, as images that are
+        under way may change it; but a fault that is seen counts at once, and each alarm is given only once. Evidence
+        that is missing may be under way, so it counts when the rest is there.
+        """
+        ahead = copy(self)
+        ahead._watches = [watch.copy() for watch in self._watches]
+        ahead._contrary = dict(self._contrary)
+        for t, values in evidence:
+            if (alarm := ahead._seen_wrong(t, values)) is not None:
+                for watch, other in zip(self._watches, ahead._watches, strict=True):
+                    watch.over = other.over
+                return alarm
+        return None
 
     def at_rest(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         """Compare evidence with what should be so while the robot stands at a time: at the start or the end.
@@ -123,6 +147,11 @@ class Judge:
     def verdicts(self, end: float) -> Mapping[str, Truth]:
         """The verdict on each formula when all evidence up to `end` is there."""
         return {watch.entry.formula: watch.monitor.finish(end).truth for watch in self._watches}
+
+    def _seen_wrong(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        alarms = [self._judge(watch, t, values) for watch in self._watches]
+        found = [alarm for alarm in alarms if alarm is not None]
+        return min(found, key=lambda alarm: alarm.kind != "fault", default=None)
 
     def _judge(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         if watch.over or t > self._total + _SAME:

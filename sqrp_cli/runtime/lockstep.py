@@ -7,11 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
+from sqrp_cli.runtime.album import Look
 from sqrp_cli.runtime.attempt import Attempt
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.fault_ledger import TRUTH_SPACING, FaultLedger
 from sqrp_cli.runtime.ground_truth import GroundTruth
-from sqrp_cli.runtime.lookout import Look, Lookout
+from sqrp_cli.runtime.lookout import Lookout
 from sqrp_cli.runtime.narrator import Narrator
 from sqrp_cli.runtime.outcome import Unwatched
 from sqrp_cli.runtime.playback import Playback

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.logic.truth import Truth
+from sqrp_cli.runtime.album import Album, Exposure, Look, Moment
 from sqrp_cli.runtime.attempt import Attempt
 from sqrp_cli.runtime.evidence import Finding, fuse
 from sqrp_cli.runtime.eyes import Eyes
@@ -21,29 +20,6 @@ from sqrp_cli.runtime.perception.sighting import Posture, Sighting
 from sqrp_cli.runtime.prediction_check import word
 from sqrp_cli.runtime.recording import Gallery
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
-
-FRESH_PERIODS = 1.5
-"""What an image shows counts for this many frame periods of its camera."""
-
-
-@dataclass(frozen=True, eq=False)
-class Exposure:
-    """The moment at which images were taken.
-
-    t: on the cell's clock [s]. tau: of the step's motion [s], None before it. truths: of all atoms, for checking only.
-    """
-
-    t: float
-    tau: float | None
-    truths: Mapping[str, bool]
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """What is known from images taken at time tau of the step's motion [s], None before it; values: of atoms."""
-
-    tau: float | None
-    values: Mapping[str, Truth]
 
 
 class Lookout:
@@ -64,7 +40,7 @@ class Lookout:
         """gallery: takes every image with what was seen in it, if images are to be kept."""
         self._cameras, self._cell, self._eyes, self._pool = cameras, cell, eyes, pool
         self._narrator, self._gallery = narrator, gallery
-        self._exposures: dict[float, Exposure] = {}
+        self._album = Album(cameras)
         self._attempt: Attempt | None = None
         self._number = 0
         self.conflicts = 0
@@ -82,8 +58,13 @@ class Lookout:
 
     @property
     def values(self) -> dict[str, Truth]:
-        """What is known of each atom."""
-        return {atom: finding.truth for atom, finding in self._findings.items()}
+        """What is known of each atom: the newest that any images tell, none older than the last complete moment."""
+        return dict(self._values)
+
+    @property
+    def caught_up(self) -> bool:
+        """Whether the images of all cameras of some moment since `forget` are there."""
+        return bool(self._complete)
 
     @property
     def places(self) -> dict[str, Array]:
@@ -98,9 +79,10 @@ class Lookout:
 
     def forget(self, t: float) -> None:
         """Go by images that are taken from time t [s] on, and by nothing that was known before."""
-        self._since = t
-        self._latest: dict[str, Sighting] = {}
-        self._findings: dict[str, Finding] = {}
+        self._album.forget(t)
+        self._values: dict[str, Truth] = {}
+        self._complete: dict[str, Truth] = {}
+        self._told: dict[float, Mapping[str, Finding]] = {}
         self._places: dict[str, list[Array]] = {}
 
     def expose(self, t: float, tau: float | None, truths: Mapping[str, bool], *, holding: bool) -> None:
@@ -112,8 +94,9 @@ class Lookout:
                 frames = self._eyes.expose(t, self._cell.frames, posture)
         except PerceptionError as error:
             raise Unwatched(str(error)) from error
+        if frames:
+            self._album.take(Exposure(frames[0].t, tau, truths), [frame.camera for frame in frames])
         for frame in frames:
-            self._exposures[frame.t] = Exposure(frame.t, tau, truths)
             if self._gallery is not None:
                 planned = tau if self._attempt.undisturbed else None
                 self._gallery.add(frame, self._number, planned, self._narrator.doing)
@@ -133,40 +116,49 @@ class Lookout:
         return arrived
 
     def take_notice(self, sightings: Sequence[Sighting], now: float) -> list[Look]:
-        """Learn from what images show; returns what is then known, for each moment at which some were taken."""
-        looks = []
-        for t, together in groupby(sightings, lambda sighting: sighting.t):
-            exposure = self._exposures[t]
-            for sighting in together:
-                self._note(sighting, exposure)
-            if t >= self._since - 1e-9:
-                self._judge(exposure, now)
-                looks.append(Look(exposure.tau, self.values))
+        """Learn from what images show; returns what is then known of each moment that was not complete before."""
+        for sighting in sightings:
+            self._note(sighting)
+        moments = self._album.moments() if sightings else []
+        looks = [self._look(moment, now) for moment in moments]
+        for look in looks:
+            if look.complete:
+                self._complete = dict(look.values)
+        self._values = dict(self._complete)
+        for look in looks:
+            if not look.complete:
+                self._values.update({atom: value for atom, value in look.values.items() if value != Truth.UNKNOWN})
         return looks
 
-    def _note(self, sighting: Sighting, exposure: Exposure) -> None:
+    def _note(self, sighting: Sighting) -> None:
         attempt = self._attempt
         assert attempt is not None  # noqa: S101 - as above
         if self._gallery is not None:
             self._gallery.seen(sighting)
-        if sighting.t < self._since - 1e-9:
+        exposure = self._album.add(sighting)
+        if exposure is None:
             return
-        self._latest[sighting.camera] = sighting
         for name, place in sighting.places.items():
             self._places.setdefault(name, []).append(place)
         if exposure.tau is not None and attempt.counts(exposure.tau):
             attempt.check.add(sighting, exposure.tau, attempt.judge.monitored(exposure.tau), exposure.truths)
 
-    def _judge(self, exposure: Exposure, now: float) -> None:
-        """Fuse what all cameras showed lately."""
+    def _look(self, moment: Moment, now: float) -> Look:
+        """Fuse what counts at a moment, and tell it if it is news."""
         attempt = self._attempt
         assert attempt is not None  # noqa: S101 - as above
-        fresh = [s for s in self._latest.values() if exposure.t - s.t < FRESH_PERIODS / self._cameras[s.camera].rate]
-        self._findings = {atom: fuse(atom, target, fresh) for atom, target in attempt.step.targets.items()}
-        self.conflicts += sum(finding.conflict for finding in self._findings.values())
-        self._tell(exposure, attempt, now)
+        exposure = moment.exposure
+        findings = {atom: fuse(atom, target, moment.sightings) for atom, target in attempt.step.targets.items()}
+        if moment.told and self._told.get(exposure.t) != findings:
+            self._tell(exposure, findings, attempt, now)
+            self._told[exposure.t] = findings
+        if moment.complete:
+            self.conflicts += sum(finding.conflict for finding in findings.values())
+            self._told.pop(exposure.t, None)
+        values = {atom: finding.truth for atom, finding in findings.items()}
+        return Look(exposure.t, exposure.tau, values, moment.complete)
 
-    def _tell(self, exposure: Exposure, attempt: Attempt, now: float) -> None:
+    def _tell(self, exposure: Exposure, findings: Mapping[str, Finding], attempt: Attempt, now: float) -> None:
         tau = exposure.tau
         asked = attempt.judge.monitored(max(tau or 0.0, 0.0))
         literals = {
@@ -177,7 +169,7 @@ class Lookout:
                 "asked": atom in asked,
                 "cameras": {camera: word(vote) for camera, vote in sorted(finding.votes.items())},
             }
-            for atom, finding in self._findings.items()
+            for atom, finding in findings.items()
         }
         step_time = None if tau is None else round(tau, 6)
         self._narrator.say(now, "evidence", exposed=round(exposure.t, 6), step_time=step_time, literals=literals)

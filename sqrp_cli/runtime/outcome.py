@@ -6,6 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
+PROCESSING = 0.02
+"""What it may take to look at an image [s]: measured, 15 ms for one of 640x480 pixels."""
+
+
+def tolerance(period: float) -> float:
+    """How far a delay may be from its prediction [s]; period: between images of the slowest camera [s]."""
+    return period + PROCESSING
+
 
 class Stopped(Exception):  # noqa: N818
     """The run cannot go on; the message is the reason."""

@@ -124,7 +124,7 @@ class Film:
         """Show an image with what was seen in it."""
         if self._time is not None and frame.t > self._time:
             self._video.add(self._mosaic())
-        self._time = frame.t
+        self._time = frame.t if self._time is None else max(self._time, frame.t)
         outlines = [(box.outline, _PAINT[box.evidence]) for boxes in sighting.boxes.values() for box in boxes]
         picture = drawn(frame.image, outlines, f"{frame.camera}  {frame.t:.1f} s  {caption}")
         self._tiles[frame.camera] = resized(picture, *_TILE)

@@ -97,9 +97,9 @@ class Retry:
         self._ledger.moved_on(self._lockstep.now - began)
 
     def _await(self, when: str, viewpoint: Viewpoint | None) -> None:
-        """Stand until the condition is seen. Raises Stopped if it is not soon."""
+        """Stand until the condition is seen, and all cameras have told where things are. Raises Stopped if not soon."""
         until = self._lockstep.now + LOOK_AGAIN
-        while not self._is_seen(when):
+        while not (self._lookout.caught_up and self._is_seen(when)):
             if self._lockstep.now >= until - 1e-9:
                 where = f" {viewpoint}" if viewpoint is not None else ""
                 raise Stopped(f"`{when}` was not seen within {LOOK_AGAIN:g} s of standing{where}, so there is no retry")

@@ -10,7 +10,7 @@ from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import Program, Replanner
 from sqrp_cli.runtime.execution import Execution
 from sqrp_cli.runtime.faults import InjectedFault
-from sqrp_cli.runtime.outcome import Event, FaultRecord, Listener, RunReport
+from sqrp_cli.runtime.outcome import Event, FaultRecord, Listener, RunReport, tolerance
 from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.perception.sighting import CellKnowledge
 from sqrp_cli.runtime.recording import Gallery
@@ -19,9 +19,6 @@ from sqrp_cli.runtime.twin import Twin
 
 SWEPT = ("slip",)
 """Faults whose instant can be swept."""
-
-PROCESSING = 0.02
-"""What it may take to look at an image [s]: measured, 15 ms for one of 640x480 pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +122,7 @@ class SweepSummary:
         pairs = [(fault.delay, fault.predicted_delay) for fault in able]
         seen = [(delay, predicted) for delay, predicted in pairs if delay is not None and predicted is not None]
         return cls(
-            period + PROCESSING,
+            tolerance(period),
             len(able),
             tuple(delay - predicted for delay, predicted in seen),
             tuple(delay for delay, _ in seen),
@@ -164,6 +161,12 @@ def sweep(simulation: Simulation, text: str, count: int, step_done: Callable[[],
     if kind not in SWEPT or name not in spans:
         hint = f"; {expected_names(name, spans)}" if kind in SWEPT else ""
         raise InputError(Problem("bad-fault", f"--sweep {text}: expected `slip@` and a primitive of the program{hint}"))
+    holding = [primitive.name for primitive in step.primitives if primitive.held or primitive.action == "Grasp"]
+    if name not in holding:
+        expected = f"expected one of {', '.join(f'`{other}`' for other in holding)}" if holding else "nor in any other"
+        mend = f"write {kind}@{holding[-1]}" if holding else None
+        message = f"--sweep {text}: the tool grasps or holds nothing in `{name}`, {expected}"
+        raise InputError(Problem("bad-fault", message, mend=mend))
     with simulation.cell() as cell:
         for x in instants(*spans[name], count):
             report = simulation.run_in(cell, [slip_at(x)])

@@ -93,6 +93,15 @@ def test_recorded_frames_confirm_the_predictions(sqrp: Callable[..., Any], slip:
     assert sqrp("audit", cell.program, cell.folder / "frames", "--threshold", "1.5").code == 2
 
 
+def test_a_fault_whose_time_does_not_come_is_said_not_to_have_happened(sqrp: Callable[..., Any], cell: Cell) -> None:
+    faults = ("--fault", "camera-loss:cam3@300 ms", "--fault", "frozen:cam5@99")
+    found = sqrp("run", cell.program, "--sim", *faults, "--json")
+    assert [fault["name"] for fault in found.document["faults"]] == ["camera-loss"]
+    end = found.document["time"]
+    assert f"--fault frozen:cam5@99 never happened: the run ended before, at {end:.2f} s\n" in found.err
+    assert "camera-loss" not in found.err
+
+
 @pytest.fixture(scope="module")
 def lost(sqrp: Callable[..., Any], cell: Cell) -> list[Any]:
     """The same run twice in which a camera fails soon."""
@@ -117,6 +126,42 @@ def test_the_same_seed_gives_the_same_log(lost: list[Any], cell: Cell) -> None:
     lines = [json.loads(line) for line in first.splitlines()]
     assert lines[0]["event"] == "run"
     assert lines[-1]["event"] == "report"
+
+
+@pytest.fixture(scope="module")
+def uneven(sqrp: Callable[..., Any], cell: Cell) -> Any:
+    """A run with a slip, whose cameras are late by different times; the one that sees the slip is the slower one."""
+    folder = cell.folder / "uneven"
+    folder.mkdir()
+    workspace = yaml.safe_load((cell.folder / "workspace.yaml").read_text(encoding="utf-8"))
+    workspace["cameras"]["cam3"]["latency"] = "80 ms"
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
+    program = folder / "pick.yaml"
+    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
+    outputs = ("--log", folder / "run.jsonl", "--report", folder / "run.html")
+    return sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
+
+
+def test_cameras_may_be_late_by_different_times(uneven: Any, slip: Any) -> None:
+    assert uneven.code == 0, uneven.err
+    (fault,), (evenly,) = uneven.document["faults"], slip.document["faults"]
+    assert fault["predicted_delay"] == pytest.approx(evenly["predicted_delay"] + 0.03)
+    assert (fault["detected"] - 0.08) * RATE == pytest.approx(round((fault["detected"] - 0.08) * RATE), abs=1e-6)
+    assert 0 < fault["delay"] <= fault["predicted_delay"]
+
+
+def test_a_log_of_cameras_that_are_late_by_different_times_shows_the_run_again(
+    sqrp: Callable[..., Any], uneven: Any, cell: Cell
+) -> None:
+    folder = cell.folder / "uneven"
+    page = folder / "again.html"
+    again = sqrp("run", folder / "pick.yaml", "--replay", folder / "run.jsonl", "--report", page, "--json")
+    assert again.code == 0, again.err
+    assert {**again.document, "wall": 0} == {**uneven.document, "wall": 0}
+    assert page.stat().st_size > 0.9 * (folder / "run.html").stat().st_size
+    told = [json.loads(line) for line in (folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
+    evidence = [event for event in told if event["event"] == "evidence"]
+    assert {round(event["t"] - event["exposed"], 2) for event in evidence} == {0.05, 0.08}
 
 
 def test_faults_come_several_at_once_and_outlast_a_retry(sqrp: Callable[..., Any], cell: Cell) -> None:
@@ -152,6 +197,12 @@ def test_a_bad_fault_is_bad_input(sqrp: Callable[..., Any], cell: Cell, fault: s
     found = sqrp("run", cell.program, "--sim", "--fault", fault)
     assert (found.code, found.out) == (2, "")
     assert "to mend it" in found.err
+
+
+def test_slips_are_swept_only_where_something_can_be_lost(sqrp: Callable[..., Any], cell: Cell) -> None:
+    found = sqrp("run", cell.program, "--sim", "--sweep", "slip@a1")
+    assert (found.code, found.out) == (2, "")
+    assert "the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`, `a5`" in found.err
 
 
 @pytest.mark.parametrize("option", ["--log", "--report"])

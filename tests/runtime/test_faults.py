@@ -43,6 +43,18 @@ def test_faults_of_cameras_name_a_camera() -> None:
     assert (late.kind, late.camera, late.delay) == ("latency", "cam1", 0.5)
 
 
+def test_times_of_faults_may_have_units() -> None:
+    assert parse("slip@3500 ms").t == parse("slip@3.5").t == parse("slip@3.5s").t == 3.5
+    assert parse("slip@a4+400ms").t == pytest.approx(2.4)
+    assert parse("camera-loss:cam2@5s").t == parse("perception-crash:cam2@5000 ms").t == 5.0
+    assert parse("frozen:cam1@0.05 min").t == pytest.approx(3.0)
+    assert parse("latency:cam1=50ms").delay == pytest.approx(0.05)
+
+
+def test_a_camera_may_fail_after_the_step_as_a_run_may_last_longer() -> None:
+    assert parse("camera-loss:cam2@99").t == 99.0
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -50,6 +62,11 @@ def test_faults_of_cameras_name_a_camera() -> None:
         ("slip", "slip@a4+0.4"),
         ("slip@a9", "no primitive `a9`"),
         ("slip@a4+9", "lasts only 3.00 s"),
+        ("slip@5.1", "the step lasts only 5.00 s"),
+        ("slip@6000 ms", "the step lasts only 5.00 s"),
+        ("slip@3 mm", "expected a time such as `50 ms` (units s, ms, us, min), 0 or more, found `3 mm`"),
+        ("slip@a4+-1", "found `-1`"),
+        ("latency:cam1=50xs", "found `50xs`"),
         ("slip@a4-1", "slip@a4+0.4"),
         ("slip@a4:often", "slip@a4+0.4"),
         ("camera-loss:cam7@1", "no camera `cam7`"),

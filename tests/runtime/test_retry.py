@@ -40,6 +40,8 @@ class Trial:
         self.seen, self.done, self.now, self.is_open, self.since = seen, [], 0.0, False, 0.0
         self.planned = SimpleNamespace()
 
+        self.slowest = 0.0
+
     # What the retry asks of its collaborators
 
     def pass_time(self, end: float) -> None:
@@ -60,6 +62,10 @@ class Trial:
     def values(self) -> dict[str, Truth]:
         fresh = self.now > self.since
         return self.seen(self.playback.step_time(self.now), self.is_open) if fresh else {}
+
+    @property
+    def caught_up(self) -> bool:
+        return self.now > self.since + self.slowest
 
     @property
     def places(self) -> dict[str, np.ndarray]:
@@ -110,6 +116,17 @@ def test_it_stops_at_once_where_the_condition_is_predicted_to_be_seen() -> None:
     trial.run()
     assert trial.when("stop") == 2.0
     assert not any(entry[0] == "moved on" for entry in trial.done)
+
+
+def test_it_waits_for_the_images_of_the_slowest_camera_before_it_plans_again() -> None:
+    ends = []
+    for slowest in (0.0, 0.45):
+        trial = Trial(sees_between(0, 99), {"there": ALWAYS, "open": ALWAYS})
+        trial.slowest = slowest
+        trial.run()
+        ends.append(trial.now - trial.since)
+    assert 0.0 < ends[0] <= PERIOD + 1e-6
+    assert 0.45 < ends[1] <= 0.45 + PERIOD + 1e-6
 
 
 def test_it_moves_on_to_where_all_of_the_condition_is_predicted_to_be_seen() -> None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sqrp_cli.runtime.outcome import FaultRecord, RunReport
-from sqrp_cli.runtime.simulated_run import PROCESSING, SweepRun, SweepSummary
+from sqrp_cli.runtime.outcome import PROCESSING, FaultRecord, RunReport
+from sqrp_cli.runtime.simulated_run import SweepRun, SweepSummary
 
 PERIOD = 0.1
 

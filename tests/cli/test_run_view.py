@@ -1,0 +1,47 @@
+"""Runs as people read them in the terminal."""
+
+from __future__ import annotations
+
+import pytest
+
+from sqrp_cli.cli.run_view import print_run, short_times
+from sqrp_cli.runtime.outcome import FaultRecord, RunReport
+
+FORMULA = (
+    "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"
+)
+
+
+def report(delay: float, predicted: float) -> RunReport:
+    fault = FaultRecord("slip", 6.41, 6.42, 6.42 + delay, 7.0, 9.0, predicted_delay=predicted)
+    return RunReport("stopped", f"the fault `slip` was seen: {FORMULA}", 9.0, faults=[fault])
+
+
+def test_times_of_formulas_have_two_decimals_and_all_else_is_as_it_was() -> None:
+    shown = "eventually[3.06, 4.95] (not held(b1) and always[0.00, 0.00] at(b2.123456, a4.98))"
+    assert short_times(f"seen 1.23456 s ago: {FORMULA}") == f"seen 1.23456 s ago: {shown}"
+    assert short_times("always[a4.start + 0.123456, a4.end] held") == "always[a4.start + 0.12, a4.end] held"
+
+
+def test_why_a_run_stopped_is_said_with_short_times(capsys: pytest.CaptureFixture[str]) -> None:
+    found = report(0.1, 0.15)
+    print_run("cell", found)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert "was seen: eventually[3.06, 4.95] (not held(b1)" in shown
+    assert FORMULA in str(found.reason)
+
+
+@pytest.mark.parametrize(("delay", "late"), [(0.08, None), (0.26, None), (0.43, "0.28"), (0.28, "0.13")])
+def test_a_fault_that_is_seen_later_than_a_sweep_tolerates_is_said_to_be(
+    capsys: pytest.CaptureFixture[str], delay: float, late: str | None
+) -> None:
+    print_run("cell", report(delay, 0.15), 0.1)
+    shown = " ".join(capsys.readouterr().out.split())
+    assert ("later than predicted" in shown) == (late is not None)
+    assert late is None or f"The images showed slip {late} s later than predicted: before tool and object" in shown
+
+
+def test_nothing_is_late_by_the_same_figures_where_images_come_more_rarely(capsys: pytest.CaptureFixture[str]) -> None:
+    print_run("cell", report(0.43, 0.15), 0.5)
+    print_run("cell", report(0.43, 0.15))
+    assert "later than predicted" not in capsys.readouterr().out
