@@ -48,11 +48,18 @@ def _writable(stream: TextIO | None) -> TextIO:
     if stream is None:  # closed, as by `>&-`
         return Path(os.devnull).open("w", encoding="utf-8")
     if isinstance(stream, io.TextIOWrapper):
-        if stat.S_ISFIFO(os.fstat(stream.fileno()).st_mode):
+        if _is_pipe(stream):
             pipe = io.BufferedWriter(_Pipe(stream.fileno(), "w", closefd=False))
             stream = io.TextIOWrapper(pipe, stream.encoding, line_buffering=stream.line_buffering)
         stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
     return stream
+
+
+def _is_pipe(stream: io.TextIOWrapper) -> bool:
+    try:
+        return stat.S_ISFIFO(os.fstat(stream.fileno()).st_mode)
+    except OSError:  # kept in memory
+        return False
 
 
 class _Pipe(io.FileIO):
