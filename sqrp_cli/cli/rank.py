@@ -95,13 +95,7 @@ def command(
     print_problems(intervals_outside(assessments))
     ranking = rank(assessments, criterion)
     if report is not None and not interrupted:
-        from sqrp_cli.cli.report_page import write_ranking
-
-        try:
-            write_ranking(session, ranking, criterion, report, context.obj, job_count(jobs))
-        except KeyboardInterrupt:
-            note(f"interrupted before {report} was written")
-            interrupted = True
+        interrupted = not _page_is_written(session, ranking, criterion, report, context.obj, job_count(jobs))
     # Written before it is told, because whoever reads may leave early.
     code, told = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, choose, program)
     if as_json:
@@ -125,6 +119,21 @@ def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
         note(f"interrupted when {len(assessments)} of {len(session.task.candidates)} candidates were finished")
         return assessments, True
     return assessments, False
+
+
+def _page_is_written(
+    session: Session, ranking: Sequence[Ranked], by: Criterion, file: Path, arguments: Sequence[str], jobs: int
+) -> bool:
+    """Write the page about a ranking; whether that was done before a Ctrl-C."""
+    from sqrp_cli.cli.console import note
+    from sqrp_cli.cli.report_page import write_ranking
+
+    try:
+        write_ranking(session, ranking, by, file, arguments, jobs)
+    except KeyboardInterrupt:
+        note(f"interrupted before {file} was written")
+        return False
+    return True
 
 
 def _document(
