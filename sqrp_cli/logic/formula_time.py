@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal as OneOf
 
 from sqrp_cli.errors import InputError, Problem
@@ -89,24 +89,30 @@ def ground_operators(
     count at t = 0: they make an entry of their own, before the others, `always` from 0 to 0, whose text is the formula.
     Raises InputError for an interval that ends before it starts.
     """
-    entries = list(_nested_operators(formula, spans, 0.0, 0.0))
+    entries = [
+        GroundOperator(
+            text=str(operator),
+            operator="always" if isinstance(operator, Always) else "eventually",
+            start=min(max(when.start, 0.0), total),
+            end=min(max(when.end, 0.0), total),
+            literals=tuple(dict.fromkeys(_own_literals(operator.operand, positive=True))),
+        )
+        for operator, when in _timed_operators(formula, spans, Stretch(0.0, 0.0))
+        if not _is_outside(when, total)
+    ]
     literals = tuple(dict.fromkeys(_own_literals(formula, positive=True)))
     if literals:
         entries.insert(0, GroundOperator(str(formula), "always", 0.0, 0.0, literals))
-    return tuple(
-        replace(entry, start=min(max(entry.start, 0.0), total), end=min(max(entry.end, 0.0), total))
-        for entry in entries
-        if not _is_outside(entry, total)
-    )
+    return tuple(entries)
 
 
 def operators_outside(formula: Formula, spans: Mapping[str, tuple[float, float]], total: float) -> tuple[int, ...]:
-    """Which temporal operators of a bound formula have no entry in `ground_operators`, by their place in `operators`.
+    """Which temporal operators of a formula, bound or not, have no entry in `ground_operators`.
 
-    They are never looked at. Arguments and errors are those of `ground_operators`.
+    They are never looked at. Each by its place in `operators`. Arguments and errors are those of `ground_operators`.
     """
-    nested = _nested_operators(formula, spans, 0.0, 0.0)
-    return tuple(index for index, entry in enumerate(nested) if _is_outside(entry, total))
+    timed = _timed_operators(formula, spans, Stretch(0.0, 0.0))
+    return tuple(index for index, (_, when) in enumerate(timed) if _is_outside(when, total))
 
 
 def operators(formula: Formula) -> tuple[Always | Eventually, ...]:
@@ -141,23 +147,24 @@ def events_of_interest(operators: Iterable[GroundOperator]) -> tuple[Stretch, ..
     return merge(operator.stretch for operator in operators if operator.operator == "eventually")
 
 
-def _is_outside(operator: GroundOperator, total: float) -> bool:
+def _is_outside(when: Stretch, total: float) -> bool:
     """Whether nothing of an interval that is not clipped lies in [0, total]."""
-    return operator.end <= -SAME_INSTANT or operator.start >= total + SAME_INSTANT
+    return when.end <= -SAME_INSTANT or when.start >= total + SAME_INSTANT
 
 
-def _nested_operators(
-    formula: Formula, spans: Mapping[str, tuple[float, float]], start: float, end: float
-) -> Iterator[GroundOperator]:
-    """The operators in `formula` when it is evaluated at the instants from `start` to `end`, not clipped."""
+def _timed_operators(
+    formula: Formula, spans: Mapping[str, tuple[float, float]], evaluated: Stretch
+) -> Iterator[tuple[Always | Eventually, Stretch]]:
+    """The operators in a formula that is evaluated at all instants of a stretch, each with its interval, not clipped.
+
+    In the order of `operators`.
+    """
     if isinstance(formula, Always | Eventually):
         interval = _with_times(formula.interval, spans)
-        start, end = start + interval.start.offset, end + interval.end.offset
-        kind: Operator = "always" if isinstance(formula, Always) else "eventually"
-        literals = tuple(dict.fromkeys(_own_literals(formula.operand, positive=True)))
-        yield GroundOperator(str(formula), kind, start, end, literals)
+        evaluated = Stretch(evaluated.start + interval.start.offset, evaluated.end + interval.end.offset)
+        yield formula, evaluated
     for part in children(formula):
-        yield from _nested_operators(part, spans, start, end)
+        yield from _timed_operators(part, spans, evaluated)
 
 
 def _own_literals(formula: Formula, positive: bool) -> Iterator[Literal]:

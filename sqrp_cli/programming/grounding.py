@@ -57,8 +57,8 @@ def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, i
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     return tuple(
         (index, operator)
-        for index, formula in enumerate(bound_formulas(candidate))
-        for operator in operators_outside(formula, spans, motion.time)
+        for index, requirement in enumerate(candidate.skill.requirements)
+        for operator in operators_outside(requirement.formula, spans, motion.time)
     )
 
 

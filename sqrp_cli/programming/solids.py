@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,13 @@ class Solid:
     radius: float
     corners: Array
     half_axes: Array
+
+    @cached_property
+    def box(self) -> Array:
+        """Half axes and centre of the box around it as the columns of a matrix, homogeneous, shape (4, 4)."""
+        columns = np.eye(4)
+        columns[:3, :3], columns[:3, 3] = self.half_axes.T, self.center
+        return read_only(columns)
 
 
 def load_solid(part: Part) -> Solid:

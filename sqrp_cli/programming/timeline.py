@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
@@ -122,13 +123,13 @@ class Timeline:
     T: float
     T_eoi: float
 
-    @property
+    @cached_property
     def monitored(self) -> Mask:
         """Whether a state holds any literal, shape (m,)."""
         monitored: Mask = np.any(self.observation.required, axis=1)
         return monitored
 
-    @property
+    @cached_property
     def covered(self) -> Mask:
         """Whether a state holds literals and all of them are covered, shape (m,)."""
         covered: Mask = self.monitored & np.all(self.observation.covered | ~self.observation.required, axis=1)
@@ -144,12 +145,12 @@ class Timeline:
         response: Array = self.observation.response[:, list(self.faults[fault])].max(axis=1)
         return np.where(self.fault_covered(fault), response, np.nan)
 
-    @property
+    @cached_property
     def steps(self) -> Array:
         """Time from each sample to the next within its piece [s], NaN at the end of a piece, shape (m - 1,)."""
         return np.where(np.diff(self.samples.piece) == 0, np.diff(self.samples.t), np.nan)
 
-    @property
+    @cached_property
     def interesting(self) -> Mask:
         """Whether each sample lies in an event of interest, shape (m,)."""
         return np.array([piece.of_interest for piece in self.pieces])[self.samples.piece]

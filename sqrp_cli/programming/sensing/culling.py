@@ -91,11 +91,8 @@ class _Bounds:
     def of(cls, poses: SolidPoses, solids: Indices, count: int) -> _Bounds:
         axes_and_center = np.empty((4, 3, len(solids), count))
         for row, index in enumerate(solids.tolist()):
-            solid, X_WP = poses.solids[index], poses.pose(index)[:count]
-            columns_P = np.eye(4)
-            columns_P[:3, :3], columns_P[:3, 3] = solid.half_axes.T, solid.center
             # One product of two matrices, in place of one for every state.
-            columns_W = (X_WP.reshape(-1, 4) @ columns_P).reshape(-1, 4, 4)
+            columns_W = (poses.pose(index)[:count].reshape(-1, 4) @ poses.solids[index].box).reshape(-1, 4, 4)
             axes_and_center[:, :, row] = columns_W[:, :3].transpose(2, 1, 0)
         radii = np.array([[poses.solids[index].radius] for index in solids.tolist()])
         return cls(axes_and_center[3], radii, axes_and_center[:3])

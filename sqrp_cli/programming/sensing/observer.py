@@ -26,7 +26,7 @@ from sqrp_cli.programming.sensing.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid
 from sqrp_cli.programming.targets import Target, TargetBox
 
-_TOGETHER = 100
+_TOGETHER = 300
 """Views that are tested at once even if fewer might do: below this the calls cost more than what they compute."""
 
 _BOXES_TOGETHER = 2000

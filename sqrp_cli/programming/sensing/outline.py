@@ -16,11 +16,42 @@ from sqrp_cli.programming.sensing.surface import Surface
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-_ABOVE, _BELOW = np.uint8(2), np.uint8(4)
-"""Marks of points beyond the first row of rays, or beyond the last one; 1 of those before the first column."""
-
 AHEAD = 1e-6
 """Depth from which on a point counts as in front of the camera [m]."""
+
+_ROUNDING = 1e-6
+"""More than single precision is wrong by in the products of `beyond_sides`, as a share of what is summed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Bends:
+    """Edges of a surface at which it turns away from where it is looked at from: n of them, in several views.
+
+    ends: where each begins and ends, in the surface's frame, coordinate first, shape (3, 2, n) [m]. view: in which of
+    the views, shape (n,). weight: how often it counts, whole numbers, shape (n,).
+    """
+
+    ends: Array
+    view: Indices
+    weight: NDArray[np.int8]
+
+    @classmethod
+    def of(cls, surface: Surface, turned: NDArray[np.int8], sides: NDArray[np.float32], views: Indices) -> Bends:
+        """The edges between triangles that face different ways, each triangle taken as if it faced the camera.
+
+        Those that lie wholly beyond one side of the rays are left out: they are most of them, and bound nothing there.
+
+        turned: see `facing`, shape (F + 1, k). sides: see `beyond_sides`, shape (3, 4, k). views: which of all views
+        these are, shape (k,).
+        """
+        left, right = turned.take(surface.left, axis=0), turned.take(surface.right, axis=0)
+        first, second, third = (surface.homogeneous @ sides < 0.0).view(np.uint8)
+        beyond = first | second << 1 | third << 2
+        start, end = beyond.take(surface.start, axis=0), beyond.take(surface.end, axis=0)
+        bends = np.flatnonzero((left != right) & ((start & end) == 0))
+        edge = bends // len(views)
+        ends = surface.coordinates.take(surface.ends.take(edge, axis=1), axis=1)
+        return cls(ends, views.take(bends - edge * len(views)), left.take(bends) - right.take(bends))
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,39 +68,25 @@ class Outline:
     row: Array
     weight: NDArray[np.int8]
 
-    @staticmethod
-    def joined(outlines: Sequence[Outline]) -> Outline:
-        """Several outlines as one."""
-        return Outline(
-            np.concatenate([outline.layer for outline in outlines]),
-            np.concatenate([outline.column for outline in outlines], axis=1),
-            np.concatenate([outline.row for outline in outlines], axis=1),
-            np.concatenate([outline.weight for outline in outlines]),
-        )
-
     @classmethod
-    def of(cls, layer: Indices, maps: Array, surface: Surface, facing: NDArray[np.int8]) -> Outline:
-        """The edges between triangles that face different ways, each triangle taken as if it faced the camera.
+    def of(cls, bends: Sequence[Bends], maps: Array, layers: Indices) -> Outline:
+        """The outlines of several surfaces.
 
-        layer: in which each of k views of the surface is drawn, shape (k,). maps: from the surface's frame into the
-        grids, shape (3, 4, k). facing: see `facing`.
+        maps: from the surface's frame into the grid in each view, shape (3, 4, k). layers: in which each view is drawn,
+        shape (k,).
         """
-        left, right = facing.take(surface.left, axis=0), facing.take(surface.right, axis=0)
-        # Vertex by vertex, so that edges which share an end give it the same row to the last bit.
-        column, row, depth = surface.homogeneous @ maps
-        # Most edges lie wholly beyond one side of the grid, and are dropped before anything is worked out for them.
-        beyond = (column <= 0.0) | ((row <= 0.0) * _ABOVE) | ((row > (ROWS - 0.5) * depth) * _BELOW)
-        start, end = beyond.take(surface.start, axis=0), beyond.take(surface.end, axis=0)
-        bends = np.flatnonzero((left != right) & ((start & end) == 0))
-        edge = bends // len(layer)
-        view = bends - edge * len(layer)
-        ends = surface.ends.take(edge, axis=1) * len(layer) + view
-        depth = depth.take(ends)
-        row = row.take(ends) / depth
+        view, weight = (np.concatenate([getattr(entry, name) for entry in bends]) for name in ("view", "weight"))
+        x, y, z = np.concatenate([entry.ends for entry in bends], axis=2)
+        # Term by term, so that edges which share an end give it the same row to the last bit.
+        (a, b, c, d), (e, f, g, h) = maps[1:].take(view, axis=2)
+        depth = e * x + f * y + g * z + h
+        row = (a * x + b * y + c * z + d) / depth
         crossing = np.not_equal(*first_row(row)).nonzero()[0]
-        bends, view = bends.take(crossing), view.take(crossing)
-        column = column.take(ends.take(crossing, axis=1)) / depth.take(crossing, axis=1)
-        return cls(layer.take(view), column, row.take(crossing, axis=1), left.take(bends) - right.take(bends))
+        x, y, z, depth = (values.take(crossing, axis=1) for values in (x, y, z, depth))
+        view = view.take(crossing)
+        a, b, c, d = maps[0].take(view, axis=1)
+        column = (a * x + b * y + c * z + d) / depth
+        return cls(layers.take(view), column, row.take(crossing, axis=1), weight.take(crossing))
 
     def inside(self, layers: int) -> NDArray[np.bool_]:
         """Which rays the outlines of each layer wind around, shape (COLUMNS, layers, ROWS).
@@ -100,9 +117,25 @@ class Outline:
         return inside
 
 
-def facing(surface: Surface, eye: Array) -> NDArray[np.int8]:
-    """1 where an eye (k, 3) is in front of a triangle and -1 where not, shape (F + 1, k); 0 for no triangle."""
-    return signs(surface.normals @ eye.T > surface.offsets[:, None])
+def beyond_sides(maps: Array, reach: float) -> NDArray[np.float32]:
+    """Products with points that are negative only beyond a side of the rays: the left, the first row, the last row.
+
+    They are to be taken of homogeneous points, no coordinate of which is larger than `reach` [m], in single precision,
+    which is several times faster. maps: see `RayGrid.maps`, shape (3, 4, n), as the result.
+    """
+    column, row, depth = maps
+    sides = np.stack([column, row, (ROWS - 0.5) * depth - row])
+    sides[:, 3] += _ROUNDING * (reach * np.abs(sides[:, :3]).sum(axis=1) + np.abs(sides[:, 3]))
+    return sides.astype(np.float32)
+
+
+def facing(surface: Surface, eyes: NDArray[np.float32]) -> NDArray[np.int8]:
+    """1 where an eye is in front of a triangle and -1 where not, shape (F + 1, k); 0 for no triangle.
+
+    eyes: with a one as fourth coordinate, coordinate first, shape (4, k). In single precision: a triangle for which
+    that is too coarse is seen edge-on, and hides nothing by itself.
+    """
+    return signs(surface.planes @ eyes > 0.0)
 
 
 def signs(in_front: NDArray[np.bool_]) -> NDArray[np.int8]:

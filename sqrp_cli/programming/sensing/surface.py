@@ -19,8 +19,8 @@ Indices = NDArray[np.int64]
 class Surface:
     """V vertices, F triangles and E edges.
 
-    vertices: shape (V, 3) [m]. triangles: shape (F, 3). normals, offsets: n . p > o for points p in front of each
-    triangle, shapes (F, 3) and (F,).
+    vertices: shape (V, 3) [m]. triangles: shape (F, 3). planes: of each triangle, n . p + d > 0 for points p in
+    front of it, the normal n before d, shape (F, 4), in single precision.
     start, end: vertices of each edge, shape (E,). left, right: the triangle that runs along it in its direction and the
     one that runs against it, shape (E,). An edge that does not join just two triangles of like orientation is there
     once for each of its triangles, with F, no triangle, on its right.
@@ -28,8 +28,7 @@ class Surface:
 
     vertices: Array
     triangles: Indices
-    normals: Array
-    offsets: Array
+    planes: NDArray[np.float32]
     start: Indices
     end: Indices
     left: Indices
@@ -41,9 +40,14 @@ class Surface:
         return np.stack([self.start, self.end])
 
     @cached_property
-    def homogeneous(self) -> Array:
+    def coordinates(self) -> Array:
+        """The vertices, coordinate first, shape (3, V) [m]."""
+        return np.ascontiguousarray(self.vertices.T)
+
+    @cached_property
+    def homogeneous(self) -> NDArray[np.float32]:
         """The vertices with a one as fourth coordinate, shape (V, 4)."""
-        return np.column_stack([self.vertices, np.ones(len(self.vertices))])
+        return np.column_stack([self.vertices, np.ones(len(self.vertices))]).astype(np.float32)
 
     @staticmethod
     def of(solid: Solid) -> Surface:
@@ -59,7 +63,7 @@ class Surface:
         vertices, triangles = vertices[first], place.reshape(-1)[triangles]
         p = [vertices[triangles[:, k]] for k in range(3)]
         normals = cross(p[1] - p[0], p[2] - p[0])
-        offsets = np.einsum("fi,fi->f", normals, p[0])
+        planes = np.column_stack([normals, -np.einsum("fi,fi->f", normals, p[0])]).astype(np.float32)
 
         start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
         key = np.minimum(start, end) * len(vertices) + np.maximum(start, end)
@@ -71,7 +75,7 @@ class Surface:
         alone[one[joins]] = alone[other[joins]] = False
         side = np.concatenate([one[joins], np.flatnonzero(alone)])
         right = np.concatenate([other[joins] // 3, np.full(int(alone.sum()), len(triangles))])
-        return Surface(vertices, triangles, normals, offsets, start[side], end[side], side // 3, right)
+        return Surface(vertices, triangles, planes, start[side], end[side], side // 3, right)
 
 
 _surfaces: WeakKeyDictionary[Solid, Surface] = WeakKeyDictionary()

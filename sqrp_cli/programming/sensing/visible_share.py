@@ -12,13 +12,14 @@ silhouette; far less for others, of which every row measures another place.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, transform
 from sqrp_cli.programming.ranges import begins_run
-from sqrp_cli.programming.sensing.outline import AHEAD, Outline, facing, signs
+from sqrp_cli.programming.sensing.outline import AHEAD, Bends, Outline, beyond_sides, facing, signs
 from sqrp_cli.programming.sensing.ray_grid import RayGrid, turns
 from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs, SightLines, SolidPoses
 from sqrp_cli.programming.sensing.surface import Surface
@@ -65,8 +66,8 @@ def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs
     at = hull[line]
     X_WP = poses.at(which, state[line])
     X_CP = view.X_CW[at] @ X_WP
-    eyes_P, maps = inverse(X_CP)[:, :3, 3], view.grid.maps(at, X_CP)
-    bounds_P = np.stack([solid.corners for solid in poses.solids])[which]
+    maps, bounds_P = view.grid.maps(at, X_CP), np.stack([solid.corners for solid in poses.solids])[which]
+    eyes_P, sides = inverse(X_CP)[:, :, 3].T.astype(np.float32), beyond_sides(maps, np.abs(bounds_P).max())
     depth = (bounds_P @ X_CP[:, 2, :3, None])[..., 0] + X_CP[:, 2, 3, None]
     reaching: Mask = np.any((depth <= AHEAD) | (depth >= view.nearest[at, None]), axis=1)
     if reaching.any():
@@ -74,11 +75,12 @@ def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs
         bounds_B = transform(view.X_BW[at[rows]] @ X_WP[rows], bounds_P[rows])
         reaching[rows] = ~view.places(at[rows], bounds_B).all_before()
 
-    outlines, marked = [view.outline()], []  # one layer for each silhouette, then one for what hides each line
+    # One layer for each silhouette, then one for what hides each line.
+    bends, marked, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
     for index in np.flatnonzero(np.bincount(which)).tolist():
         rows = np.flatnonzero(which == index)
         surface = Surface.of(poses.solids[index])
-        turned = facing(surface, eyes_P[rows])
+        turned = facing(surface, eyes_P.take(rows, axis=1))
         doubtful = np.flatnonzero(reaching[rows])
         if len(doubtful):
             of = rows[doubtful]
@@ -89,8 +91,8 @@ def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs
             corners_B = np.moveaxis(points_B[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
             column, hit, grid_row = view.blocked(at[of[row]], corners_B)
             marked.append((column, line[of[row[hit]]], grid_row))
-        outlines.append(Outline.of(hulls + line[rows], maps[:, :, rows], surface, turned))
-    inside = Outline.joined(outlines).inside(hulls + lines)
+        bends.append(Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
+    inside = Outline.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
     silhouette, blocked = inside[:, :hulls], inside[:, hulls:]
     for rays in marked:
         blocked[rays] = True
@@ -138,14 +140,19 @@ class _View:
             grid=RayGrid.over(image.min(axis=-1), image.max(axis=-1)),
         )
 
-    def outline(self) -> Outline:
-        """The silhouettes of the boxes, each in a layer of its own."""
+    @cached_property
+    def maps(self) -> Array:
+        """From the frames of the boxes, stretched to be from -1 to 1, into the grids, shape (3, 4, h)."""
         half, middle = 0.5 * (self.high - self.low), 0.5 * (self.high + self.low)
-        X_BU = np.zeros_like(self.X_CB)  # the box from -1 to 1, stretched and moved to its place
+        X_BU = np.zeros_like(self.X_CB)
         X_BU[:, range(3), range(3)], X_BU[:, :3, 3], X_BU[:, 3, 3] = half, middle, 1.0
-        hulls = np.arange(len(half))
+        return self.grid.maps(np.arange(len(half)), self.X_CB @ X_BU)
+
+    def bends(self) -> Bends:
+        """The silhouettes of the boxes, each stretched to be from -1 to 1."""
         sides = np.stack([self.eyes < self.low, self.eyes > self.high], axis=-1).reshape(-1, 6).T
-        return Outline.of(hulls, self.grid.maps(hulls, self.X_CB @ X_BU), _BOX, signs(np.repeat(sides, 2, axis=0)))
+        turned = signs(np.repeat(sides, 2, axis=0))
+        return Bends.of(_BOX, turned, beyond_sides(self.maps, 1.0), np.arange(len(self.eyes)))
 
     def places(self, hull: Indices, points_B: Array) -> _Places:
         """Where points (k, n, 3) lie that are seen in k of the views."""
