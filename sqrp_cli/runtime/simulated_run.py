@@ -192,6 +192,7 @@ def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[I
         "digest": workspace.digest,
         "seed": seed,
         "cameras": list(workspace.cameras),
+        "rates": {name: camera.rate for name, camera in workspace.cameras.items()},
         "faults": [fault.text for fault in faults],
         "steps": steps,
     }
