@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -233,15 +234,20 @@ def test_nothing_is_computed_twice(sqrp, own_watch, tmp_path):
     assert computed(sqrp("score", own_watch, "--out", out)) == 13
 
 
-def test_a_damaged_result_is_computed_again(sqrp, own_watch, tmp_path):
+def test_a_result_that_is_not_as_it_was_written_is_computed_again(sqrp, own_watch, tmp_path):
     out = tmp_path / "results"
     first = sqrp("score", own_watch, "--out", out, "--json")
-    damaged = next(out.rglob("*.json"))
-    content = damaged.read_bytes()
-    damaged.write_bytes(content[:30])
-    second = sqrp("score", own_watch, "--out", out, "--json")
-    assert (computed(second), second.out) == (1, first.out)
-    assert damaged.read_bytes() == content
+    kept = next(out.rglob("*.json"))
+    content = kept.read_bytes()
+    result = json.loads(content)
+    lacking = [{name: value for name, value in result.items() if name != field} for field in result]
+    wrong = [{**result, "outside": None}, {**result, "time": "x"}, {**result, "q_avg": 0.7}]
+    damaged = [b"", b"\xff\xfe", content[:30], *(json.dumps(other).encode() for other in (*lacking, *wrong))]
+    for other in damaged:
+        kept.write_bytes(other)
+        second = sqrp("score", own_watch, "--out", out, "--json", "--jobs", 1)
+        assert (computed(second), second.out) == (1, first.out)
+        assert kept.read_bytes() == content
 
 
 def test_results_are_the_same_with_any_number_of_processes(sqrp, own_watch):
