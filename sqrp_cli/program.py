@@ -200,12 +200,13 @@ class Program(Entry):
     """Steps for one workspace.
 
     sqrp_program: version of the file's fields. workspace: its file, relative to the program's. digest: of the workspace
-    it was made for.
+    it was made for. checksum: of all that a file says apart from where its workspace is; empty until it is saved.
     """
 
     sqrp_program: Literal[1] = 1
     workspace: str
     digest: str
+    checksum: str = ""
     joints: tuple[str, ...]
     steps: tuple[Step, ...]
 

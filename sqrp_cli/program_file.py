@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import shlex
 from collections.abc import Iterable, Mapping
@@ -48,12 +50,18 @@ def save_program(program: Program, path: Path) -> None:
     Raises InputError where it cannot be written, or would be too large to be read again.
     """
     head = f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n"
-    numbers = program.model_dump(mode="json")
+    numbers = {**program.model_dump(mode="json"), "checksum": _checksum(program)}
     text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
     if len(text.encode()) > MAX_BYTES:
         message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
         raise InputError(Problem("file-too-large", message, Place(path), mend=f"--after {path} --program ANOTHER"))
     write_atomically(path, text, executable=True)
+
+
+def _checksum(program: Program) -> str:
+    """Digest of what a program says, however its file is laid out and wherever it lies."""
+    numbers = program.model_dump(mode="json", exclude={"checksum", "workspace"})
+    return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 
 
 def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Program:
@@ -63,7 +71,7 @@ def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Pr
 
 
 def check_program(program: Program, path: Path, workspace: Workspace) -> None:
-    """Raises InputError if a program was made for another workspace, or for one that has changed since."""
+    """Raises InputError if a program was made for another workspace, or if either of them has changed since."""
     made_for = workspace_path(program, path)
     if made_for != workspace.path:
         message = f"this program was made for {made_for}, not for {workspace.path}"
@@ -72,6 +80,10 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
         raise InputError(stale(program, path, workspace))
     if any(flaws_in(program, workspace)):
         raise InputError(*_problems(read_document(path), flaws_in(program, workspace)))
+    # Nothing else tells a figure that was computed from one that was typed in.
+    if program.checksum != _checksum(program):
+        message = "this program is not as sqrp wrote it, so what it says need not be true of its motion"
+        raise InputError(Problem("edited-program", message, Place(path), mend=_again(program, path, workspace)))
 
 
 def workspace_path(program: Program, path: Path) -> Path:
@@ -82,9 +94,14 @@ def workspace_path(program: Program, path: Path) -> Path:
 def stale(program: Program, path: Path, workspace: Workspace) -> Problem:
     """The problem of a program whose workspace has changed, with the commands that make its steps anew."""
     message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
+    return Problem("stale-program", message, Place(path), mend=_again(program, path, workspace))
+
+
+def _again(program: Program, path: Path, workspace: Workspace) -> str:
+    """The commands that make a program anew."""
     tasks = [step.short_task for step in program.steps] or ["TASK"]
     again = (f"sqrp rank {_quoted(workspace.path.parent)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
-    return Problem("stale-program", message, Place(path), mend=" && ".join([f"rm {_quoted(path)}", *again]))
+    return " && ".join([f"rm {_quoted(path)}", *again])
 
 
 def _quoted(word: object) -> str:

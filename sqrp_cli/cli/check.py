@@ -105,7 +105,7 @@ def _check(
     if any(problem.severity == "error" for problem in problems):
         return _Checked(workspace.name, problems)
     if task is None:
-        return _Checked(workspace.name, (*problems, *_unreadable_tasks(workspace), *_contact_at_home(workspace, seed)))
+        return _Checked(workspace.name, (*problems, *_unreadable_tasks(workspace), *_doubts(workspace, seed)))
     session = Session.begin(workspace, task, world_before(after, program), Adaptive(), seed=seed)
     world = session.assignment.world
     suggester = Suggester(session.cell, world, _planner(planner) if planner else find_plan, jobs)
@@ -134,11 +134,15 @@ def _unreadable_tasks(workspace: Workspace) -> Iterator[Problem]:
             yield from (replace(problem, place=place) for problem in error.problems)
 
 
-def _contact_at_home(workspace: Workspace, seed: int) -> Iterator[Problem]:
-    """What the robot hits at home; a warning, because a program may have left it elsewhere."""
+def _doubts(workspace: Workspace, seed: int) -> Iterator[Problem]:
+    """Warnings that need the geometry of the cell, among them what the robot hits at home.
+
+    That is no error, because a program may have left the robot elsewhere.
+    """
     from sqrp_cli.programming.cell import Cell
 
     cell = Cell.load(workspace, seed)
+    yield from cell.warnings
     contact = cell.collision.contact_in(cell.initial_world)
     if contact is not None:
         message = f"at home {contact} before anything moves, so no task can begin there"

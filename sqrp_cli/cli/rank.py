@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from sqrp_cli.cli.documents import Document
     from sqrp_cli.cli.session import Session
+    from sqrp_cli.knowledge.workspace import Workspace
     from sqrp_cli.programming.assessment import Assessment
     from sqrp_cli.programming.ranking import Criterion, Ranked
 
@@ -70,22 +71,14 @@ def command(
     from sqrp_cli.cli.console import note, print_problems, say_raw
     from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
-    from sqrp_cli.cli.session import Session, world_before
-    from sqrp_cli.files import check_distinct, check_not_read
+    from sqrp_cli.cli.session import Session
     from sqrp_cli.programming.outside import intervals_outside
     from sqrp_cli.programming.ranking import rank
 
     criterion = _criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
-    check_distinct({"--program": program, "--report": report})
-    before = world_before(after, program)
-    if report is not None:
-        from sqrp_cli.cli.report_page import check_report
-
-        check_report(report)
     drawn = read_calibration(calibration, seed)
-    opened = open_workspace(workspace)
-    check_not_read([report], [program, after, *(file.path for file in opened.files.values())])
+    opened, before = _checked_files(workspace, after, program, report)
     session = Session.begin(opened, task, before, sampling, drawn, seed)
     print_problems(session.cell.warnings)
     check_choice(session.task, choose)
@@ -105,6 +98,27 @@ def command(
     if told:
         note(told)
     return code
+
+
+def _checked_files(
+    workspace: Path, after: Path | None, program: Path | None, report: Path | None
+) -> tuple[Workspace, Path | None]:
+    """The workspace, and the program whose final world the task starts from.
+
+    Raises InputError, before anything is computed, where files cannot be read or written or are one another.
+    """
+    from sqrp_cli.cli.session import world_before
+    from sqrp_cli.files import check_distinct, check_not_read
+
+    check_distinct({"--program": program, "--report": report})
+    before = world_before(after, program)
+    if report is not None:
+        from sqrp_cli.cli.report_page import check_report
+
+        check_report(report)
+    opened = open_workspace(workspace)
+    check_not_read([report], [program, after, *(file.path for file in opened.files.values())])
+    return opened, before
 
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:

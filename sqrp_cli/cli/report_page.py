@@ -109,7 +109,16 @@ def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> 
     parameters = assessment.candidate.parameters
     mark = "infeasible" if ranked.rank is None else f"{ranked.rank}"
     labels = {name: parameters[name] for name in differing}
-    return Entry(assessment.candidate.name, mark, labels, candidate_document(ranked), assessment.reasons, 0, detail)
+    return Entry(
+        assessment.candidate.name,
+        mark,
+        labels,
+        candidate_document(ranked),
+        assessment.reasons,
+        0,
+        detail,
+        retried=assessment.candidate.skill.retried_faults,
+    )
 
 
 def _score(score: TaskScore, scene: int | None, detail: str | None) -> Entry:
@@ -123,7 +132,14 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> Entry:
     # How the best compares with the others of its task says nothing about the other rows.
     candidate = None if best is None else {**candidate_document(best), "pareto": False}
     return Entry(
-        ", ".join(filter(None, labels.values())), score.status, labels, candidate, score.reasons, scene, detail
+        ", ".join(filter(None, labels.values())),
+        score.status,
+        labels,
+        candidate,
+        score.reasons,
+        scene,
+        detail,
+        retried=frozenset() if best is None else best.assessment.candidate.skill.retried_faults,
     )
 
 

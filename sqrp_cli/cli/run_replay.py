@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-from statistics import median
 from typing import TYPE_CHECKING
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -22,6 +20,7 @@ def run_replay(
     path: Path, program: Path | None, page: Path | None, arguments: Sequence[str], *, as_json: bool
 ) -> ExitCode:
     """Show a run again. program: tells where its workspace is, for a page that plays it in three dimensions."""
+    from sqrp_cli.cli.console import print_problems
     from sqrp_cli.cli.program_input import program_and_workspace
     from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_result import show_run
@@ -47,16 +46,27 @@ def run_replay(
         raise InputError(Problem("no-log", "this log has no report at its end: the run was interrupted", Place(path)))
     if page is not None:
         write_run(_cell_then(header, workspace), report, recorder.events, page, arguments)
+    rates = _rates_then(header, workspace)
+    if not rates and not as_json and any(fault.predicted_delay is not None for fault in report.faults):
+        print_problems([_rates_missing(path, program)])
+    return show_run(report, header.fields["workspace"], 1.0 / min(rates) if rates else None, as_json=as_json)
+
+
+def _rates_then(header: Event, workspace: Workspace | None) -> list[float]:
+    """How often each camera of a run took an image [Hz]; empty where neither the log nor the workspace tells."""
+    if told := header.fields.get("rates"):
+        return list(told.values())
     cell = _cell_then(header, workspace).workspace
-    rates = [] if cell is None else [camera.rate for camera in cell.cameras.values()]
-    period = 1.0 / min(rates) if rates else _usual_period(recorder.events)
-    return show_run(report, header.fields["workspace"], period, as_json=as_json)
+    return [] if cell is None else [camera.rate for camera in cell.cameras.values()]
 
 
-def _usual_period(events: Sequence[Event]) -> float | None:
-    """The time from one image to the next [s] by what a log tells, which has no rates of cameras; None without any."""
-    exposed = sorted({event.fields["exposed"] for event in events if event.kind == "evidence"})
-    return median(after - t for t, after in pairwise(exposed)) if len(exposed) > 1 else None
+def _rates_missing(path: Path, program: Path | None) -> Problem:
+    message = (
+        "this log does not tell how often its cameras took images, so what was seen later than predicted is not pointed"
+        " out"
+    )
+    mend = f"name the program that was run: sqrp run PROGRAM --replay {path}" if program is None else None
+    return Problem("no-rates", message, Place(path, 1), severity="warning", mend=mend)
 
 
 def _cell_then(header: Event, workspace: Workspace | None) -> RunCell:

@@ -129,11 +129,18 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
             raise ValueError(f"{chosen.assessment.candidate.name} is infeasible: {found.reasons[0]}")
         added.append(make_step(chosen.task, found, chosen.assessment, cameras))
     with alone(path):
-        program = load_program(path) if path.exists() else new_program(cell.workspace, cell.model.joints, path)
-        check_program(program, path, cell.workspace)
-        program = program.with_steps(added)
+        program = _program_at(path, cell).with_steps(added)
         if any(flaws(program)):
             message = "this program has changed meanwhile, and the new step does not begin where it ends now"
             raise InputError(Problem("changed-meanwhile", message, Place(path), mend="run the same command again"))
         save_program(program, path)
+    return program
+
+
+def _program_at(path: Path, cell: Cell) -> Program:
+    """The program of a file, or one without steps where there is no such file."""
+    if not path.exists():
+        return new_program(cell.workspace, cell.model.joints, path)
+    program = load_program(path)
+    check_program(program, path, cell.workspace)
     return program

@@ -7,13 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.cli.console import note, progress, say, say_raw
+from sqrp_cli.cli.console import note, print_problems, progress, say, say_raw
 from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.sweep_table import print_sweep, sweep_document
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 from sqrp_cli.files import check_writable, write_atomically
+from sqrp_cli.programming.outside import intervals_outside
 from sqrp_cli.scoring.compute import Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces, short_names
+from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.sweep import Sweep, from_here, read_variants, sweep
 from sqrp_cli.scoring.variation import read_variation, variants
 
@@ -48,6 +50,10 @@ def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode
         document, read = read_variants(files[0], values, advance)
     with open_computer(means) as computer:
         found = sweep(document, read, computer, progress)
+        wanted = [want for variant in read for want in wanted_of(variant.cell)]
+        assessments = [outcome.assessment for outcome in map(computer.outcome, wanted) if outcome is not None]
+    print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
+    print_problems(intervals_outside(assessments))
     if found.interrupted:
         count = len(read)
         note(f"interrupted before all {count} variants were scored, so none is named the best and no patch is written")

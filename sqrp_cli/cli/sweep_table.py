@@ -10,13 +10,15 @@ from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
 ROWS = 20
 """Variants that the table shows; the document has all."""
 
+_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "tasks\npassed")
+
 
 def print_sweep(sweep: Sweep) -> None:
     """The table of variants, the best first."""
     paths = [path for path, _ in max((scored.variant.values for scored in sweep.variants), key=len)]
     short = _short(paths)
     columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in short)]
-    columns += [Column(title, right=True) for title in ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "tasks\npassed")]
+    columns += [Column(title, right=True) for title in _FIGURES]
     shown = list(enumerate(sweep.variants[:ROWS], 1))
     shown += [
         (rank, scored) for rank, scored in enumerate(sweep.variants, 1) if rank > ROWS and not scored.variant.values
@@ -26,7 +28,7 @@ def print_sweep(sweep: Sweep) -> None:
         say(f"{', '.join(f'#{rank}' for rank in ranks)}: {reason}")
     if len(sweep.variants) > len(shown):
         say(plain(f"{len(sweep.variants) - len(shown)} more are in the document of --json.", "dim"))
-    say(plain("Q and time are means over every choice of objects of every task; Q of what cannot be done is 0.", "dim"))
+    say(plain("Figures are means over every choice of objects of every task; Q of what cannot be done is 0.", "dim"))
 
 
 def sweep_document(sweep: Sweep, workspace: str, patch: str | None) -> Document:
@@ -41,6 +43,7 @@ def sweep_document(sweep: Sweep, workspace: str, patch: str | None) -> Document:
                 "q_eoi": scored.q_eoi,
                 "q_avg": scored.q_avg,
                 "time": scored.time,
+                "delay": scored.delay,
                 "results": [{**result_document(result), "workspace": workspace} for result in scored.findings.results],
             }
             for rank, scored in enumerate(sweep.variants, 1)
@@ -55,6 +58,7 @@ def _row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
     values = dict(scored.variant.values)
     cells: list[Styled] = [str(rank), *(values.get(path, "as it is") for path in paths)]
     figures = [_figure(scored.q_eoi, 100, 1), _figure(scored.q_avg, 100, 1), _figure(scored.time, 1, 2)]
+    figures.append(_figure(scored.delay, 1, 2))
     errors = scored.findings.count("error")
     passed = f"{scored.passed} of {len(scored.findings.results)}"
     return [*cells, *figures, plain("error", "bold red") if errors else passed]

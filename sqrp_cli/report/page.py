@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -26,7 +26,8 @@ class Entry:
     name: of the whole. mark: what the row begins with, such as a rank; labels: what tells it from the others, by title.
     candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of the cell
     that it belongs to. detail: the `packed` document of `explain --json` `without_repetition`; None without a motion.
-    figures: what is told instead of the candidate's figures, as pairs of a term and its value.
+    figures: what is told instead of the candidate's figures, as pairs of a term and its value. retried: names of the
+    candidate's faults after which the robot tries again; after any other nothing is done, so no time for it is told.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Entry:
     scene: int | None
     detail: str | None
     figures: Sequence[tuple[str, str]] = ()
+    retried: Collection[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +114,7 @@ def _row(entry: Entry) -> dict[str, Any]:
         "scene": entry.scene,
         "moves": entry.detail is not None,
         "figures": [list(pair) for pair in entry.figures],
+        "retried": sorted(entry.retried),
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -12,6 +12,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.program import Step
+from sqrp_cli.program_check import SAME_TIME
 
 FaultKind = Literal["slip", "miss-pick", "camera-loss", "frozen", "latency", "perception-crash"]
 
@@ -84,11 +85,14 @@ def _slip(text: str, rest: str, step: Step, rng: np.random.Generator) -> Injecte
         t, last = _time(text, found["time"]), step.primitives[-1].end
         if t > last:
             raise _refused(text, f"the step lasts only {last:.2f} s")
+        during = [one.name for one in step.primitives if one.start - SAME_TIME <= t <= one.end + SAME_TIME]
+        check_can_slip(f"--fault {text}", step, during)
         return InjectedFault("slip", text, t)
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in step.primitives}
     if found["primitive"] not in spans:
         hint = expected_names(found["primitive"], spans)
         raise _refused(text, f"the program has no primitive `{found['primitive']}`; {hint}")
+    check_can_slip(f"--fault {text}", step, [found["primitive"]])
     start, end = spans[found["primitive"]]
     if found["random"]:
         return InjectedFault("slip", text, float(rng.uniform(start, end)))
@@ -96,6 +100,23 @@ def _slip(text: str, rest: str, step: Step, rng: np.random.Generator) -> Injecte
     if start + offset > end:
         raise _refused(text, f"`{found['primitive']}` lasts only {end - start:.2f} s")
     return InjectedFault("slip", text, start + offset)
+
+
+def check_can_slip(told: str, step: Step, during: Sequence[str]) -> None:
+    """Raises InputError where the tool holds nothing in any of some primitives, so that nothing can slip.
+
+    told: the option with its text. during: names of primitives, at least one.
+    """
+    names = [primitive.name for primitive in step.primitives]
+    holding = [primitive.name for primitive in step.primitives if primitive.held or primitive.action == "Grasp"]
+    if set(during) & set(holding):
+        return
+    meant = names.index(during[0])
+    closest = min(holding, key=lambda name: abs(names.index(name) - meant), default=None)
+    expected = f"expected one of {', '.join(f'`{name}`' for name in holding)}" if holding else "nor in any other"
+    message = f"{told}: the tool grasps or holds nothing in `{during[0]}`, {expected}"
+    mend = f"write slip@{closest}" if closest is not None else "let a camera fail, such as camera-loss:CAMERA@1.0"
+    raise InputError(Problem("bad-fault", message, mend=mend))
 
 
 def _time(text: str, words: str) -> float:

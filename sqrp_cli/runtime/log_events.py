@@ -22,6 +22,7 @@ class _Run(_Fields):
     workspace: str
     digest: str
     cameras: list[str]
+    rates: dict[str, Annotated[FiniteFloat, Field(gt=0)]] = {}
 
 
 class _Box(_Fields):

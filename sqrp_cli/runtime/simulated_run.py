@@ -9,7 +9,7 @@ from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import Program, Replanner
 from sqrp_cli.runtime.execution import Execution
-from sqrp_cli.runtime.faults import InjectedFault
+from sqrp_cli.runtime.faults import InjectedFault, check_can_slip
 from sqrp_cli.runtime.outcome import Event, FaultRecord, Listener, RunReport, tolerance
 from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.perception.sighting import CellKnowledge
@@ -161,12 +161,7 @@ def sweep(simulation: Simulation, text: str, count: int, step_done: Callable[[],
     if kind not in SWEPT or name not in spans:
         hint = f"; {expected_names(name, spans)}" if kind in SWEPT else ""
         raise InputError(Problem("bad-fault", f"--sweep {text}: expected `slip@` and a primitive of the program{hint}"))
-    holding = [primitive.name for primitive in step.primitives if primitive.held or primitive.action == "Grasp"]
-    if name not in holding:
-        expected = f"expected one of {', '.join(f'`{other}`' for other in holding)}" if holding else "nor in any other"
-        mend = f"write {kind}@{holding[-1]}" if holding else None
-        message = f"--sweep {text}: the tool grasps or holds nothing in `{name}`, {expected}"
-        raise InputError(Problem("bad-fault", message, mend=mend))
+    check_can_slip(f"--sweep {text}", step, [name])
     with simulation.cell() as cell:
         for x in instants(*spans[name], count):
             report = simulation.run_in(cell, [slip_at(x)])
@@ -192,6 +187,7 @@ def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[I
         "digest": workspace.digest,
         "seed": seed,
         "cameras": list(workspace.cameras),
+        "rates": {name: camera.rate for name, camera in workspace.cameras.items()},
         "faults": [fault.text for fault in faults],
         "steps": steps,
     }

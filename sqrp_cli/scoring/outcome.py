@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass, fields
 from typing import Any
@@ -34,13 +35,15 @@ class Outcome:
             "faults": {name: asdict(fault) for name, fault in assessment.faults.items()},
             "coverage": None if self.coverage is None else coverage_numbers(self.coverage),
         }
-        return json.dumps(document, ensure_ascii=False, allow_nan=False) + "\n"
+        return _as_line({**document, "checksum": _checksum(document)}) + "\n"
 
     @staticmethod
     def from_text(text: str, candidate: Candidate) -> Outcome:
         """What `to_text` wrote of a candidate. Raises ValueError for text that it did not write."""
         try:
             document = json.loads(text)
+            if document.pop("checksum") != _checksum(document):
+                raise ValueError("this outcome of a candidate is not as it was written")
             assessment = Assessment(
                 candidate=candidate,
                 faults={name: FaultMetrics(**numbers) for name, numbers in document["faults"].items()},
@@ -50,6 +53,15 @@ class Outcome:
             return Outcome(assessment, None if numbers is None else read_coverage(numbers))
         except (LookupError, TypeError, AttributeError) as error:
             raise ValueError(f"no outcome of a candidate: {error!r}") from error
+
+
+def _as_line(document: Numbers) -> str:
+    return json.dumps(document, ensure_ascii=False, allow_nan=False)
+
+
+def _checksum(document: Numbers) -> str:
+    """Tells what was computed from what was damaged or edited later, even where it still reads as an outcome."""
+    return hashlib.sha256(_as_line(document).encode()).hexdigest()
 
 
 def coverage_numbers(coverage: Coverage) -> Numbers:

@@ -52,7 +52,8 @@ class Results:
         if key not in self._texts and self.folder is not None:
             path = self._path(self.folder, key)
             if path.is_file():
-                self._texts[key] = path.read_text(encoding="utf-8")
+                # What is damaged is for whoever reads it to find out; so is what is no text.
+                self._texts[key] = path.read_text(encoding="utf-8", errors="replace")
         return self._texts.get(key)
 
     def keep(self, key: str, text: str) -> None:

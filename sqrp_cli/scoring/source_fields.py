@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -9,12 +10,16 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.source import Scalar, read_document
+from sqrp_cli.knowledge.units import read_quantity
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.knowledge.xml_file import Element, read_xml
 
 Fields = dict[str, Scalar]
 
 _SECTION = re.compile(r":(requirements|types|constants|predicates|functions|action|parameters|precondition|effect)\b")
+
+_FOR_ALL_JOINTS = re.compile(r"robot\.limits\.\w+")
+"""A limit whose unit says which joints it is for: those that turn, or those that slide; without one it is for all."""
 
 WORKSPACE = "workspace"
 """The role of the workspace file itself."""
@@ -68,7 +73,29 @@ def _statements(path: Path) -> Iterator[tuple[str, Scalar]]:
 
 
 def changed_fields(before: Mapping[str, Scalar], now: Mapping[str, Scalar]) -> Iterator[tuple[str, Scalar, Scalar]]:
-    """The fields that differ, with both values; None where a field is not there."""
+    """The fields that differ, with both values; None where a field is not there.
+
+    Two spellings of a quantity, such as `5 cm` and `50 mm` or 0.05, do not differ, nor do `0 0 1` and `0 0 1.0`.
+    """
     for field in dict.fromkeys((*before, *now)):
-        if before.get(field) != now.get(field):
-            yield field, before.get(field), now.get(field)
+        old, new = before.get(field), now.get(field)
+        if old != new and not _same_quantity(field, old, new) and not _same_numbers(old, new):
+            yield field, old, new
+
+
+def _same_numbers(before: Scalar, now: Scalar) -> bool:
+    """Whether two attributes of an XML file are the same row of numbers."""
+    try:
+        old, new = ([float(word) for word in str(value).split()] for value in (before, now))
+    except ValueError:
+        return False
+    return old == new
+
+
+def _same_quantity(field: str, before: Scalar, now: Scalar) -> bool:
+    old, new = read_quantity(before), read_quantity(now)
+    if old is None or new is None or not math.isclose(old.value, new.value, rel_tol=1e-12):
+        return False
+    if None in (old.dimension, new.dimension) and not _FOR_ALL_JOINTS.fullmatch(field):
+        return True
+    return old.dimension is new.dimension

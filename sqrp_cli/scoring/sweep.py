@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +24,9 @@ AS_IT_IS: Values = ()
 _QUALITY_STEP = 1e-3
 """Qualities are compared rounded to this, as in a ranking."""
 
+_DELAY_STEP = 0.01
+"""Delays are compared rounded to this [s], as they are shown: finer differences may be those of sampling."""
+
 
 @dataclass(frozen=True, eq=False)
 class Variant:
@@ -41,7 +45,9 @@ class ScoredVariant:
     """A variant with its scores.
 
     q_eoi, q_avg: means over every choice of objects of every task, of its best candidate, in 0..1; an infeasible one
-    counts 0; None where a variant cannot be scored, or a quality is undefined for all. passed: tasks that pass.
+    counts 0; None where a variant cannot be scored, or a quality is undefined for all. time: mean duration of those
+    that can be done [s]. delay: mean of the longest time that a fault may remain unnoticed in them [s]; None without
+    faults. passed: tasks that pass.
     """
 
     variant: Variant
@@ -49,6 +55,7 @@ class ScoredVariant:
     q_eoi: float | None
     q_avg: float | None
     time: float | None
+    delay: float | None
 
     @property
     def passed(self) -> int:
@@ -57,9 +64,11 @@ class ScoredVariant:
 
     @property
     def order(self) -> tuple[float, ...]:
-        """Better variants come first: no errors, tasks that pass, Q_eoi, Q_avg, time."""
+        """Better variants come first: no errors, tasks that pass, then as candidates in a ranking."""
         qualities = [-round((quality or 0.0) / _QUALITY_STEP) for quality in (self.q_eoi, self.q_avg)]
-        return (self.findings.count("error"), -self.passed, *qualities, self.time or 0.0)
+        time = math.inf if self.time is None else self.time
+        delay = math.inf if self.delay is None else round(self.delay / _DELAY_STEP)
+        return (self.findings.count("error"), -self.passed, *qualities, time, delay)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +128,7 @@ def sweep(document: Document, variants: Sequence[Variant], computer: Computer, p
 
 def _scored(variant: Variant, findings: Findings) -> ScoredVariant:
     if findings.count("error"):
-        return ScoredVariant(variant, findings, None, None, None)
+        return ScoredVariant(variant, findings, None, None, None, None)
     ways = [way.assessment for result in findings.results for way in result.score.ways.values()]
     feasible = [way for way in ways if way.feasible]
 
@@ -128,8 +137,10 @@ def _scored(variant: Variant, findings: Findings) -> ScoredVariant:
         undefined = len(feasible) - len(known)
         return float(np.sum(known)) / (len(ways) - undefined) if known else None
 
-    time = float(np.mean([way.time for way in feasible if way.time is not None])) if feasible else None
-    return ScoredVariant(variant, findings, mean("q_eoi"), mean("q_avg"), time)
+    times = [way.time for way in feasible if way.time is not None]
+    delays = [way.delay_worst for way in feasible if way.delay_worst is not None]
+    time, delay = (float(np.mean(values)) if values else None for values in (times, delays))
+    return ScoredVariant(variant, findings, mean("q_eoi"), mean("q_avg"), time, delay)
 
 
 def from_here(path: Path) -> str:

@@ -110,6 +110,27 @@ def test_the_undamaged_program_is_sound(sqrp, sound):
     assert (outcome.code, outcome.err) == (0, "")
 
 
+def test_a_program_that_is_laid_out_anew_or_moved_is_the_same(sqrp, laying, sound):
+    document = yaml.load(sound.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
+    moved = laying / "elsewhere" / "moved.yaml"
+    moved.parent.mkdir()
+    document["workspace"] = "../workspace.yaml"
+    moved.write_text("# mine\n" + yaml.dump(document, Dumper=yaml.CSafeDumper, sort_keys=True), encoding="utf-8")
+    outcome = sqrp("program", moved)
+    assert (outcome.code, outcome.err) == (0, "")
+
+
+def test_an_edited_program_is_refused_with_what_makes_it_anew(sqrp, laying, sound):
+    path = laying / "edited.yaml"
+    path.write_text(re.sub(r"q_avg: [\d.]+", "q_avg: 0.99", sound.read_text(encoding="utf-8")), encoding="utf-8")
+    for arguments in (["program", path], ["program", path, "--drop-last"], ["run", path, "--sim"]):
+        outcome = sqrp(*arguments)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert "this program is not as sqrp wrote it" in outcome.err
+        assert f"to mend it: rm {path} && sqrp rank {laying} 'pickup g2' --program {path}" in outcome.err
+    path.unlink()
+
+
 def copied(laying: Path, folder: Path, old: str, new: str) -> Path:
     """A copy of the cell, with a lay skill of its own in which something is replaced."""
     shutil.copytree(Path(__file__).parents[1] / "cases" / "lay", folder / "lay")

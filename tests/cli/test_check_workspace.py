@@ -49,6 +49,25 @@ def test_a_listed_task_that_cannot_be_read_is_an_error_where_it_stands(
     assert checked.err == ranked.err.replace("error: ", f"error: {file}:{line}:6: ")
 
 
+def test_objects_of_any_shape_in_one_place_are_told_with_and_without_a_task(
+    sqrp: Callable[..., Outcome], own_watch: Path
+) -> None:
+    peg = (
+        "  peg: {type: peg, size: [2 cm, 2 cm, 9 cm], pose: {position: [2, 0.3, 1.09]},"
+        " parts: [{cylinder: {radius: 1 cm, length: 9 cm}}]}\n"
+    )
+    file = _replaced(own_watch, "  wall: {", peg + "  wall: {")
+    for task in ((), ("watch green",), ("watch seen",)):
+        checked = sqrp("check", own_watch, *task)
+        assert checked.code == 0
+        assert f"warning: {file}:" in checked.err
+        assert (
+            "objects `seen` and `peg` are in one place: a box of the first and a cylinder of the second" in checked.err
+        )
+    _replaced(own_watch, "1.09]", "1.095]")
+    assert sqrp("check", own_watch).err == ""
+
+
 def test_what_the_robot_hits_at_home_is_a_warning_where_home_stands(
     sqrp: Callable[..., Outcome], own_watch: Path
 ) -> None:

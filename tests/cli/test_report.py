@@ -113,6 +113,21 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(sqrp, watc
 # What it does in a browser
 
 
+def test_only_of_a_fault_that_is_retried_the_page_says_when_all_is_done(browser, sqrp, own_watch, tmp_path):
+    path = tmp_path / "page.html"
+    skill = own_watch / "watch" / "skill.yaml"
+    retried = skill.read_text(encoding="utf-8")
+    for text, told in ((retried, True), (retried.replace("{retry: 1}", "stop"), False)):
+        skill.write_text(text, encoding="utf-8")
+        assert sqrp("rank", own_watch, "watch green", "--report", path).code == 0
+        opened = Opened(browser, path)
+        assert opened.complaints == []
+        assert ("all done" in opened.texts("#ranking th")) is told
+        assert ("done after one retry" in opened.texts("#figures dt")) is told
+        assert "moved: noticed after" in opened.texts("#figures dt")
+        opened.context.close()
+
+
 def test_scores_show_the_best_of_each_task_in_its_own_cell(browser, sqrp, tabletop, watch, tmp_path):
     path = tmp_path / "scores.html"
     broken = tmp_path / "broken" / "workspace.yaml"

@@ -199,10 +199,12 @@ def test_a_bad_fault_is_bad_input(sqrp: Callable[..., Any], cell: Cell, fault: s
     assert "to mend it" in found.err
 
 
-def test_slips_are_swept_only_where_something_can_be_lost(sqrp: Callable[..., Any], cell: Cell) -> None:
-    found = sqrp("run", cell.program, "--sim", "--sweep", "slip@a1")
-    assert (found.code, found.out) == (2, "")
-    assert "the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`, `a5`" in found.err
+def test_something_slips_only_where_something_can_be_lost(sqrp: Callable[..., Any], cell: Cell) -> None:
+    for option in ("--sweep", "--fault"):
+        found = sqrp("run", cell.program, "--sim", option, "slip@a1")
+        assert (found.code, found.out) == (2, "")
+        said = f"{option} slip@a1: the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`, `a5`"
+        assert found.err == f"error: {said}\n  to mend it: write slip@a3\n"
 
 
 @pytest.mark.parametrize("option", ["--log", "--report"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import signal
@@ -233,15 +234,20 @@ def test_nothing_is_computed_twice(sqrp, own_watch, tmp_path):
     assert computed(sqrp("score", own_watch, "--out", out)) == 13
 
 
-def test_a_damaged_result_is_computed_again(sqrp, own_watch, tmp_path):
+def test_a_result_that_is_not_as_it_was_written_is_computed_again(sqrp, own_watch, tmp_path):
     out = tmp_path / "results"
     first = sqrp("score", own_watch, "--out", out, "--json")
-    damaged = next(out.rglob("*.json"))
-    content = damaged.read_bytes()
-    damaged.write_bytes(content[:30])
-    second = sqrp("score", own_watch, "--out", out, "--json")
-    assert (computed(second), second.out) == (1, first.out)
-    assert damaged.read_bytes() == content
+    kept = next(out.rglob("*.json"))
+    content = kept.read_bytes()
+    result = json.loads(content)
+    lacking = [{name: value for name, value in result.items() if name != field} for field in result]
+    wrong = [{**result, "outside": None}, {**result, "time": "x"}, {**result, "q_avg": 0.7}]
+    damaged = [b"", b"\xff\xfe", content[:30], *(json.dumps(other).encode() for other in (*lacking, *wrong))]
+    for other in damaged:
+        kept.write_bytes(other)
+        second = sqrp("score", own_watch, "--out", out, "--json", "--jobs", 1)
+        assert (computed(second), second.out) == (1, first.out)
+        assert kept.read_bytes() == content
 
 
 def test_results_are_the_same_with_any_number_of_processes(sqrp, own_watch):
@@ -475,11 +481,29 @@ def test_the_patch_of_a_sweep_has_a_name_of_its_own_and_is_brought_up_to_date(sq
     assert sorted(file.name for file in tmp_path.iterdir()) == ["watch", "watch-best.patch"]
 
 
+def test_of_variants_that_see_as_much_the_one_that_sees_sooner_is_best(sqrp, own_watch, tmp_path):
+    arguments = ("--vary", "cameras.eye.latency=60 ms:10 ms:3", "--patch", tmp_path / "best.patch")
+    document = sqrp("score", own_watch, *arguments, "--json").document
+    assert document["best"] == {"cameras.eye.latency": "10 ms"}
+    # One frame period, 0.1 s, and the latency.
+    assert [variant["delay"] for variant in document["variants"]] == pytest.approx([0.11, 0.135, 0.15, 0.16])
+
+
+def test_a_sweep_warns_as_a_ranking_does_and_once_for_all_variants(sqrp, own_watch, tmp_path):
+    skill = own_watch / "watch" / "skill.yaml"
+    skill.write_text(skill.read_text(encoding="utf-8").replace("[w1.start, w1.end]", "[100, 200]"), encoding="utf-8")
+    arguments = ("--vary", "cameras.eye.near=0.5:0.6:2", "--patch", tmp_path / "best.patch")
+    outcome = sqrp("score", own_watch, *arguments)
+    assert outcome.code == 0
+    assert outcome.err == sqrp("rank", own_watch, "watch green").err
+    assert outcome.err.count("nothing of the interval [100, 200]") == 1
+
+
 def test_a_variant_that_cannot_be_is_an_error_and_the_others_are_scored(sqrp, own_watch, tmp_path):
     arguments = ("--vary", "cameras.eye.near=0.5 m:5 m:2", "--patch", tmp_path / "best.patch")
     shown = " ".join(sqrp("score", own_watch, *arguments).out.split())
     assert "#3: " in shown
-    assert "near" in shown.partition("#3: ")[2].partition(" Q and time")[0]
+    assert "near" in shown.partition("#3: ")[2].partition(" Figures")[0]
     outcome = sqrp("score", own_watch, *arguments, "--json")
     assert outcome.code == 0
     last = outcome.document["variants"][-1]

@@ -12,8 +12,10 @@ from sqrp_cli.runtime.faults import parse_fault
 
 STEP = SimpleNamespace(
     primitives=[
-        SimpleNamespace(name="a3", action="Grasp", start=1.0, end=2.0),
-        SimpleNamespace(name="a4", action="StraightMove", start=2.0, end=5.0),
+        SimpleNamespace(name="a1", action="JointMove", held=None, start=0.0, end=0.5),
+        SimpleNamespace(name="a2", action="StraightMove", held=None, start=0.5, end=1.0),
+        SimpleNamespace(name="a3", action="Grasp", held=None, start=1.0, end=2.0),
+        SimpleNamespace(name="a4", action="StraightMove", held="g", start=2.0, end=5.0),
     ]
 )
 CAMERAS = ("cam1", "cam2")
@@ -53,6 +55,22 @@ def test_times_of_faults_may_have_units() -> None:
 
 def test_a_camera_may_fail_after_the_step_as_a_run_may_last_longer() -> None:
     assert parse("camera-loss:cam2@99").t == 99.0
+
+
+@pytest.mark.parametrize("text", ["slip@a1", "slip@a1+0.2", "slip@a1:random", "slip@0.3"])
+def test_nothing_slips_where_nothing_is_held(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse(text)
+    (problem,) = caught.value.problems
+    assert problem.message == f"--fault {text}: the tool grasps or holds nothing in `a1`, expected one of `a3`, `a4`"
+    assert problem.mend == "write slip@a3"
+    assert parse("slip@1.0").t == 1.0, "where one primitive ends, the next one begins"
+
+
+def test_what_holds_nothing_at_all_can_only_lose_a_camera() -> None:
+    with pytest.raises(InputError, match="nothing in `a1`, nor in any other") as caught:
+        parse_fault("slip@0.1", SimpleNamespace(primitives=STEP.primitives[:2]), CAMERAS, np.random.default_rng(0))
+    assert caught.value.problems[0].mend == "let a camera fail, such as camera-loss:CAMERA@1.0"
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,15 @@ REPORT = RunReport(
     faults=[FaultRecord("slip", 0.1)],
 )
 LOG: list[dict[str, Any]] = [
-    {"t": 0.0, "event": "run", "sqrp_log": 1, "workspace": "cell", "digest": "d", "cameras": ["cam1"]},
+    {
+        "t": 0.0,
+        "event": "run",
+        "sqrp_log": 1,
+        "workspace": "cell",
+        "digest": "d",
+        "cameras": ["cam1"],
+        "rates": {"cam1": 10.0},
+    },
     {"t": 0.0, "event": "step", "number": 1, "boxes": BOXES},
     {"t": 0.0, "event": "state", "joints": ["a", "b"], "q": [0.0, 1.0], "held": None, "objects": {"g": [0.0] * 7}},
     {"t": 0.05, "event": "primitive", "name": "a1"},

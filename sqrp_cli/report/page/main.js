@@ -151,7 +151,7 @@ class Page {
     this.seek(Math.min(this.time, this.motion.time));
   }
 
-  figures({ candidate, figures }) {
+  figures({ candidate, figures, retried }) {
     const told = [...figures];
     if (candidate) {
       const { q_eoi: qEoi, q_avg: qAvg, time, faults } = candidate;
@@ -161,7 +161,7 @@ class Page {
           [`${name}: noticed after`, seconds(fault.delay_mean)],
           ['at worst', seconds(fault.delay_worst)],
           ['longest blind stretch', seconds(fault.blind_longest)],
-          ['done after one retry', seconds(fault.expected_time, 1)],
+          ...(retried.includes(name) ? [['done after one retry', seconds(fault.expected_time, 1)]] : []),
         );
     }
     byId('figures').replaceChildren(

@@ -7,6 +7,7 @@ class EntryTable {
     const labels = Object.keys(entries[0].labels);
     const figures = (e) => e.candidate ?? { faults: {} };
     const faults = [...new Set(entries.flatMap((e) => Object.keys(figures(e).faults)))];
+    const done = (e, fault) => (e.retried.includes(fault) ? figures(e).faults[fault]?.expected_time : undefined);
     const timed = (title, value, digits) => ({
       title,
       value,
@@ -33,7 +34,7 @@ class EntryTable {
       ...faults.flatMap((fault) => [
         timed(`${fault} seen [s]`, (e) => figures(e).faults[fault]?.delay_mean),
         timed('at worst', (e) => figures(e).faults[fault]?.delay_worst),
-        timed('all done', (e) => figures(e).faults[fault]?.expected_time, 1),
+        ...(entries.some((e) => done(e, fault) !== undefined) ? [timed('all done', (e) => done(e, fault), 1)] : []),
       ]),
     ];
     this.telling = 1 + labels.length;

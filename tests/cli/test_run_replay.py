@@ -1,0 +1,54 @@
+"""Runs shown again from logs that are written here, so that every figure is known."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
+
+LATE = "later than predicted: before tool and object have parted"
+
+
+def log_of(path: Path, delay: float, rates: dict[str, float] | None) -> Path:
+    """The log of a run of which a slip was predicted to be seen within 0.15 s."""
+    fault = FaultRecord("slip", 1.0, 1.0, 1.0 + delay, predicted_delay=0.15)
+    step = StepRecord("pickup", {"object": "g"}, "pickup g", 0.0)
+    header = {"t": 0.0, "event": "run", "sqrp_log": 1, "workspace": "cell", "digest": "d", "cameras": ["fast", "slow"]}
+    # Images of the fast camera: what lies between them says nothing of the slow one.
+    images = [{"t": t / 30, "event": "evidence", "exposed": t / 30, "literals": {}} for t in range(3)]
+    report = {"t": 2.0, "event": "report", **asdict(RunReport("stopped", "it was seen", 2.0, [step], [fault]))}
+    lines = [header if rates is None else {**header, "rates": rates}, *images, report]
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(("delay", "late"), [(0.30, False), (0.50, True)])
+def test_a_log_alone_tells_what_was_seen_late_by_the_rate_of_the_slowest_camera(
+    sqrp: Callable[..., Any], tmp_path: Path, delay: float, late: bool
+) -> None:
+    shown = sqrp("run", "--replay", log_of(tmp_path / "log", delay, {"fast": 30.0, "slow": 5.0}))
+    assert (shown.code, shown.err) == (3, "")
+    assert (LATE in " ".join(shown.out.split())) is late
+
+
+def test_a_log_without_rates_says_what_is_not_known(sqrp: Callable[..., Any], tmp_path: Path) -> None:
+    log = log_of(tmp_path / "log", 0.5, None)
+    shown = sqrp("run", "--replay", log)
+    assert shown.code == 3
+    assert LATE not in " ".join(shown.out.split())
+    assert shown.err.startswith(f"warning: {log}:1: this log does not tell how often its cameras took images")
+    assert f"to mend it: name the program that was run: sqrp run PROGRAM --replay {log}\n" in shown.err
+    assert sqrp("run", "--replay", log, "--json").err == ""
+
+
+def test_rates_that_are_none_are_told_with_the_line(sqrp: Callable[..., Any], tmp_path: Path) -> None:
+    log = log_of(tmp_path / "log", 0.5, {"slow": 0.0})
+    shown = sqrp("run", "--replay", log)
+    assert (shown.code, shown.out) == (2, "")
+    assert f"{log}:1: this `run` is no event of a log: `rates.slow`: input should be greater than 0" in shown.err
