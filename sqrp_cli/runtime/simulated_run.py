@@ -87,7 +87,9 @@ class Simulation:
 
 def knowledge_of(workspace: Workspace, twin: Twin) -> CellKnowledge:
     """What perception may know of a cell. Raises InputError for a mesh that cannot be used."""
-    surfaces = {name: tuple(Surface.of(part) for part in thing.parts) for name, thing in workspace.objects.items()}
+    surfaces = {
+        name: tuple(Surface.of(part).coarsened() for part in thing.parts) for name, thing in workspace.objects.items()
+    }
     return CellKnowledge(
         workspace.cameras, workspace.detectors, workspace.objects, surfaces, twin, workspace.robot.markers
     )

@@ -13,6 +13,9 @@ from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, 
 _SIDES = 24
 """Corners of the polygons that stand for circles in outlines."""
 
+_MANY, _DETAIL = 20_000, 64
+"""Triangles above which a mesh is coarsened, and cells along its longest side in which vertices then become one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Surface:
@@ -31,6 +34,24 @@ class Surface:
         """The surface of a part. Raises InputError for a mesh file that cannot be used."""
         vertices, triangles = _mesh(part.shape)
         return cls(part.parent, transform(part.X_PG, vertices), triangles)
+
+    def coarsened(self) -> Surface:
+        """The same with at most some ten thousand triangles, so that its silhouette is quickly drawn in every image.
+
+        Vertices of a finer mesh that are close to each other become one: it moves by up to 1 / `_DETAIL` of its size.
+        """
+        if self.triangles is None or len(self.triangles) <= _MANY:
+            return self
+        cell = np.ptp(self.vertices, axis=0).max() / _DETAIL
+        cells = np.floor(self.vertices / cell).astype(np.int64)
+        _, first, merged = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+        a, b, c = np.unique(np.sort(merged.reshape(-1)[self.triangles], axis=1), axis=0).T
+        whole, count = (a != b) & (b != c), len(first)
+        sides = [one[whole] * count + other[whole] for one, other in ((a, b), (b, c), (a, c))]
+        # What has become a line is part of a triangle, except on a wire that is thinner than a cell.
+        line = ~whole & (a != c) & ~np.isin(a * count + c, np.concatenate(sides))
+        triangles = np.column_stack([a, b, c])[whole | line]
+        return Surface(self.parent, self.vertices[first], triangles)
 
 
 def _mesh(shape: Shape) -> tuple[Array, NDArray[np.int64] | None]:

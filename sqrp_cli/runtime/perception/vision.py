@@ -110,11 +110,13 @@ def filled(shape: tuple[int, int], origin: tuple[int, int], polygons: Iterable[C
             cv2.fillConvexPoly(canvas, corners - first, 1, cv2.LINE_8, _SUBPIXEL)
             continue
         pixels = (corners - first + (1 << _SUBPIXEL - 1)) >> _SUBPIXEL
-        dots = (pixels == pixels[:, :1]).all(axis=(1, 2))  # most of a fine mesh, and the same as filled one by one
-        columns, rows = pixels[dots, 0].T
+        spans = np.ptp(pixels, axis=1)
+        # Most of a fine mesh covers a pixel, or two in a row or column: those of its corners, and nothing in between.
+        tiny = (spans.max(axis=1) <= 1) & (spans.min(axis=1) == 0)
+        columns, rows = pixels[tiny].reshape(-1, 2).T
         inside = (columns >= 0) & (columns < shape[1]) & (rows >= 0) & (rows < shape[0])
         canvas[rows[inside], columns[inside]] = 1
-        for polygon in corners[~dots] - first:
+        for polygon in corners[~tiny] - first:
             cv2.fillConvexPoly(canvas, polygon, 1, cv2.LINE_8, _SUBPIXEL)
     return canvas.astype(bool)
 
