@@ -88,8 +88,8 @@ NO_OUTLINE: Array = np.zeros((0, 2))
 class BoxSight:
     """What one image shows of one box.
 
-    share: of the box's outline that could be judged, in 0..1. outline: of the box in the image, shape (n, 2) [pixels].
-    because: why it is blind, if it is.
+    share: of the thing's silhouette, or of a marker's outline, that could be judged, in 0..1. outline: of the box in
+    the image, shape (n, 2) [pixels]. because: why it is blind, if it is.
     """
 
     name: str
