@@ -15,6 +15,7 @@ from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.perception.sighting import CellKnowledge
 from sqrp_cli.runtime.recording import Gallery
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
+from sqrp_cli.runtime.surface import Surface
 from sqrp_cli.runtime.twin import Twin
 
 SWEPT = ("slip",)
@@ -85,8 +86,13 @@ class Simulation:
 
 
 def knowledge_of(workspace: Workspace, twin: Twin) -> CellKnowledge:
-    """What perception may know of a cell."""
-    return CellKnowledge(workspace.cameras, workspace.detectors, workspace.objects, twin, workspace.robot.markers)
+    """What perception may know of a cell. Raises InputError for a mesh that cannot be used."""
+    surfaces = {
+        name: tuple(Surface.of(part).coarsened() for part in thing.parts) for name, thing in workspace.objects.items()
+    }
+    return CellKnowledge(
+        workspace.cameras, workspace.detectors, workspace.objects, surfaces, twin, workspace.robot.markers
+    )
 
 
 @dataclass(frozen=True)

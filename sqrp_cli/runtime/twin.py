@@ -7,34 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.errors import Place
-from sqrp_cli.geometry import Array, box_corners, transform
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.joint_tree import JointTree
 from sqrp_cli.knowledge.packages import resolve
 from sqrp_cli.knowledge.robot import Fingers, Robot
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from sqrp_cli.knowledge.urdf import UrdfModel, link_parts, read_urdf
+from sqrp_cli.runtime.surface import Surface
 
 OPEN_SHARE = 0.25
 """Fingers count as open while they are closed by no more than this share of their way."""
-
-_SIDES = 24
-"""Corners of the polygons that stand for circles in outlines."""
-
-
-@dataclass(frozen=True, eq=False)
-class Surface:
-    """A solid part of the robot.
-
-    vertices: in its link's frame [m], shape (V, 3). triangles: indices into them, shape (F, 3); None for a convex
-    part, whose outline is the hull of its vertices.
-    """
-
-    link: str
-    vertices: Array
-    triangles: NDArray[np.int64] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,36 +82,4 @@ def _surfaces(model: UrdfModel, robot: Robot) -> list[Surface]:
     def find(reference: str, file: Path) -> Path:
         return resolve(reference, file.parent, robot.package_roots, Place(file))
 
-    surfaces = []
-    for part in link_parts(model, robot.geometry, find):
-        vertices, triangles = _mesh(part.shape)
-        surfaces.append(Surface(part.parent, transform(part.X_PG, vertices), triangles))
-    return surfaces
-
-
-def _mesh(shape: Shape) -> tuple[Array, NDArray[np.int64] | None]:
-    match shape:
-        case Mesh():
-            from sqrp_cli.runtime.meshes import load_triangles
-
-            mesh = load_triangles(shape)
-            return mesh.vertices, mesh.faces
-        case Box(size):
-            return box_corners(size), None
-        case Cylinder(radius, length):
-            return np.concatenate([_rim(radius, -length / 2), _rim(radius, length / 2)]), None
-        case Sphere(radius):
-            return _ball(radius, 0.0), None
-        case Capsule(radius, length):
-            return _ball(radius, length), None
-
-
-def _rim(radius: float, height: float) -> Array:
-    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
-    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(_SIDES, height)])
-
-
-def _ball(radius: float, straight: float) -> Array:
-    angles = np.linspace(0.0, np.pi, _SIDES // 2 + 1)
-    heights = radius * np.cos(angles) + np.copysign(straight / 2, np.cos(angles))
-    return np.concatenate([_rim(radius * np.sin(a), h) for a, h in zip(angles, heights, strict=True)])
+    return [Surface.of(part) for part in link_parts(model, robot.geometry, find)]

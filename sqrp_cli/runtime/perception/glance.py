@@ -10,9 +10,10 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
-from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.scene import Box, SceneObject
 from sqrp_cli.program import ProgramBox
 from sqrp_cli.runtime.box_object import START, object_of
+from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.outlines import Silhouette, View
 from sqrp_cli.runtime.perception.sighting import CellKnowledge, Posture, Watchlist
 from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, Image, Mask, dilated, filled, find_markers
@@ -75,6 +76,28 @@ class Glance:
             X_WF = self.posture.X_WO[box.frame]
         X_WB: Array = X_WF @ np.array(box.pose)
         return X_WB
+
+    def figure(self, name: str, X_WO: Array) -> Figure | None:
+        """An object at a pose (4, 4); None where some of its box is behind the camera or beyond what the lens shows."""
+        box = self.view.outline(X_WO, self.cell.objects[name].size)
+        if box is None or box.area <= 0.0:
+            return None
+        return Figure.of(box, self.view.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True))
+
+    def blocking(self, name: str, points_W: Array) -> Silhouette | None:
+        """The parts of an object, where it is believed to be, that stand before any of some points (n, 3) [m].
+
+        None if such a part may cover anything, as some of the object is behind the camera.
+        """
+        thing, X_WO = self.cell.objects[name], self.posture.X_WO[name]
+        found = []
+        for part, surface in zip(thing.parts, self.cell.surfaces[name], strict=True):
+            box = (X_WO @ part.X_PG, part.shape.size) if isinstance(part.shape, Box) else (X_WO, thing.size)
+            if self.view.hides(*box, points_W):
+                found.append(surface)
+        if found and self.view.outline(X_WO, thing.size) is None:
+            return None
+        return self.view.silhouette(found, {name: X_WO})
 
     def crop(self, polygon: Array, margin: int) -> Crop | None:
         """The part of the image around a polygon (n, 2), with a margin [pixels]; None if they do not meet."""

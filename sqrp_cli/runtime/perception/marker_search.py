@@ -50,7 +50,7 @@ class MarkerSearch:
         if crop is None:
             return False
         shape, origin = extent(crop)
-        others = {surface.link for surface in self._glance.cell.twin.surfaces} - {box.frame, *box.encloses}
+        others = {surface.parent for surface in self._glance.cell.twin.surfaces} - {box.frame, *box.encloses}
         hiding = dilated(self._glance.robot.mask(shape, origin, outline.depth, links=others), 1)
         return bool((hiding & filled(shape, origin, [outline.corners])).any())
 

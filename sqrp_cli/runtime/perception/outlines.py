@@ -1,4 +1,4 @@
-"""Where boxes and the robot are in an image, by the robot's encoders and the camera's calibration."""
+"""Where boxes, things and the robot are in an image, by the robot's encoders and the camera's calibration."""
 
 from __future__ import annotations
 
@@ -9,9 +9,8 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.projection import Projection
-from sqrp_cli.knowledge.scene import Box, SceneObject
 from sqrp_cli.runtime.perception.vision import Corners, Mask, area_of, convex_outline, corners_of, filled
-from sqrp_cli.runtime.twin import Surface
+from sqrp_cli.runtime.surface import Surface
 
 LEAST_DEPTH = 0.02
 """Points nearer to the lens than this [m] are not projected."""
@@ -38,7 +37,7 @@ class Outline:
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
-    """The robot in an image, as convex pieces."""
+    """Solid parts in an image, as convex pieces: those of the robot, or of an object."""
 
     parts: tuple[_Pieces, ...]
 
@@ -59,13 +58,13 @@ class Silhouette:
         last = np.array([origin[0] + shape[1], origin[1] + shape[0]])
         chosen: list[Corners] = []
         for part in self.parts:
-            if part.link in without or (links is not None and part.link not in links):
+            if part.parent in without or (links is not None and part.parent not in links):
                 continue
             if (part.low.min(axis=0) > last).any() or (part.high.max(axis=0) < origin).any():
                 continue
             near = (part.depths < nearer) != behind
             touching = near & (part.high >= origin).all(axis=1) & (part.low <= last).all(axis=1)
-            chosen.extend(part.corners[touching])
+            chosen.append(part.corners[touching])
         return filled(shape, origin, chosen)
 
     def cover(self, shape: tuple[int, int]) -> Mask:
@@ -75,13 +74,13 @@ class Silhouette:
 
 @dataclass(frozen=True, eq=False)
 class _Pieces:
-    """A part of a link as p convex pieces.
+    """A part of a link or an object as p convex pieces.
 
     corners: of the pieces, (p, n, 2). depths: of their middles [m]. low, high: of the rectangles around them [pixels],
     (p, 2). hull: around all of them.
     """
 
-    link: str
+    parent: str
     corners: Corners
     depths: Array
     low: Array
@@ -89,9 +88,9 @@ class _Pieces:
     hull: Corners
 
     @classmethod
-    def of(cls, link: str, polygons: Array, depths: Array) -> _Pieces:
+    def of(cls, parent: str, polygons: Array, depths: Array) -> _Pieces:
         hull = corners_of(convex_outline(polygons.reshape(-1, 2)))
-        return cls(link, corners_of(polygons), depths, polygons.min(axis=1), polygons.max(axis=1), hull)
+        return cls(parent, corners_of(polygons), depths, polygons.min(axis=1), polygons.max(axis=1), hull)
 
 
 class View:
@@ -115,15 +114,18 @@ class View:
         polygon = convex_outline(pixels)
         return Outline(polygon, area_of(polygon), self.projection.pixels(center[None])[0][0], float(center[2]))
 
-    def silhouette(self, surfaces: Iterable[Surface], X_WL: Mapping[str, Array]) -> Silhouette:
-        """The robot's parts at given link poses; pieces that reach behind the camera are left out."""
+    def silhouette(self, surfaces: Iterable[Surface], X_WP: Mapping[str, Array], *, beyond: bool = False) -> Silhouette:
+        """Parts whose links or objects have given poses; pieces that reach behind the camera are left out.
+
+        beyond: with the parts that lie beyond the image's edges.
+        """
         parts = []
         for surface in surfaces:
-            points = transform(self._X_CW @ X_WL[surface.link], surface.vertices)
+            points = transform(self._X_CW @ X_WP[surface.parent], surface.vertices)
             ahead = points[:, 2] > LEAST_DEPTH
             pixels, inside = self.projection.pixels(np.where(ahead[:, None], points, (0.0, 0.0, 1.0)))
             visible = ahead & inside
-            if not self._reaches_image(pixels[visible]):
+            if not beyond and not self._reaches_image(pixels[visible]):
                 continue
             if surface.triangles is None:
                 if not visible.all():
@@ -133,7 +135,7 @@ class View:
                 whole = surface.triangles[visible[surface.triangles].all(axis=1)]
                 polygons, depths = pixels[whole], points[whole, 2].mean(axis=1)
             if len(polygons):
-                parts.append(_Pieces.of(surface.link, polygons, depths))
+                parts.append(_Pieces.of(surface.parent, polygons, depths))
         return Silhouette(tuple(parts))
 
     def _reaches_image(self, pixels: Array) -> bool:
@@ -143,16 +145,12 @@ class View:
         size = (self.shape[1], self.shape[0])
         return bool((pixels.max(axis=0) >= -1.0).all() and (pixels.min(axis=0) <= size).all())
 
-    def hides(self, thing: SceneObject, X_WO: Array, points_W: Array) -> bool:
-        """Whether an object stands between the camera and any of some points (n, 3) [m]."""
-        for part in thing.parts:
-            size = part.shape.size if isinstance(part.shape, Box) else thing.size
-            X_GW = inverse(X_WO @ (part.X_PG if isinstance(part.shape, Box) else np.eye(4)))
-            start = transform(X_GW, self.X_WC[:3, 3][None])[0]
-            steps = transform(X_GW, points_W) - start
-            with np.errstate(divide="ignore", invalid="ignore"):
-                bounds = (np.array([-0.5, 0.5])[:, None, None] * np.asarray(size) - start) / steps
-            enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
-            if ((enter < leave) & (leave > 0) & (enter < 1.0 - 1e-3)).any():
-                return True
-        return False
+    def hides(self, X_WB: Array, size: Sequence[float], points_W: Array) -> bool:
+        """Whether a box of full extents `size` stands between the camera and any of some points (n, 3) [m]."""
+        X_BW = inverse(X_WB)
+        start = transform(X_BW, self.X_WC[:3, 3][None])[0]
+        steps = transform(X_BW, points_W) - start
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bounds = (np.array([-0.5, 0.5])[:, None, None] * np.asarray(size) - start) / steps
+        enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
+        return bool(((enter < leave) & (leave > 0) & (enter < 1.0 - 1e-3)).any())

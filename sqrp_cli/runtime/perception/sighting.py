@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.robot import Marker
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program import ProgramTarget
+from sqrp_cli.runtime.surface import Surface
 from sqrp_cli.runtime.twin import Twin
 
 
@@ -40,11 +41,15 @@ class Weakness(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class CellKnowledge:
-    """What perception knows of the cell beforehand; markers: on links, by the link's name."""
+    """What perception knows of the cell beforehand.
+
+    surfaces: of each object, one for each of its parts. markers: on links, by the link's name.
+    """
 
     cameras: Mapping[str, Camera]
     detectors: Mapping[str, Detector]
     objects: Mapping[str, SceneObject]
+    surfaces: Mapping[str, tuple[Surface, ...]]
     twin: Twin
     markers: Mapping[str, Marker]
 
@@ -83,8 +88,8 @@ NO_OUTLINE: Array = np.zeros((0, 2))
 class BoxSight:
     """What one image shows of one box.
 
-    share: of the box's outline that could be judged, in 0..1. outline: of the box in the image, shape (n, 2) [pixels].
-    because: why it is blind, if it is.
+    share: of the thing's silhouette, or of a marker's outline, that could be judged, in 0..1. outline: of the box in
+    the image, shape (n, 2) [pixels]. because: why it is blind, if it is.
     """
 
     name: str

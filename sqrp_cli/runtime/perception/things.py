@@ -1,8 +1,9 @@
 """Looks for coloured objects in an image: which of the boxes in which an object may be shows it.
 
 It is at the tool if the patch of its colour lies where the tool would show it, to a few pixels; otherwise it rests
-where its patch is seen. Background counts as such only if it is what the camera is known to show there, and the robot's
-own silhouette, known from its encoders, is not in the way. What is neither thing nor background is not judged.
+where its patch is seen. Background counts as such only where the object itself would be seen, if it is what the camera
+is known to show there and the robot's own silhouette, known from its encoders, is not in the way. What is neither thing
+nor background is not judged.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.program import ProgramBox
 from sqrp_cli.runtime.perception.backdrop import Backdrop
+from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.glance import Crop, Glance, extent
-from sqrp_cli.runtime.perception.outlines import Outline
 from sqrp_cli.runtime.perception.sighting import NO_OUTLINE, BoxSight, Evidence, Weakness
-from sqrp_cli.runtime.perception.vision import Mask, blobs, color_mask, dilated, direction, filled
+from sqrp_cli.runtime.perception.vision import Mask, blobs, color_mask, dilated, direction, middle
 
 LEAST_SHARE, MOST_SHARE = 0.35, 0.5
-"""Share of the outline of a coloured thing that must be judged, at least and at most; in between, what its detector
+"""Share of the silhouette of a coloured thing that must be judged, at least and at most; in between, what its detector
 asks to be visible. Of a thing that nothing hides, a good part may still look like neither it nor the background: at its
 edges, and where it meets the robot."""
 
@@ -31,26 +32,27 @@ BORDER = 1.8
 taken to be a pixel wider than it is, and pixels at its edge show both."""
 
 FULL, EMPTY = 0.6, 0.1
-"""A box is filled if at least this share of what is visible of it has the thing's colour, empty if at most this."""
+"""A box is filled if it shows at least this share of the colour that its thing would show, empty if at most this."""
 
 SHIFT_PIXELS, SHIFT_SHARE = 2.0, 0.05
 """How far the patch of an object may lie from where the tool would show it: pixels, plus a share of its size there."""
 
 LEAST_PIXELS = 4.0
-"""Least square root of the area of an outline that can be judged [pixels]."""
+"""Least square root of the area of a silhouette that can be judged [pixels]."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Place:
     """A box in which an object may be, with what the image shows there.
 
-    share: of the outline that was judged, without what parts that the box encloses hide of it. hidden: share of it that
-    is taken to be behind the robot or another object. filled: share of its
-    visible part that has the object's colour, without what has that colour anyway behind it. shift: of the patch of
-    colour from where it would be if the object were there [pixels]; None without a patch.
+    figure: that the object would have there. share: of its silhouette that was judged, without what parts that the box
+    encloses hide of it. hidden: share of it that is taken to be behind the robot or another object. filled: as how
+    much of the object's silhouette has its colour, without what has that colour anyway behind it; wherever in the box,
+    as its parts may be thin and it may have tipped. shift: of the patch of colour from where it would be if the object
+    were there [pixels]; None without a patch.
     """
 
-    outline: Outline | None
+    figure: Figure | None
     share: float
     hidden: float
     filled: float
@@ -59,20 +61,20 @@ class _Place:
     @property
     def fits(self) -> bool:
         """Whether the object is here, as exactly as the image tells."""
-        if self.outline is None or self.shift is None or self.filled < FULL:
+        if self.figure is None or self.shift is None or self.filled < FULL:
             return False
-        return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.outline.area**0.5)
+        return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.figure.box.area**0.5)
 
     def sight(self, box: ProgramBox, evidence: Evidence, min_visible: float) -> BoxSight:
         """The sight of a box for which this is what the image shows; min_visible: share that its detector asks for."""
         because = Weakness.DETECTOR
-        border = 0.0 if self.outline is None else BORDER / max(self.outline.area**0.5, 1.0)
+        border = 0.0 if self.figure is None else BORDER / max(self.figure.area**0.5, 1.0)
         if self.share < np.clip(min_visible - border, LEAST_SHARE, MOST_SHARE):
             unlike = 1.0 - self.share - self.hidden
             evidence, because = Evidence.BLIND, Weakness.MASK if self.hidden >= unlike else Weakness.LIGHTING
-        if self.outline is None or self.outline.area < LEAST_PIXELS**2:
+        if self.figure is None or self.figure.area < LEAST_PIXELS**2:
             evidence, because = Evidence.BLIND, Weakness.DETECTOR
-        outline = NO_OUTLINE if self.outline is None else self.outline.polygon
+        outline = NO_OUTLINE if self.figure is None else self.figure.box.polygon
         return BoxSight(box.name, evidence, self.share, outline, because)
 
 
@@ -117,56 +119,60 @@ class ThingSearch:
     def _place(self, box: ProgramBox) -> _Place:
         """What the image shows where the object would be if it were in a box."""
         X_WO = self._glance.pose(box)
-        outline = self._glance.view.outline(X_WO, self._thing.size)
-        if outline is None or outline.area <= 0.0:
+        figure = self._glance.figure(self._thing.name, X_WO)
+        if figure is None:
             return _NOWHERE
-        margin = max(6, round(0.6 * outline.area**0.5))
-        crop = self._glance.crop(outline.polygon, margin)
-        if crop is None:
-            return _Place(outline, 0.0, 0.0, 0.0, None)
+        box_outline = figure.box
+        margin = max(6, round(0.6 * box_outline.area**0.5))
+        crop = self._glance.crop(box_outline.polygon, margin)
+        if crop is None or figure.area <= 0.0:
+            return _Place(figure, 0.0, 0.0, 0.0, None)
         shape, origin = extent(crop)
         colored, robot = self._colored[crop], self._glance.robot
-        silhouette = filled(shape, origin, [outline.corners])
-        hiding = dilated(self._in_front(X_WO, outline, crop, without=box.encloses), 1)
-        enclosed = dilated(robot.mask(shape, origin, outline.depth, links=box.encloses), 1)
+        inside, silhouette = figure.outline(shape, origin), figure.mask(shape, origin)
+        hiding = dilated(self._in_front(X_WO, box_outline.depth, crop, without=box.encloses), 1)
+        enclosed = dilated(robot.mask(shape, origin, box_outline.depth, links=box.encloses), 1)
         front = hiding | enclosed
         background = self._backdrop.matches(self._glance.image, crop)
         own = colored & ~background
-        behind = robot.mask(shape, origin, outline.depth, behind=True)
+        behind = robot.mask(shape, origin, box_outline.depth, behind=True)
         background |= behind & self._backdrop.robot_colored(self._glance.image, crop)
-        visible = silhouette & ~front
         # Where the background has the object's own colour, the image cannot tell the one from the other.
-        decided = visible & ~(background & colored)
-        hidden = min(float((silhouette & front).sum()) / outline.area, 1.0)
+        telling = ~front & ~(background & colored)
+        decided = silhouette & telling
+        hidden = min(float((silhouette & front).sum()) / figure.area, 1.0)
         if not decided.any():
-            return _Place(outline, 0.0, hidden, 0.0, None)
+            return _Place(figure, 0.0, hidden, 0.0, None)
         judged = decided & (own | background)
         # What else hides, the enclosed parts do not hide from being asked.
-        askable = max(outline.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
+        askable = max(figure.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
         share = min(float(judged.sum()) / askable, 1.0)
-        patch = dilated(silhouette, margin // 2) & ~front & own
-        shift = _mean_pixel(patch) - _mean_pixel(decided) if patch.any() else None
-        return _Place(outline, share, hidden, float((decided & own).sum() / decided.sum()), shift)
+        patch = dilated(inside, margin // 2) & ~front & own
+        shift = middle(patch) - middle(decided) if patch.any() else None
+        filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
+        return _Place(figure, share, hidden, filled, shift)
 
-    def _in_front(self, X_WO: Array, outline: Outline, crop: Crop, without: Collection[str]) -> Mask:
-        """What of the robot, without some links, and of other objects is before the object at a pose, in a crop."""
+    def _in_front(self, X_WO: Array, depth: float, crop: Crop, without: Collection[str]) -> Mask:
+        """What of the robot, without some links, and of other objects is before the object at a pose, in a crop.
+
+        depth: of the object [m].
+        """
         shape, origin = extent(crop)
         glance = self._glance
-        mask = glance.robot.mask(shape, origin, outline.depth, without=without)
+        mask = glance.robot.mask(shape, origin, depth, without=without)
         steps = np.linspace(-0.45, 0.45, 3)
         grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._thing.size
         points = grid @ X_WO[:3, :3].T + X_WO[:3, 3]
-        for name, other in glance.cell.objects.items():
-            X = glance.posture.X_WO.get(name)
-            if name != self._thing.name and X is not None and glance.view.hides(other, X, points):
-                blocking = glance.view.outline(X, other.size)
-                mask |= True if blocking is None else filled(shape, origin, [blocking.corners])
+        for name in glance.cell.objects:
+            if name != self._thing.name and name in glance.posture.X_WO:
+                blocking = glance.blocking(name, points)
+                mask |= True if blocking is None else blocking.mask(shape, origin, np.inf)
         return mask
 
     def _on_support(self, place: _Place, X_WO: Array) -> Array:
         """Position of an object that rests as high as it would at a pose, by the ray to its patch [m]."""
-        assert place.outline is not None and place.shift is not None  # noqa: S101, PT018
-        position = self._at_height(place.outline.center + place.shift, float(X_WO[2, 3]))
+        assert place.figure is not None and place.shift is not None  # noqa: S101, PT018
+        position = self._at_height(place.figure.box.center + place.shift, float(X_WO[2, 3]))
         return X_WO[:3, 3] if position is None else position
 
     def _at_height(self, pixel: Array, height: float) -> Array | None:
@@ -186,21 +192,18 @@ class ThingSearch:
             return None
         everything = (slice(0, self._glance.view.shape[0]), slice(0, self._glance.view.shape[1]))
         found = blobs(self._colored & ~self._backdrop.matches(self._glance.image, everything))
-        position = self._at_height(found[0].center, float(X_WO[2, 3])) if found else None
+        height = float(X_WO[2, 3])
+        position = self._at_height(found[0].center, height) if found else None
         if position is None:
             return None
         X_found = X_WO.copy()
         X_found[:3, 3] = position
-        expected = self._glance.view.outline(X_found, self._thing.size)
-        return position if expected is not None and found[0].area >= LEAST_SHARE * expected.area else None
+        expected = self._glance.figure(self._thing.name, X_found)
+        if expected is None or found[0].area < LEAST_SHARE * expected.area:
+            return None
+        return self._at_height(found[0].center - expected.offset, height)
 
 
 def _is_inside(position: Array, X_WB: Array, box: ProgramBox) -> bool:
     offset = (position - X_WB[:3, 3]) @ X_WB[:3, :3]
     return bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())
-
-
-def _mean_pixel(mask: Mask) -> Array:
-    """Mean (x, y) of the pixels of a mask that has some."""
-    rows, columns = np.nonzero(mask)
-    return np.array([columns.mean(), rows.mean()])

@@ -99,12 +99,32 @@ def corners_of(polygons: Array) -> Corners:
 
 
 def filled(shape: tuple[int, int], origin: tuple[int, int], polygons: Iterable[Corners]) -> Mask:
-    """The pixels of a crop, `origin` (x, y) its first one, that convex polygons (each (n, 2)) cover."""
+    """The pixels of a crop, `origin` (x, y) its first one, that convex polygons cover.
+
+    polygons: (n, 2) each, or several with as many corners at once, (p, n, 2).
+    """
     canvas = np.zeros(shape, dtype=np.uint8)
     first = np.array(origin, dtype=np.int32) << _SUBPIXEL
     for corners in polygons:
-        cv2.fillConvexPoly(canvas, corners - first, 1, cv2.LINE_8, _SUBPIXEL)
+        if corners.ndim == 2:
+            cv2.fillConvexPoly(canvas, corners - first, 1, cv2.LINE_8, _SUBPIXEL)
+            continue
+        pixels = (corners - first + (1 << _SUBPIXEL - 1)) >> _SUBPIXEL
+        spans = np.ptp(pixels, axis=1)
+        # Most of a fine mesh covers a pixel, or two in a row or column: those of its corners, and nothing in between.
+        tiny = (spans.max(axis=1) <= 1) & (spans.min(axis=1) == 0)
+        columns, rows = pixels[tiny].reshape(-1, 2).T
+        inside = (columns >= 0) & (columns < shape[1]) & (rows >= 0) & (rows < shape[0])
+        canvas[rows[inside], columns[inside]] = 1
+        for polygon in corners[~tiny] - first:
+            cv2.fillConvexPoly(canvas, polygon, 1, cv2.LINE_8, _SUBPIXEL)
     return canvas.astype(bool)
+
+
+def middle(mask: Mask) -> Array:
+    """Mean (x, y) of the pixels of a mask that has some."""
+    rows, columns = np.nonzero(mask)
+    return np.array([columns.mean(), rows.mean()])
 
 
 def dilated(mask: Mask, pixels: int) -> Mask:

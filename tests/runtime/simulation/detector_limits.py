@@ -20,9 +20,10 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import ProgramBox, ProgramTarget, pose_rows
 from sqrp_cli.runtime.frame import Frame
-from sqrp_cli.runtime.perception.sighting import CellKnowledge, Evidence, Posture, Watchlist
+from sqrp_cli.runtime.perception.sighting import Evidence, Posture, Watchlist
 from sqrp_cli.runtime.perception.vision import find_markers
 from sqrp_cli.runtime.perception.watcher import Watcher
+from sqrp_cli.runtime.simulated_run import knowledge_of
 from sqrp_cli.runtime.simulation.model import quaternion
 from sqrp_cli.runtime.simulation.physics import Physics
 from sqrp_cli.runtime.simulation.renderer import Renderer
@@ -42,7 +43,7 @@ class Stage:
     """A renderer of things that are put where a test wants them."""
 
     def __init__(self, base: Workspace) -> None:
-        self.knowledge = CellKnowledge(base.cameras, base.detectors, base.objects, Twin.load(base.robot), {})
+        self.knowledge = knowledge_of(base, Twin.load(base.robot))
         self._physics = Physics(base, world(base))
         self._renderer = Renderer(self._physics.model, tuple(base.cameras.values()), 0)
         self._positions = self._physics.positions
