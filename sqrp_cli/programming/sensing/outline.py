@@ -75,8 +75,8 @@ class Outline:
         maps: from the surface's frame into the grid in each view, shape (3, 4, k). layers: in which each view is drawn,
         shape (k,).
         """
-        view, weight = (np.concatenate([getattr(entry, name) for entry in bends]) for name in ("view", "weight"))
-        x, y, z = np.concatenate([entry.ends for entry in bends], axis=2)
+        view, weight = np.concatenate([bend.view for bend in bends]), np.concatenate([bend.weight for bend in bends])
+        x, y, z = np.concatenate([bend.ends for bend in bends], axis=2)
         # Term by term, so that edges which share an end give it the same row to the last bit.
         (a, b, c, d), (e, f, g, h) = maps[1:].take(view, axis=2)
         depth = e * x + f * y + g * z + h
