@@ -80,10 +80,17 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
         raise InputError(stale(program, path, workspace))
     if any(flaws_in(program, workspace)):
         raise InputError(*_problems(read_document(path), flaws_in(program, workspace)))
-    # Nothing else tells a figure that was computed from one that was typed in.
+    check_unedited(program, path)
+
+
+def check_unedited(program: Program, path: Path) -> None:
+    """Raises InputError if a program is not as it was written.
+
+    Nothing else tells a figure that was computed from one that was typed in.
+    """
     if program.checksum != _checksum(program):
         message = "this program is not as sqrp wrote it, so what it says need not be true of its motion"
-        raise InputError(Problem("edited-program", message, Place(path), mend=_again(program, path, workspace)))
+        raise InputError(Problem("edited-program", message, Place(path), mend=_again(program, path)))
 
 
 def workspace_path(program: Program, path: Path) -> Path:
@@ -94,13 +101,13 @@ def workspace_path(program: Program, path: Path) -> Path:
 def stale(program: Program, path: Path, workspace: Workspace) -> Problem:
     """The problem of a program whose workspace has changed, with the commands that make its steps anew."""
     message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
-    return Problem("stale-program", message, Place(path), mend=_again(program, path, workspace))
+    return Problem("stale-program", message, Place(path), mend=_again(program, path))
 
 
-def _again(program: Program, path: Path, workspace: Workspace) -> str:
+def _again(program: Program, path: Path) -> str:
     """The commands that make a program anew."""
-    tasks = [step.short_task for step in program.steps] or ["TASK"]
-    again = (f"sqrp rank {_quoted(workspace.path.parent)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
+    tasks, workspace = [step.short_task for step in program.steps] or ["TASK"], workspace_path(program, path).parent
+    again = (f"sqrp rank {_quoted(workspace)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
     return " && ".join([f"rm {_quoted(path)}", *again])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -77,7 +78,7 @@ def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as
     program = load_program(file)
     workspace, doubts = _judged(program, file)
     if (drop_last or export is not None) and doubts:
-        raise InputError(*doubts)
+        raise InputError(*(replace(doubt, severity="error") for doubt in doubts))
     notes = []
     if drop_last:
         program, dropped = _without_last(program, file)
@@ -96,20 +97,20 @@ def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as
 def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Problem]]:
     """The program's workspace, and why the program cannot be relied on: it has changed, or is not there.
 
-    Raises InputError where it contradicts a workspace that has not changed.
+    Raises InputError where it was edited, or contradicts a workspace that has not changed.
     """
-    from dataclasses import replace
-
     from sqrp_cli.knowledge.load import load_workspace
-    from sqrp_cli.program_file import check_program, stale, workspace_path
+    from sqrp_cli.program_file import check_program, check_unedited, stale, workspace_path
 
     path = workspace_path(program, file)
     try:
         workspace = load_workspace(path)
     except InputError as error:
+        check_unedited(program, file)
         message = f"its workspace cannot be read, so whether it still holds is not known: {error.problems[0]}"
         return None, [Problem("no-workspace", message, Place(file), severity="warning")]
     if program.digest != workspace.digest:
+        check_unedited(program, file)
         return workspace, [replace(stale(program, file, workspace), severity="warning")]
     check_program(program, file, workspace)
     return workspace, []

@@ -21,7 +21,6 @@ def run_replay(
 ) -> ExitCode:
     """Show a run again. program: tells where its workspace is, for a page that plays it in three dimensions."""
     from sqrp_cli.cli.console import print_problems
-    from sqrp_cli.cli.program_input import program_and_workspace
     from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_result import show_run
     from sqrp_cli.cli.run_view import LiveView
@@ -30,7 +29,7 @@ def run_replay(
 
     events = read_log(path)
     header = next(events)
-    workspace = None if program is None else program_and_workspace(program)[1]
+    workspace = None if program is None else _workspace_of(program, path, header)
     read = [] if workspace is None else [file.path for file in workspace.files.values()]
     check_not_read([page], [path, *read, *([] if program is None else [program])])
     report = None
@@ -50,6 +49,20 @@ def run_replay(
     if not rates and not as_json and any(fault.predicted_delay is not None for fault in report.faults):
         print_problems([_rates_missing(path, program)])
     return show_run(report, header.fields["workspace"], 1.0 / min(rates) if rates else None, as_json=as_json)
+
+
+def _workspace_of(program: Path, path: Path, header: Event) -> Workspace:
+    """The workspace of a program. Raises InputError for a program whose steps are not those of the log at `path`."""
+    from sqrp_cli.cli.program_input import program_and_workspace
+
+    found, workspace = program_and_workspace(program)
+    ran = [(step["skill"], step["parameters"], step["time"]) for step in header.fields.get("steps", ())]
+    steps = [(step.skill, dict(step.parameters), step.time) for step in found.steps]
+    if ran and ran != steps:
+        was, now = (", ".join(f"{skill} of {time:.2f} s" for skill, _, time in one) for one in (ran, steps))
+        message = f"this log is not of a run of {program} as it is now: that was {was}; now it is {now or 'empty'}"
+        raise InputError(Problem("other-program", message, Place(path, 1), mend=f"sqrp run --replay {path}"))
+    return workspace
 
 
 def _rates_then(header: Event, workspace: Workspace | None) -> list[float]:

@@ -18,11 +18,18 @@ class _Fields(BaseModel):
     model_config = ConfigDict(strict=True)
 
 
+class _ProgramStep(_Fields):
+    skill: str
+    parameters: dict[str, str | float]
+    time: FiniteFloat
+
+
 class _Run(_Fields):
     workspace: str
     digest: str
     cameras: list[str]
     rates: dict[str, Annotated[FiniteFloat, Field(gt=0)]] = {}
+    steps: list[_ProgramStep] = []
 
 
 class _Box(_Fields):

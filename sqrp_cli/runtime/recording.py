@@ -46,10 +46,11 @@ class FrameFolder:
     """Writes the images of a run into a folder."""
 
     def __init__(self, folder: Path) -> None:
-        """folder: is made if it does not exist. Raises InputError if it cannot be, or has frames already."""
-        if (folder / INDEX).exists():
-            raise InputError(Problem("frames-exist", "this folder has frames already", Place(folder)))
+        """folder: is made if it does not exist. Raises InputError if it cannot be, or is not empty."""
         make_folder(folder)
+        if any(folder.iterdir()):
+            message = "this folder is not empty, and nothing is ever overwritten; expected the name of a new folder"
+            raise InputError(Problem("not-empty", message, Place(folder)))
         self._folder = folder
         self._file = (folder / INDEX).open("w", newline="", encoding="utf-8")
         self._rows = csv.writer(self._file)

@@ -131,6 +131,14 @@ def test_an_edited_program_is_refused_with_what_makes_it_anew(sqrp, laying, soun
     path.unlink()
 
 
+def test_an_edited_program_is_refused_though_its_workspace_is_not_there(sqrp, sound, tmp_path):
+    path = tmp_path / "away.yaml"
+    path.write_text(re.sub(r"q_avg: [\d.]+", "q_avg: 0.99", sound.read_text(encoding="utf-8")), encoding="utf-8")
+    outcome = sqrp("program", path)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "this program is not as sqrp wrote it" in outcome.err
+
+
 def copied(laying: Path, folder: Path, old: str, new: str) -> Path:
     """A copy of the cell, with a lay skill of its own in which something is replaced."""
     shutil.copytree(Path(__file__).parents[1] / "cases" / "lay", folder / "lay")

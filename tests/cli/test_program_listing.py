@@ -91,6 +91,7 @@ def test_a_stale_program_is_listed_with_a_warning_but_neither_shortened_nor_expo
     for option in (["--drop-last"], ["--export", export]):
         outcome = sqrp("program", program, *option)
         assert (outcome.code, outcome.out) == (2, "")
+        assert outcome.err.startswith("error: ")
         assert "has changed" in outcome.err
     assert program.read_bytes() == before
     assert not export.exists()

@@ -222,6 +222,14 @@ def test_frames_are_kept_in_a_folder_only(sqrp: Callable[..., Any], cell: Cell) 
     assert "this is a file; expected the name of a folder" in found.err
 
 
+def test_frames_are_kept_in_an_empty_folder_only(sqrp: Callable[..., Any], cell: Cell) -> None:
+    before = sorted(cell.folder.iterdir())
+    found = sqrp("run", cell.program, "--sim", "--frames", cell.folder)
+    assert (found.code, found.out) == (2, "")
+    assert f"{cell.folder}: this folder is not empty, and nothing is ever overwritten" in found.err
+    assert sorted(cell.folder.iterdir()) == before
+
+
 def test_frames_without_an_index_are_bad_input(sqrp: Callable[..., Any], cell: Cell, tmp_path: Path) -> None:
     assert sqrp("audit", cell.program, tmp_path).code == 2
     (tmp_path / "frames.csv").write_text("camera,file,step,t\ncam9,a.png,1,0\n", encoding="utf-8")

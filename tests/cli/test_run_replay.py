@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
 
@@ -52,3 +53,20 @@ def test_rates_that_are_none_are_told_with_the_line(sqrp: Callable[..., Any], tm
     shown = sqrp("run", "--replay", log)
     assert (shown.code, shown.out) == (2, "")
     assert f"{log}:1: this `run` is no event of a log: `rates.slow`: input should be greater than 0" in shown.err
+
+
+@pytest.mark.parametrize(("time", "code"), [(None, 3), (9.5, 2)])
+def test_a_log_of_another_program_is_refused(
+    sqrp: Callable[..., Any], tmp_path: Path, holding: Path, time: float | None, code: int
+) -> None:
+    step = yaml.load(holding.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)["steps"][0]
+    log = log_of(tmp_path / "log", 0.1, {"slow": 5.0})
+    header, *events = log.read_text(encoding="utf-8").splitlines(keepends=True)
+    ran = {"skill": step["skill"], "parameters": step["parameters"], "time": time or step["time"]}
+    log.write_text("".join([json.dumps({**json.loads(header), "steps": [ran]}) + "\n", *events]), encoding="utf-8")
+    shown = sqrp("run", holding, "--replay", log)
+    assert shown.code == code
+    if time is not None:
+        was, now = f"that was pickup of {time:.2f} s", f"now it is pickup of {step['time']:.2f} s"
+        assert f"{log}:1: this log is not of a run of {holding} as it is now: {was}; {now}" in shown.err
+        assert f"to mend it: sqrp run --replay {log}\n" in shown.err
