@@ -158,7 +158,7 @@ def _planner(name: str) -> Planner:
 
 
 def _print(workspace: Path, task: str | None, checked: _Checked) -> None:
-    from sqrp_cli.cli.console import Column, plain, print_problems, print_table, say
+    from sqrp_cli.cli.console import Column, plain, print_problems, print_table, say, say_command
     from sqrp_cli.cli.suggestion_table import print_suggested
 
     problems, found = checked.problems, checked.found
@@ -169,7 +169,7 @@ def _print(workspace: Path, task: str | None, checked: _Checked) -> None:
         findings = (
             f"{len(problems)} warning{'s' if len(problems) > 1 else ''}" if problems else "nothing to complain about"
         )
-        say(f"{checked.name} is valid: {findings}. Try: sqrp rank {shlex.quote(str(workspace))} TASK")
+        say_command(f"{checked.name} is valid: {findings}. Try:", f"sqrp rank {shlex.quote(str(workspace))} TASK")
         return
     feasible = sum(feasibility.feasible for feasibility in found)
     say(f"{task} in {checked.name}: {feasible} of {len(found)} candidates can be done\n")

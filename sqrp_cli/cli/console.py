@@ -150,6 +150,18 @@ def say(text: Styled = "", style: str | None = None) -> None:
         console.print(line, soft_wrap=True)
 
 
+def say_command(text: str, command: str, style: str | None = None) -> None:
+    """A sentence that ends in a command, which is never folded, so that it can be copied.
+
+    Where the terminal is too narrow for both, the command has a line of its own.
+    """
+    if cell_len(f"{text} {command}") <= output().width:
+        say(f"{text} {command}", style)
+        return
+    say(text, style)
+    output().print(Text(command, style=style or ""), soft_wrap=True)
+
+
 def say_raw(text: str) -> None:
     """Text for other programs, unchanged."""
     sys.stdout.write(text + "\n")

@@ -62,13 +62,12 @@ def command(
 
 
 def _print(starter: Starter, folder: Path, *, own: bool) -> None:
-    from sqrp_cli.cli.console import say
+    from sqrp_cli.cli.console import say, say_command
 
     where = shlex.quote(str(folder))
     say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
     if own:
-        say(
-            f"The tool is fixed to `{starter.tip}`. Lines marked `check:` were guessed; compare with: sqrp show {where}"
-        )
+        guessed = f"The tool is fixed to `{starter.tip}`. Lines marked `check:` were guessed; compare with:"
+        say_command(guessed, f"sqrp show {where}")
     if starter.task is not None:
-        say(f'Try: sqrp rank {where} "{starter.task}"')
+        say_command("Try:", f'sqrp rank {where} "{starter.task}"')

@@ -6,7 +6,7 @@ import os
 import shlex
 from pathlib import Path
 
-from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say
+from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say, say_command
 from sqrp_cli.cli.json_text import SCHEMA, Document
 from sqrp_cli.joint_trajectory import action_name, tool_commands
 from sqrp_cli.program import Program, Step
@@ -28,12 +28,8 @@ def print_program(program: Program, file: Path) -> None:
     held = program.steps[-1].after.held if count else None
     if held is not None:
         say(f"It leaves {held} in the tool.")
-    say(
-        plain(
-            f"To add a step: sqrp rank {shlex.quote(os.path.relpath(folder))} TASK --program {shlex.quote(str(file))}",
-            "dim",
-        )
-    )
+    command = f"sqrp rank {shlex.quote(os.path.relpath(folder))} TASK --program {shlex.quote(str(file))}"
+    say_command("To add a step:", command, "dim")
 
 
 def _print_steps(program: Program, totals: Totals) -> None:

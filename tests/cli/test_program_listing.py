@@ -46,7 +46,10 @@ def test_totals_weight_quality_with_time_and_name_the_worst_delay(sqrp, program)
 def test_the_table_fits_80_columns_and_shows_every_step(sqrp, program):
     outcome = sqrp("program", program)
     assert outcome.code == 0
-    assert all(len(line) <= 80 for line in outcome.out.splitlines())
+    *table, command = outcome.out.splitlines()
+    assert all(len(line) <= 80 for line in table)
+    # What is to be copied is not folded.
+    assert command.removeprefix("To add a step: ").endswith(f"TASK --program {program}")
     assert "1  watch seen" in outcome.out
     assert "2  watch turned" in outcome.out
     assert "in all" in outcome.out
