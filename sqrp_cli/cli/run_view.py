@@ -135,7 +135,7 @@ def _print_faults(faults: Sequence[FaultRecord]) -> None:
     columns = ("injected", "t_f", "t_r", "t_r - t_f", "predicted", "t_redo", "t_e")
     rows = [
         [
-            fault.name,
+            fault.label,
             *(_seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
             _seconds(fault.predicted_delay, "<="),
             *(_seconds(t) for t in (fault.acted, fault.recovered)),

@@ -88,7 +88,7 @@ class Execution:
                 self._run_step(index, step)
         except Stopped as stopped:
             report.outcome, report.reason = "stopped", str(stopped)
-            self._ledger.stopped(lockstep.now, unwatched=isinstance(stopped, Unwatched))
+            self._ledger.stopped(lockstep.now, stopped if isinstance(stopped, Unwatched) else None)
             lockstep.halt(str(stopped))
         if self._witness is not None:
             self._witness.finish()
