@@ -25,7 +25,7 @@ DEFAULT_RUNS = 20
 
 _FORMS = (
     "slip@a4+0.4, slip@a4:random, slip@7.2, miss-pick, camera-loss:cam2@5, frozen:cam1@3, latency:cam3=0.5, "
-    "perception-crash:cam1@4"
+    "perception-crash:cam1@4, 2:slip@a4 in step 2"
 )
 
 
@@ -35,7 +35,8 @@ def command(
     sim: Annotated[bool, typer.Option("--sim", help="Run it in the simulated cell.")] = False,
     fault: Annotated[list[str] | None, typer.Option("--fault", help=f"Let this happen: {_FORMS}; repeatable.")] = None,
     sweep: Annotated[
-        str | None, typer.Option("--sweep", metavar="slip@PRIMITIVE", help="Many runs, with a slip at other instants.")
+        str | None,
+        typer.Option("--sweep", metavar="[STEP:]slip@PRIMITIVE", help="Many runs, with a slip at other instants."),
     ] = None,
     n: Annotated[int | None, typer.Option("--n", min=1, help="Runs of a sweep; 20 by default.")] = None,
     seed: Seed = 0,

@@ -43,12 +43,13 @@ def _fault(fault: FaultRecord) -> Document:
     return {**asdict(fault), "delay": fault.delay}
 
 
-def sweep_document(workspace: str, text: str, runs: Sequence[SweepRun], summary: SweepSummary) -> Document:
-    """The runs of a sweep."""
+def sweep_document(workspace: str, text: str, step: int, runs: Sequence[SweepRun], summary: SweepSummary) -> Document:
+    """The runs of a sweep. step: the number of the one that was swept."""
     return {
         "schema": SCHEMA,
         "workspace": workspace,
         "sweep": text,
+        "step": step,
         "tolerance": summary.tolerance,
         "predictable": summary.predictable,
         "seen": summary.seen,

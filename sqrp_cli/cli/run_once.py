@@ -52,7 +52,7 @@ def run_once(
 
     program, workspace = simulation.program, simulation.workspace
     rng = np.random.default_rng(simulation.seed)
-    faults: list[InjectedFault] = [parse_fault(text, program.steps[0], workspace.cameras, rng) for text in fault_texts]
+    faults: list[InjectedFault] = [parse_fault(text, program.steps, workspace.cameras, rng) for text in fault_texts]
     for path in (kept.record, kept.log):
         if path is not None:
             check_writable(path)

@@ -62,7 +62,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         figures.append(("predicted to see, and did", f"{100 * report.total.precision:.1f} %"))
     for fault in report.faults:
         if fault.delay is not None:
-            figures.append((f"{fault.name}: seen after", f"{fault.delay:.2f} s"))
+            figures.append((f"{fault.label}: seen after", f"{fault.delay:.2f} s"))
         if fault.delay is not None and fault.predicted_delay is not None:
             figures.append(("predicted: within", f"{fault.predicted_delay:.2f} s"))
     track = Track.of(events)
@@ -92,7 +92,7 @@ def _detail(
     cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
 ) -> dict[str, Any]:
     """What the page reads of a motion, with what images showed in place of what was predicted."""
-    marks = [(fault.name, _spans(fault, report.time)) for fault in report.faults]
+    marks = [(fault.label, _spans(fault, report.time)) for fault in report.faults]
     return {
         "of_images": True,
         "time": report.time,
@@ -173,9 +173,9 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[dict[str, Any]]
     for fault in report.faults:
         injected = fault.injected if fault.happened is None else None
         for t, text in (
-            (injected, f"{fault.name} is injected"),
-            (fault.happened, f"{fault.name} happens"),
-            (fault.detected, f"{fault.name} is seen"),
+            (injected, f"{fault.label} is injected"),
+            (fault.happened, f"{fault.label} happens"),
+            (fault.detected, f"{fault.label} is seen"),
         ):
             if t is not None:
                 happens.setdefault(round(t, 6), []).append(text)
@@ -193,11 +193,11 @@ def _spans(fault: FaultRecord, end: float) -> list[dict[str, Any]]:
     spans = []
     if fault.happened is not None:
         seen = end if fault.detected is None else fault.detected
-        spans.append({"start": fault.happened, "end": seen, "text": f"{fault.name} has happened and is not seen"})
+        spans.append({"start": fault.happened, "end": seen, "text": f"{fault.label} has happened and is not seen"})
     if fault.detected is not None:
         acted = end if fault.acted is None else fault.acted
         spans.append(
-            {"start": fault.detected, "end": acted, "text": f"{fault.name} is seen, the robot stops and looks"}
+            {"start": fault.detected, "end": acted, "text": f"{fault.label} is seen, the robot stops and looks"}
         )
     return spans
 

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cli.console import Column, Show, joined, live, plain, print_table, say
-from sqrp_cli.program import Program, Step
+from sqrp_cli.program import Program
 from sqrp_cli.runtime.outcome import (
     STATE,
     Confusion,
@@ -135,7 +135,7 @@ def _print_faults(faults: Sequence[FaultRecord]) -> None:
     columns = ("injected", "t_f", "t_r", "t_r - t_f", "predicted", "t_redo", "t_e")
     rows = [
         [
-            fault.name,
+            fault.label,
             *(_seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
             _seconds(fault.predicted_delay, "<="),
             *(_seconds(t) for t in (fault.acted, fault.recovered)),
@@ -233,9 +233,12 @@ def _print_disagreements(found: Sequence[Disagreement]) -> None:
         say(f"and {len(groups) - MOST_DISAGREEMENTS} more; --json lists every image", "dim")
 
 
-def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun], summary: SweepSummary) -> None:
-    """The runs of a sweep, and how predicted and measured delays compare."""
-    say(f"{step.short_task} in {workspace}: {text} at {len(runs)} instants")
+def print_sweep(
+    program: Program, number: int, workspace: str, text: str, runs: Sequence[SweepRun], summary: SweepSummary
+) -> None:
+    """The runs of a sweep, and how predicted and measured delays compare. number: of the step that was swept."""
+    step = "" if len(program.steps) == 1 else f"step {number}, "
+    say(f"{step}{program.steps[number - 1].short_task} in {workspace}: {text} at {len(runs)} instants")
     say()
     columns = ("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e")
     print_table(
@@ -251,7 +254,8 @@ def print_sweep(step: Step, workspace: str, text: str, runs: Sequence[SweepRun],
             for run in runs
         ],
     )
-    say("t_f it happened, t_r it was seen, t_e the step was done, all in s", "dim")
+    clocks = "all in s" if len(program.steps) == 1 else f"in s of the run (slip at: of step {number})"
+    say(f"t_f it happened, t_r it was seen, t_e the step was done, {clocks}", "dim")
     _print_stops(runs)
     say()
     within = f"within {1000 * summary.tolerance:.0f} ms (a frame period and the time to look at an image)"

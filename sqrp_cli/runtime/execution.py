@@ -88,7 +88,7 @@ class Execution:
                 self._run_step(index, step)
         except Stopped as stopped:
             report.outcome, report.reason = "stopped", str(stopped)
-            self._ledger.stopped(lockstep.now, unwatched=isinstance(stopped, Unwatched))
+            self._ledger.stopped(lockstep.now, stopped if isinstance(stopped, Unwatched) else None)
             lockstep.halt(str(stopped))
         if self._witness is not None:
             self._witness.finish()
@@ -144,18 +144,18 @@ class Execution:
             wrong = self._look(attempt, 0.0)
             if wrong is not None:
                 raise Stopped(f"wrong start: {wrong.text}")
-            alarm = self._move(attempt)
+            alarm = self._move(attempt, index + 1)
         finally:
             if first:
                 self._report.prediction.append(check.counts)
                 self._report.disagreements.extend(check.disagreements)
         return None if alarm is None else (attempt, alarm)
 
-    def _move(self, attempt: Attempt) -> Alarm | None:
-        """Play the motion of an attempt, then look at what came of it."""
+    def _move(self, attempt: Attempt, number: int) -> Alarm | None:
+        """Play the motion of an attempt at the step of a number, then look at what came of it."""
         lockstep, eyes = self._lockstep, self._eyes
         attempt.start = lockstep.now
-        self._schedule(attempt, attempt.start)
+        self._schedule(attempt, number, attempt.start)
         self._playback.play(attempt.step.primitives, attempt.start)
         end = attempt.end
         while lockstep.now < end - 1e-9 or eyes.has_arrival_from(end):
@@ -179,8 +179,11 @@ class Execution:
                     looked = True
         return alarm
 
-    def _schedule(self, attempt: Attempt, start: float) -> None:
-        """Have everything done that belongs to a motion that begins at `start` [s]; faults once, with the first."""
+    def _schedule(self, attempt: Attempt, number: int, start: float) -> None:
+        """Have everything done that belongs to a motion that begins at `start` [s].
+
+        number: of the step, whose faults happen once, with its first motion.
+        """
         tool, schedule = self._tool, self._lockstep.schedule
         for primitive in attempt.step.primitives:
             begin, end = start + primitive.start, start + primitive.end
@@ -191,8 +194,9 @@ class Execution:
                 schedule(Due(end, "tool", tool.released))
             schedule(Due(begin, "primitive", partial(self._begin, primitive.name)))
         for fault in self._faults:
-            schedule(Due(start + (fault.t or 0.0), "fault", partial(self._inject, fault)))
-        self._faults = []
+            if fault.step == number:
+                schedule(Due(start + (fault.t or 0.0), "fault", partial(self._inject, fault)))
+        self._faults = [fault for fault in self._faults if fault.step != number]
 
     def _grasp(self, attempt: Attempt) -> None:
         self._tool.grasp()

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.runtime.frame import Frame
+from sqrp_cli.runtime.outcome import Unwatched
 from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Sighting
 
@@ -113,15 +114,16 @@ class Eyes:
             sightings.append(sighting)
         return sorted(sightings, key=lambda sighting: (sighting.t, sighting.camera))
 
-    def failure(self, t: float) -> str | None:
-        """Which stream has failed by time t, and how; None while all is well."""
+    def failure(self, t: float) -> Unwatched | None:
+        """The first stream that has failed by time t, and how; None while all is well."""
         for name, stream in self._streams.items():
             newest = stream.newest if stream.newest is not None else 0.0
             age = t - newest
             if age > stream.age_limit() + 1e-9:
                 if self._is_under_way(name):
-                    return f"the images of {name} come too late: the newest is {age:.2f} s old"
-                return f"{name} is lost: no image for {age:.2f} s"
+                    reason = f"the images of {name} come too late: the newest is {age:.2f} s old"
+                    return Unwatched(reason, "latency", [name])
+                return Unwatched(f"{name} is lost: no image for {age:.2f} s", "camera-loss", [name])
         return None
 
     @property

@@ -9,7 +9,7 @@ from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.faults import InjectedFault
 from sqrp_cli.runtime.judge import Alarm
 from sqrp_cli.runtime.narrator import Narrator
-from sqrp_cli.runtime.outcome import FaultRecord
+from sqrp_cli.runtime.outcome import FaultRecord, Unwatched
 from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.prediction_check import predicted_delay
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
@@ -50,7 +50,7 @@ class FaultLedger:
                 self._eyes.delay(camera, fault.delay)
             case "perception-crash":
                 self._pool.crash(camera)
-        record = FaultRecord(_name(fault, attempt), injected=t)
+        record = FaultRecord(_name(fault, attempt), injected=t, camera=fault.camera)
         self.records.append(record)
         if fault.kind in PHYSICAL:
             self._open.append(record)
@@ -118,12 +118,13 @@ class FaultLedger:
             record.recovered = t
         self._open.clear()
 
-    def stopped(self, t: float, *, unwatched: bool) -> None:
-        """The robot stops for good; unwatched: because those who watch no longer do."""
+    def stopped(self, t: float, failure: Unwatched | None) -> None:
+        """The robot stops for good; failure: of those who watch, if that is why."""
         for record in self._seen():
             record.acted = t if record.acted is None else record.acted
-        for record in self._of_watchers if unwatched else ():
-            record.detected = record.acted = t
+        for record in self._of_watchers:
+            if failure is not None and record.name == failure.fault and record.camera in failure.cameras:
+                record.detected = record.acted = t
 
     def _seen(self) -> list[FaultRecord]:
         return [record for record in self._open if record.detected is not None]

@@ -9,9 +9,9 @@ from typing import Literal
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import MOST_NAMES, InputError, Problem, expected_names
 from sqrp_cli.knowledge.units import TIME, expected_quantity, read_quantity
-from sqrp_cli.program import Step
+from sqrp_cli.program import ProgramPrimitive, Step
 from sqrp_cli.program_check import SAME_TIME
 
 FaultKind = Literal["slip", "miss-pick", "camera-loss", "frozen", "latency", "perception-crash"]
@@ -24,6 +24,10 @@ _FORMS = {
     "latency": "latency:cam3=0.5",
     "perception-crash": "perception-crash:cam1@4",
 }
+SWEPT = ("slip",)
+"""Faults whose instant can be swept."""
+
+_STEP = re.compile(r"(?P<number>[0-9]{1,9}):(?P<bare>.*)", re.DOTALL)
 _SLIP = re.compile(r"(?P<primitive>[A-Za-z_]\w*)(?:\+(?P<offset>.+)|(?P<random>:random))?|(?P<time>[.\d].*)")
 _CAMERA_AT = re.compile(r"(?P<camera>[^@=]+)@(?P<time>.+)")
 _CAMERA_BY = re.compile(r"(?P<camera>[^@=]+)=(?P<delay>.+)")
@@ -33,8 +37,8 @@ _CAMERA_BY = re.compile(r"(?P<camera>[^@=]+)=(?P<delay>.+)")
 class InjectedFault:
     """A fault that happens to a run.
 
-    t: when [s], from the start of the program's motion; None for one that waits for an event (a grasp, the start).
-    camera: which one, for faults of cameras. delay: by how much its images are late [s].
+    t: when [s], from the start of its step's motion; None for one that waits for an event (a grasp, the start). step:
+    its number, from 1. camera: which one, for faults of cameras. delay: by how much its images are late [s].
     """
 
     kind: FaultKind
@@ -42,101 +46,226 @@ class InjectedFault:
     t: float | None = None
     camera: str | None = None
     delay: float = 0.0
+    step: int = 1
 
 
-def parse_fault(text: str, step: Step, cameras: Collection[str], rng: np.random.Generator) -> InjectedFault:
-    """A fault such as `slip@a4+0.4`. Raises InputError that says what was expected.
+@dataclass(frozen=True, eq=False)
+class StepPlace:
+    """A step of a program, where a fault may happen. number: from 1. steps: all of the program."""
 
-    text: with times in seconds or with a unit. step: whose primitives are meant, with times from its start. rng: of
-    random instants.
+    number: int
+    steps: Sequence[Step]
+
+    @property
+    def primitives(self) -> Sequence[ProgramPrimitive]:
+        """What is done in it."""
+        return self.steps[self.number - 1].primitives
+
+    @property
+    def holding(self) -> list[ProgramPrimitive]:
+        """The primitives in which the tool grasps or holds something."""
+        return [primitive for primitive in self.primitives if primitive.held or primitive.action == "Grasp"]
+
+    @property
+    def grasps(self) -> bool:
+        """Whether something is grasped in it."""
+        return any(primitive.action == "Grasp" for primitive in self.primitives)
+
+    @property
+    def named(self) -> str:
+        """Its number and task."""
+        return f"step {self.number} (`{self.steps[self.number - 1].short_task}`)"
+
+    @property
+    def label(self) -> str:
+        """What messages call it: by its number only where there are others."""
+        return "the step" if len(self.steps) == 1 else self.named
+
+    @property
+    def prefix(self) -> str:
+        """What a fault of just this step begins with."""
+        return "" if len(self.steps) == 1 else f"{self.number}:"
+
+
+@dataclass(frozen=True)
+class _Told:
+    """A fault as it was told, for messages. option: such as `--fault`. bare: the text without the number of a step."""
+
+    option: str
+    text: str
+    bare: str
+
+    def refused(self, message: str, mend: str | None = None) -> InputError:
+        """mend: by default, the forms of a fault of this kind."""
+        form = _FORMS.get(_kind(self.bare))
+        if form is not None and self.bare != self.text:
+            form = f"`{self.text.removesuffix(self.bare)}` and then {form}"
+        mend = mend or (f"write {form}" if form else f"give one of: {'; '.join(_FORMS.values())}")
+        return InputError(Problem("bad-fault", f"{self.option} {self.text}: {message}", mend=mend))
+
+
+def parse_fault(text: str, steps: Sequence[Step], cameras: Collection[str], rng: np.random.Generator) -> InjectedFault:
+    """A fault such as `slip@a4+0.4`, or `2:slip@a4+0.4` in the second step. Raises InputError with what was expected.
+
+    text: with times in seconds or with a unit, from the start of the step. steps: of the program; without a number the
+    first is meant, or the first in which it can happen if the text names a primitive or a grasp. rng: of random
+    instants.
     """
-    head = _kind(text)
+    told, places = _read_step("--fault", text, steps)
+    head = _kind(told.bare)
     if head not in _FORMS:
-        raise _refused(text, f"there is no fault `{head}`; {expected_names(head, _FORMS)}")
-    rest = text[len(head) :]
+        raise told.refused(f"there is no fault `{head}`; {expected_names(head, _FORMS)}")
+    rest, number = told.bare[len(head) :], places[0].number
     match head:
         case "slip":
-            return _slip(text, rest, step, rng)
+            return _slip(told, rest, places, rng)
         case "miss-pick":
             if rest:
-                raise _refused(text, f"expected just `{head}`")
-            if not any(primitive.action == "Grasp" for primitive in step.primitives):
-                raise _refused(text, "no primitive of this program grasps")
-            return InjectedFault("miss-pick", text)
+                raise told.refused(f"expected just `{head}`")
+            return InjectedFault("miss-pick", text, step=_grasping(told, places).number)
         case "latency":
             found = _CAMERA_BY.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
             if found is None:
-                raise _refused(text, "expected the camera and by how much it is late")
-            camera = _camera(text, found["camera"], cameras)
-            return InjectedFault("latency", text, 0.0, camera, _time(text, found["delay"]))
+                raise told.refused("expected the camera and by how much it is late")
+            camera = _camera(told, found["camera"], cameras)
+            return InjectedFault("latency", text, 0.0, camera, _time(told, found["delay"]), number)
     found = _CAMERA_AT.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
     if found is None:
-        raise _refused(text, "expected the camera and when it happens")
+        raise told.refused("expected the camera and when it happens")
     kind: FaultKind = "camera-loss" if head == "camera-loss" else "frozen" if head == "frozen" else "perception-crash"
-    camera = _camera(text, found["camera"], cameras)
-    return InjectedFault(kind, text, _time(text, found["time"]), camera)
+    camera = _camera(told, found["camera"], cameras)
+    return InjectedFault(kind, text, _time(told, found["time"]), camera, step=number)
 
 
-def _slip(text: str, rest: str, step: Step, rng: np.random.Generator) -> InjectedFault:
+def parse_sweep(text: str, steps: Sequence[Step]) -> tuple[StepPlace, ProgramPrimitive]:
+    """Where a sweep such as `slip@a4` or `2:slip@a4` is. Raises InputError for a fault that cannot be swept."""
+    told, places = _read_step("--sweep", text, steps)
+    kind, _, name = told.bare.partition("@")
+    if kind not in SWEPT:
+        raise told.refused("expected `slip@` and a primitive of the program", _slip_instead(places))
+    found = _meant(name, places, 0.0)
+    if found is None:
+        whose = "the program" if len(places) == len(steps) else places[0].label
+        message = f"expected `slip@` and a primitive of {whose}; {expected_names(name, _names(places))}"
+        raise told.refused(message, _in_another_step(told, name, steps) or _slip_instead(places))
+    _check_can_slip(told, found[0], [name])
+    return found
+
+
+def _read_step(option: str, text: str, steps: Sequence[Step]) -> tuple[_Told, list[StepPlace]]:
+    """What was told, and the steps in which it may happen: all, or the one with whose number it begins."""
+    places = [StepPlace(number, steps) for number in range(1, len(steps) + 1)]
+    found = _STEP.fullmatch(text)
+    if found is None:
+        return _Told(option, text, text), places
+    told, number = _Told(option, text, found["bare"]), int(found["number"])
+    if 1 <= number <= len(places):
+        return told, [places[number - 1]]
+    names = ", ".join(place.named for place in places[:MOST_NAMES])
+    more = f" and {len(places) - MOST_NAMES} more" if len(places) > MOST_NAMES else ""
+    message = f"there is no step {number}; expected {'one of ' if len(places) > 1 else ''}{names}{more}"
+    raise told.refused(message, f"write {len(places) if number else 1}:{told.bare}")
+
+
+def _slip(told: _Told, rest: str, places: Sequence[StepPlace], rng: np.random.Generator) -> InjectedFault:
     found = _SLIP.fullmatch(rest.removeprefix("@")) if rest.startswith("@") else None
     if found is None:
-        raise _refused(text, "expected when it slips")
+        raise told.refused("expected when it slips")
     if found["time"]:
-        t, last = _time(text, found["time"]), step.primitives[-1].end
-        if t > last:
-            raise _refused(text, f"the step lasts only {last:.2f} s")
-        during = [one.name for one in step.primitives if one.start - SAME_TIME <= t <= one.end + SAME_TIME]
-        check_can_slip(f"--fault {text}", step, during)
-        return InjectedFault("slip", text, t)
-    spans = {primitive.name: (primitive.start, primitive.end) for primitive in step.primitives}
-    if found["primitive"] not in spans:
-        hint = expected_names(found["primitive"], spans)
-        raise _refused(text, f"the program has no primitive `{found['primitive']}`; {hint}")
-    check_can_slip(f"--fault {text}", step, [found["primitive"]])
-    start, end = spans[found["primitive"]]
+        return _slip_at(told, _time(told, found["time"]), places[0])
+    name, offset = found["primitive"], _time(told, found["offset"] or "0")
+    meant = _meant(name, places, offset)
+    if meant is None:
+        whose = "the program" if len(places) == len(places[0].steps) else places[0].label
+        message = f"{whose} has no primitive `{name}`; {expected_names(name, _names(places))}"
+        raise told.refused(message, _in_another_step(told, name, places[0].steps))
+    place, primitive = meant
+    _check_can_slip(told, place, [name])
     if found["random"]:
-        return InjectedFault("slip", text, float(rng.uniform(start, end)))
-    offset = _time(text, found["offset"] or "0")
-    if start + offset > end:
-        raise _refused(text, f"`{found['primitive']}` lasts only {end - start:.2f} s")
-    return InjectedFault("slip", text, start + offset)
+        t = float(rng.uniform(primitive.start, primitive.end))
+    else:
+        t = primitive.start + offset
+        if t > primitive.end:
+            whose = f"`{name}`" if len(place.steps) == 1 else f"`{name}` of {place.label}"
+            raise told.refused(f"{whose} lasts only {primitive.end - primitive.start:.2f} s")
+    return InjectedFault("slip", told.text, t, step=place.number)
 
 
-def check_can_slip(told: str, step: Step, during: Sequence[str]) -> None:
+def _slip_at(told: _Told, t: float, place: StepPlace) -> InjectedFault:
+    """A slip at a time of a step [s]."""
+    last = place.primitives[-1].end
+    if t > last:
+        mend = None if len(place.steps) == 1 else "write N:slip@T for T seconds from the start of step N"
+        raise told.refused(f"{place.label} lasts only {last:.2f} s", mend)
+    during = [one.name for one in place.primitives if one.start - SAME_TIME <= t <= one.end + SAME_TIME]
+    _check_can_slip(told, place, during)
+    return InjectedFault("slip", told.text, t, step=place.number)
+
+
+def _meant(name: str, places: Sequence[StepPlace], offset: float) -> tuple[StepPlace, ProgramPrimitive] | None:
+    """The first primitive of a name in which something can slip at an offset [s], else the nearest to that."""
+    found = [(place, one) for place in places for one in place.primitives if one.name == name]
+    able = [(place, one) for place, one in found if one in place.holding]
+    long = [(place, one) for place, one in able if one.start + offset <= one.end]
+    return next(iter(long or able or found), None)
+
+
+def _names(places: Sequence[StepPlace]) -> set[str]:
+    return {primitive.name for place in places for primitive in place.primitives}
+
+
+def _in_another_step(told: _Told, name: str, steps: Sequence[Step]) -> str | None:
+    """What to write instead if a primitive of some name is in another step than the one that was told."""
+    found = _meant(name, [StepPlace(number, steps) for number in range(1, len(steps) + 1)], 0.0)
+    return None if found is None else f"write {found[0].prefix}{told.bare}"
+
+
+def _grasping(told: _Told, places: Sequence[StepPlace]) -> StepPlace:
+    """The first of some steps in which something is grasped."""
+    if (found := next((place for place in places if place.grasps), None)) is not None:
+        return found
+    steps = places[0].steps
+    whose = "this program" if len(places) == len(steps) else places[0].label
+    everywhere = [StepPlace(number, steps) for number in range(1, len(steps) + 1)]
+    other = next((f"write {place.prefix}miss-pick" for place in everywhere if place.grasps), None)
+    raise told.refused(f"no primitive of {whose} grasps", other or _slip_instead(everywhere))
+
+
+def _check_can_slip(told: _Told, place: StepPlace, during: Sequence[str]) -> None:
     """Raises InputError where the tool holds nothing in any of some primitives, so that nothing can slip.
 
-    told: the option with its text. during: names of primitives, at least one.
+    during: names of primitives, at least one.
     """
-    names = [primitive.name for primitive in step.primitives]
-    holding = [primitive.name for primitive in step.primitives if primitive.held or primitive.action == "Grasp"]
+    names, holding = [one.name for one in place.primitives], [one.name for one in place.holding]
     if set(during) & set(holding):
         return
     meant = names.index(during[0])
     closest = min(holding, key=lambda name: abs(names.index(name) - meant), default=None)
     expected = f"expected one of {', '.join(f'`{name}`' for name in holding)}" if holding else "nor in any other"
-    message = f"{told}: the tool grasps or holds nothing in `{during[0]}`, {expected}"
-    mend = f"write slip@{closest}" if closest is not None else "let a camera fail, such as camera-loss:CAMERA@1.0"
-    raise InputError(Problem("bad-fault", message, mend=mend))
+    where = f"`{during[0]}`" if len(place.steps) == 1 else f"`{during[0]}` of {place.label}"
+    everywhere = [StepPlace(number, place.steps) for number in range(1, len(place.steps) + 1)]
+    mend = f"write {place.prefix}slip@{closest}" if closest is not None else _slip_instead(everywhere)
+    raise told.refused(f"the tool grasps or holds nothing in {where}, {expected}", mend)
 
 
-def _time(text: str, words: str) -> float:
+def _slip_instead(places: Sequence[StepPlace]) -> str:
+    """What to write where a fault of the tool cannot happen: the first slip that can, if one can."""
+    able = [f"write {place.prefix}slip@{one.name}" for place in places for one in place.holding]
+    return able[0] if able else "let a camera fail, such as camera-loss:CAMERA@1.0"
+
+
+def _time(told: _Told, words: str) -> float:
     """A time [s], read from a plain number or one with a unit."""
     found = read_quantity(words)
     if found is None or found.dimension not in (None, TIME) or found.value < 0:
-        raise _refused(text, f"expected {expected_quantity(TIME)}, 0 or more, found `{words}`")
+        raise told.refused(f"expected {expected_quantity(TIME)}, 0 or more, found `{words}`")
     return found.value
 
 
-def _camera(text: str, name: str, cameras: Collection[str]) -> str:
+def _camera(told: _Told, name: str, cameras: Collection[str]) -> str:
     if name not in cameras:
-        raise _refused(text, f"there is no camera `{name}`; {expected_names(name, cameras)}")
+        raise told.refused(f"there is no camera `{name}`; {expected_names(name, cameras)}")
     return name
-
-
-def _refused(text: str, message: str) -> InputError:
-    form = _FORMS.get(_kind(text))
-    mend = f"write {form}" if form else f"give one of: {'; '.join(_FORMS.values())}"
-    return InputError(Problem("bad-fault", f"--fault {text}: {message}", mend=mend))
 
 
 def _kind(text: str) -> str:

@@ -14,7 +14,6 @@ from sqrp_cli.runtime.fault_ledger import TRUTH_SPACING, FaultLedger
 from sqrp_cli.runtime.ground_truth import GroundTruth
 from sqrp_cli.runtime.lookout import Lookout
 from sqrp_cli.runtime.narrator import Narrator
-from sqrp_cli.runtime.outcome import Unwatched
 from sqrp_cli.runtime.playback import Playback
 from sqrp_cli.runtime.simulation.reference import Reference
 from sqrp_cli.runtime.tool import Tool
@@ -96,7 +95,7 @@ class Lockstep:
             truths = self._truth.atoms(self.attempt)
             self._lookout.expose(self.now, self.tau(), truths, holding=self._tool.holding)
         if (failure := self._eyes.failure(self.now)) is not None:
-            raise Unwatched(failure)
+            raise failure
         return self._lookout.take_notice(arrived, self.now)
 
     def stop(self, reason: str) -> None:

@@ -40,6 +40,9 @@ class LogWriter:
     def finish(self, report: RunReport) -> None:
         """Write the report as the last line."""
         document = {key: value for key, value in asdict(report).items() if key != "wall"}
+        for fault in document["faults"]:
+            if fault["camera"] is None:  # as in the logs of earlier versions
+                del fault["camera"]
         self(Event(report.time, "report", document))
 
     def close(self) -> None:

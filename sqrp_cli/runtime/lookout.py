@@ -93,7 +93,7 @@ class Lookout:
             with self._narrator.timed("images"):
                 frames = self._eyes.expose(t, self._cell.frames, posture)
         except PerceptionError as error:
-            raise Unwatched(str(error)) from error
+            raise Unwatched(str(error), "perception-crash", error.cameras) from error
         if frames:
             self._album.take(Exposure(frames[0].t, tau, truths), [frame.camera for frame in frames])
         for frame in frames:
@@ -109,10 +109,10 @@ class Lookout:
             with self._narrator.timed("waiting for perception"):
                 arrived = self._eyes.collect(t)
         except PerceptionError as error:
-            raise Unwatched(str(error)) from error
+            raise Unwatched(str(error), "perception-crash", error.cameras) from error
         frozen = next((sighting.camera for sighting in arrived if sighting.frozen), None)
         if frozen is not None:
-            raise Unwatched(f"{frozen} is frozen: it delivers the same image again")
+            raise Unwatched(f"{frozen} is frozen: it delivers the same image again", "frozen", [frozen])
         return arrived
 
     def take_notice(self, sightings: Sequence[Sighting], now: float) -> list[Look]:

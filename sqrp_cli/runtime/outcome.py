@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
@@ -20,7 +20,14 @@ class Stopped(Exception):  # noqa: N818
 
 
 class Unwatched(Stopped):
-    """The run cannot go on because a camera or a process behind it fails."""
+    """The run cannot go on because cameras or the process behind them fail.
+
+    fault: the kind of fault that the reason tells of. cameras: those that it names.
+    """
+
+    def __init__(self, reason: str, fault: str, cameras: Collection[str]) -> None:
+        super().__init__(reason)
+        self.fault, self.cameras = fault, cameras
 
 
 @dataclass(frozen=True)
@@ -52,6 +59,7 @@ class FaultRecord:
     about it: to try again, or to stop. recovered: when the step was done after all.
     predicted_delay: from `happened` to `detected` as the program predicts it [s]. moved_on: for how long the robot went
     on with its motion after `detected`, to where the condition of a retry can be seen [s]; None if it did not.
+    camera: that it befell, None for a fault of the step.
     """
 
     name: str
@@ -62,6 +70,12 @@ class FaultRecord:
     recovered: float | None = None
     predicted_delay: float | None = None
     moved_on: float | None = None
+    camera: str | None = None
+
+    @property
+    def label(self) -> str:
+        """What people read: the name, and the camera that it befell."""
+        return self.name if self.camera is None else f"{self.name} {self.camera}"
 
     @property
     def delay(self) -> float | None:

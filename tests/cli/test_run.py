@@ -178,6 +178,67 @@ def test_faults_come_several_at_once_and_outlast_a_retry(sqrp: Callable[..., Any
     assert "cam3 is lost" in found.document["reason"]
 
 
+@pytest.fixture(scope="module")
+def two_steps(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    """A program that puts down what the tool holds before it picks up something else, with a faster arm."""
+    folder = tmp_path_factory.mktemp("two")
+    text = (ROOT / "workspaces" / "tower" / "workspace.yaml").read_text(encoding="utf-8")
+    workspace = yaml.safe_load(text.replace(" on: ", " 'on': "))
+    workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": f"{RATE} Hz"} for name in ("left", "right")}
+    workspace["robot"]["limits"] = {
+        "velocity": "120 deg/s",
+        "acceleration": "400 deg/s^2",
+        "jerk": "3000 deg/s^3",
+        "stop_acceleration": "1500 deg/s^2",
+        "stop_jerk": "30000 deg/s^3",
+    }
+    workspace["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
+    workspace["skills"] = [str(ROOT / "skills" / name) for name in ("pickup", "place")]
+    workspace["tasks"] = []
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
+    program = folder / "two.yaml"
+    assert sqrp("check", folder, "pickup blue", "--program", program).code == 0
+    return Cell(program, folder)
+
+
+def test_a_fault_happens_in_the_step_that_is_told(sqrp: Callable[..., Any], two_steps: Cell) -> None:
+    log = two_steps.folder / "run.jsonl"
+    faults = ("--fault", "2:camera-loss:right@0.3", "--fault", "2:camera-loss:left@0.3")
+    found = sqrp("run", two_steps.program, "--sim", *faults, "--json", "--log", log)
+    assert found.code == 3, found.err
+    second = next(
+        event for event in map(json.loads, log.read_text(encoding="utf-8").splitlines()) if event.get("number") == 2
+    )
+    times = {
+        fault["camera"]: (fault["injected"] - second["t"], fault["detected"]) for fault in found.document["faults"]
+    }
+    assert [fault["name"] for fault in found.document["faults"]] == ["camera-loss"] * 2
+    assert all(0.3 <= since <= 0.5 for since, _ in times.values()), "after a first look at where things are"
+    assert "left is lost" in found.document["reason"]
+    assert times["left"][1] is not None
+    assert times["right"][1] is None, "the robot had been stopped already"
+    again = sqrp("run", "--replay", log, "--json")
+    assert {**again.document, "wall": 0} == {**found.document, "wall": 0}
+
+
+def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp: Callable[..., Any], two_steps: Cell) -> None:
+    first, second = yaml.safe_load(two_steps.program.read_text(encoding="utf-8"))["steps"]
+    found = sqrp("run", two_steps.program, "--sim", "--sweep", "slip@a4", "--n", 1, "--json").document
+    a4 = next(primitive for primitive in second["primitives"] if primitive["name"] == "a4")
+    (run,) = found["runs"]
+    assert (found["sweep"], found["step"]) == ("slip@a4", 2)
+    assert run["x"] == pytest.approx((a4["start"] + a4["end"]) / 2)
+    assert run["injected"] > first["time"] + run["x"]
+
+
+def test_what_is_wrong_with_a_fault_of_a_step_is_said_of_that_step(sqrp: Callable[..., Any], two_steps: Cell) -> None:
+    for option in ("--sweep", "--fault"):
+        found = sqrp("run", two_steps.program, "--sim", option, "2:slip@a1")
+        assert (found.code, found.out) == (2, "")
+        said = "the tool grasps or holds nothing in `a1` of step 2 (`pickup blue`), expected one of `a3`, `a4`, `a5`"
+        assert found.err == f"error: {option} 2:slip@a1: {said}\n  to mend it: write 2:slip@a3\n"
+
+
 def test_a_killed_process_stops_the_robot_in_time(sqrp: Callable[..., Any], cell: Cell) -> None:
     found = sqrp("run", cell.program, "--sim", "--fault", "perception-crash:cam3@1.0", "--json")
     assert found.code == 3

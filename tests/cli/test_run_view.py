@@ -45,3 +45,14 @@ def test_nothing_is_late_by_the_same_figures_where_images_come_more_rarely(capsy
     print_run("cell", report(0.43, 0.15), 0.5)
     print_run("cell", report(0.43, 0.15))
     assert "later than predicted" not in capsys.readouterr().out
+
+
+def test_faults_of_cameras_name_them(capsys: pytest.CaptureFixture[str]) -> None:
+    seen = FaultRecord("camera-loss", 1.05, detected=1.17, acted=1.17, camera="cam2")
+    other = FaultRecord("camera-loss", 1.05, camera="cam3")
+    print_run("cell", RunReport("stopped", "cam2 is lost", 2.0, faults=[seen, other]))
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("camera-loss")]
+    assert rows == [
+        ["camera-loss", "cam2", "1.05", "-", "1.17", "-", "-", "1.17", "-"],
+        ["camera-loss", "cam3", "1.05", "-", "-", "-", "-", "-", "-"],
+    ]

@@ -136,3 +136,14 @@ def test_what_is_wrong_with_an_event_is_said(tmp_path: Path, number: int, change
     (problem,) = caught.value.problems
     assert problem.place is not None
     assert problem.place.line == number
+
+
+def test_a_log_tells_the_camera_of_a_fault_where_it_has_one(tmp_path: Path) -> None:
+    path = tmp_path / "log"
+    writer = LogWriter(path, Event(0.0, "run", {key: LOG[0][key] for key in ("workspace", "digest", "cameras")}))
+    faults = [FaultRecord("slip", 0.1), FaultRecord("camera-loss", 0.1, camera="cam1")]
+    writer.finish(RunReport(time=0.3, faults=faults))
+    writer.close()
+    *_, last = read_log(path)
+    assert ["camera" in fault for fault in last.fields["faults"]] == [False, True]
+    assert report_of(path, dict(last.fields)).faults == faults
