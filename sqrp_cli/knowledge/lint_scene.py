@@ -78,12 +78,14 @@ def _why_blind(workspace: Workspace, camera: Camera, things: Sequence[SceneObjec
             mend = "move it, or change `near` and `far`"
         return f"what is in its image is {closest}, and {limit}", mend
     stated = f"cameras.{camera.name}"
-    if f"{stated}.convention" not in workspace.places and _sees_any(camera, camera_axes_as_body(camera.X_FC), things):
+    looks_at_point = f"{stated}.pose.look_at" in workspace.places  # which goes without `convention`
+    told_axes = looks_at_point or f"{stated}.convention" in workspace.places
+    if not told_axes and _sees_any(camera, camera_axes_as_body(camera.X_FC), things):
         return "it looks elsewhere", "add `convention: body` to the camera: with x forward, y left, z up it sees them"
     nearest = min(things, key=lambda thing: float(np.linalg.norm(_points(thing)[0] - camera.X_FC[:3, 3])))
     at = ", ".join(f"{value:g}" for value in _points(nearest)[0].round(3) + 0.0)
     mend = f"turn it to them: `look_at: [{at}]` in its pose makes it look at `{nearest.name}`"
-    if f"{stated}.pose.look_at" not in workspace.places:
+    if not looks_at_point:
         mend += "; a rotation is that of the optical frame, z forward, x right, y down"
     return "it looks elsewhere", mend
 
