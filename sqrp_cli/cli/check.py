@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -96,6 +96,7 @@ def _check(
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.logic.planner import find_plan
     from sqrp_cli.programming.dependency_check import best_suggestion, check_candidate
+    from sqrp_cli.programming.listed_tasks import impossible_tasks
     from sqrp_cli.programming.outside import intervals_outside
     from sqrp_cli.programming.sampling import Adaptive
     from sqrp_cli.programming.suggestion import Suggester
@@ -105,7 +106,7 @@ def _check(
     if any(problem.severity == "error" for problem in problems):
         return _Checked(workspace.name, problems)
     if task is None:
-        return _Checked(workspace.name, (*problems, *_unreadable_tasks(workspace), *_doubts(workspace, seed)))
+        return _Checked(workspace.name, (*problems, *impossible_tasks(workspace), *_doubts(workspace, seed)))
     session = Session.begin(workspace, task, world_before(after, program), Adaptive(), seed=seed)
     world = session.assignment.world
     suggester = Suggester(session.cell, world, _planner(planner) if planner else find_plan, jobs)
@@ -120,18 +121,6 @@ def _check(
         add_steps(session.cell, chosen_steps(suggested), Adaptive(), program)
     told = (*problems, *session.cell.warnings, *intervals_outside(found))
     return _Checked(workspace.name, told, tuple(found), suggested)
-
-
-def _unreadable_tasks(workspace: Workspace) -> Iterator[Problem]:
-    """What `rank` would say of the tasks that the workspace lists, with the place where each stands."""
-    from sqrp_cli.programming.task import read_task
-
-    for index, expected in enumerate(workspace.tasks):
-        try:
-            read_task(expected.task, workspace)
-        except InputError as error:
-            place = workspace.places.get(f"tasks.{index}.task")
-            yield from (replace(problem, place=place) for problem in error.problems)
 
 
 def _doubts(workspace: Workspace, seed: int) -> Iterator[Problem]:

@@ -19,8 +19,8 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     Codes: literal-without-target, box-moves-with-lost-object, contradictory-formulas, contradictory-precondition,
     against-the-precondition, against-the-effect, too-few-cameras, too-small-for-every-camera,
     unused-parameter, held-against-the-facts, camera-inside-object, camera-sees-nothing, overlapping-objects,
-    floating-object. Intervals that end before they start and frames that do not exist are refused when the workspace is
-    read.
+    floating-object, beside-support. Intervals that end before they start and frames that do not exist are refused when
+    the workspace is read.
     """
     findings: list[Problem] = []
     for skill in workspace.skills.values():

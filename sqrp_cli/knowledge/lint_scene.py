@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, box_corners, inverse, pose, transform
 from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.overlap import box_penetration
+from sqrp_cli.knowledge.overlap import box_penetration, gap_from_above
 from sqrp_cli.knowledge.read_cell import WORLD, camera_axes_as_body
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, SceneObject, Shape, Sphere
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
@@ -78,12 +78,14 @@ def _why_blind(workspace: Workspace, camera: Camera, things: Sequence[SceneObjec
             mend = "move it, or change `near` and `far`"
         return f"what is in its image is {closest}, and {limit}", mend
     stated = f"cameras.{camera.name}"
-    if f"{stated}.convention" not in workspace.places and _sees_any(camera, camera_axes_as_body(camera.X_FC), things):
+    looks_at_point = f"{stated}.pose.look_at" in workspace.places  # which goes without `convention`
+    told_axes = looks_at_point or f"{stated}.convention" in workspace.places
+    if not told_axes and _sees_any(camera, camera_axes_as_body(camera.X_FC), things):
         return "it looks elsewhere", "add `convention: body` to the camera: with x forward, y left, z up it sees them"
     nearest = min(things, key=lambda thing: float(np.linalg.norm(_points(thing)[0] - camera.X_FC[:3, 3])))
     at = ", ".join(f"{value:g}" for value in _points(nearest)[0].round(3) + 0.0)
     mend = f"turn it to them: `look_at: [{at}]` in its pose makes it look at `{nearest.name}`"
-    if f"{stated}.pose.look_at" not in workspace.places:
+    if not looks_at_point:
         mend += "; a rotation is that of the optical frame, z forward, x right, y down"
     return "it looks elsewhere", mend
 
@@ -110,9 +112,11 @@ def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
 
 
 def floating_objects(workspace: Workspace) -> Iterator[Problem]:
-    """Objects that are 5 mm or more away from what they are said to be on, with nothing else under them.
+    """Objects that are 5 mm or more away from what they are said to be on.
 
-    Parts that are no boxes count as the boxes around them, so the distance may be larger than what is told.
+    With something else under them they may stand on that, if what they are said to be on is below: a cube in a tray is
+    on the table too. Parts that are no boxes count as the boxes around them, so the distance may be larger than what is
+    told.
     """
     around = {thing.name: list(_boxes_around(thing)) for thing in workspace.objects.values() if thing.X_WO is not None}
     for thing in workspace.objects.values():
@@ -123,13 +127,20 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
         gap = min(-box_penetration(*one, *other) for one, other in product(above, below))
         if gap < LEAST_GAP - 1e-9:
             continue
-        if _stands_on_any(above, [box for other, boxes in around.items() if other != thing.name for box in boxes]):
+        place = workspace.places.get(f"objects.{thing.name}.pose")
+        under = next((name for name, boxes in around.items() if name != thing.name and _stand_on(above, boxes)), None)
+        if under is not None:
+            aside = min(gap_from_above(*one, *other) for one, other in product(above, below))
+            if aside >= LEAST_GAP - 1e-9:
+                message = f"`{thing.name}` is said to be on `{support.name}`, but does not stand over it: "
+                message += f"it is {aside:.3g} m beside it, on `{under}`"
+                mend = f"move it onto `{support.name}`, or write `on: {under}`"
+                yield Problem("beside-support", message, place, severity="warning", mend=mend)
             continue
         bottom = min(transform(X_WG, box_corners(size))[:, 2].min() for X_WG, size in above)
         top = max(transform(X_WG, box_corners(size))[:, 2].max() for X_WG, size in below)
         mend = f"lower it by {1e3 * gap:.1f} mm" if bottom - top > gap - 1e-6 else f"move it onto `{support.name}`"
         message = f"`{thing.name}` is said to be on `{support.name}`, but between them is a gap of {1e3 * gap:.1f} mm"
-        place = workspace.places.get(f"objects.{thing.name}.pose")
         yield Problem("floating-object", message, place, severity="warning", mend=f"{mend}, or correct `on`")
 
 
@@ -240,7 +251,7 @@ def _solid_boxes(thing: SceneObject) -> list[tuple[Array, Array]]:
     ]
 
 
-def _stands_on_any(boxes: Sequence[tuple[Array, Array]], others: Sequence[tuple[Array, Array]]) -> bool:
+def _stand_on(boxes: Sequence[tuple[Array, Array]], others: Sequence[tuple[Array, Array]]) -> bool:
     """Whether boxes that are lowered by `LEAST_GAP` get into one of the others."""
     lowered = [(pose(position=(0.0, 0.0, -LEAST_GAP)) @ X_WG, size) for X_WG, size in boxes]
     return any(box_penetration(*one, *other) > 1e-9 for one, other in product(lowered, others))

@@ -1,4 +1,4 @@
-"""How deep two oriented boxes are in each other."""
+"""How deep two oriented boxes are in each other, and how far apart seen from above."""
 
 from __future__ import annotations
 
@@ -24,3 +24,20 @@ def box_penetration(X_WA: Array, size_A: Array, X_WB: Array, size_B: Array) -> f
     reach_B = np.abs(directions @ axes_B.T) @ (0.5 * size_B)
     gap = np.abs(directions @ (X_WA[:3, 3] - X_WB[:3, 3]))
     return float((reach_A + reach_B - gap).min())
+
+
+def gap_from_above(X_WA: Array, size_A: Array, X_WB: Array, size_B: Array) -> float:
+    """How far [m] two oriented boxes are apart at least where heights do not count; 0 or less if one is over the other.
+
+    X_WA, X_WB: poses of the boxes' centres, z up, shape (4, 4); size_A, size_B: full extents [m], shape (3,).
+
+    The separating-axis theorem for their shadows on the floor, whose edges are those of the boxes.
+    """
+    axes_A, axes_B = X_WA[:3, :3].T, X_WB[:3, :3].T
+    normals = cross(np.concatenate([axes_A, axes_B]), np.array([0.0, 0.0, 1.0]))
+    lengths = np.linalg.norm(normals, axis=1)
+    directions = normals[lengths > 1e-9] / lengths[lengths > 1e-9, None]
+    reach_A = np.abs(directions @ axes_A.T) @ (0.5 * size_A)
+    reach_B = np.abs(directions @ axes_B.T) @ (0.5 * size_B)
+    between = np.abs(directions @ (X_WA[:3, 3] - X_WB[:3, 3]))
+    return float((between - reach_A - reach_B).max())

@@ -34,11 +34,12 @@ def package_roots(stated: Sequence[Path] = ()) -> tuple[Path, ...]:
     return tuple(dict.fromkeys(root.resolve() for root in candidates if root.is_dir()))
 
 
-def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place) -> Path:
+def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | None) -> Path:
     """The existing file that `reference` names.
 
     reference: a path (relative to `folder`), a `file://` URL, or `package://NAME/PATH`, which is looked up in `roots`:
-    a root matches that contains a folder NAME or is itself named NAME. place: where the reference stands.
+    a root matches that contains a folder NAME or is itself named NAME. place: where the reference stands; None for the
+    command line.
 
     Raises InputError if there is no such file, with the roots tried and the command that installs the package.
     """
@@ -56,7 +57,7 @@ def _environment_paths(variable: str) -> list[Path]:
     return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
 
 
-def _resolve_package(reference: str, roots: Sequence[Path], place: Place) -> Path:
+def _resolve_package(reference: str, roots: Sequence[Path], place: Place | None) -> Path:
     name, _, rest = reference.removeprefix("package://").partition("/")
     folders = [root if root.name == name else root / name for root in roots]
     folders = [folder for folder in folders if name and folder.is_dir()]

@@ -61,8 +61,11 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
     domain = _read_domain(folder / f"{folder.name}.pddl", digest)
     digest.add(f"skills.{folder.name}.yaml", document.path, document.content)
     if folder.name not in domain.actions:
-        message = f"no action `{folder.name}`; {expected_names(folder.name, domain.actions)}"
-        raise InputError(Problem("missing-action", message, Place(domain.path)))
+        message = f"no action `{folder.name}`, named like its folder; {expected_names(folder.name, domain.actions)}"
+        meant = nearest(folder.name, domain.actions) or next(iter(domain.actions), None)
+        there = Place(domain.path) if meant is None else domain.actions[meant].place
+        mend = "rename the action, or the folder and its file"
+        raise InputError(Problem("missing-action", message, there, mend=mend))
     return _SkillReader(document, validate(document, SkillFile), domain, domain.actions[folder.name]).read(folder)
 
 

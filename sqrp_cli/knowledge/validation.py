@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from difflib import SequenceMatcher
 from typing import Any, TypeVar
 
@@ -81,7 +82,9 @@ def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
     if kind in _EXPECTED:
         code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
         expected = _EXPECTED[kind].format(**context) + or_mapping
-        return [document.problem(code, path, f"found {found}, expected {expected}")]
+        problem = document.problem(code, path, f"found {found}, expected {expected}")
+        # Pydantic marks what is wrong with a key, which stands elsewhere than its value.
+        return [replace(problem, place=document.key_place(path)) if details["loc"][-1:] == ("[key]",) else problem]
     if kind == "ambiguous-entry" and isinstance(details["input"], dict):
         message = details["msg"] + _found_instead(list(details["input"]), details["msg"])
         return [document.problem(kind, path, message)]

@@ -6,7 +6,7 @@ PDDL does not tell upper case from lower case; every name here is in lower case.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias, TypeVar
 
@@ -160,12 +160,13 @@ class Effect:
 
 @dataclass(frozen=True)
 class Action:
-    """An action with its precondition and its unconditional effect."""
+    """An action with its precondition and its unconditional effect; place: where its name stands."""
 
     name: str
     parameters: tuple[Parameter, ...]
     precondition: Condition
     effect: Effect
+    place: Place = field(compare=False)
 
 
 @dataclass(frozen=True, eq=False)

@@ -220,7 +220,9 @@ class _Reader:
         precondition: Condition = Conjunction()
         if ":precondition" in parts and parts[":precondition"].items:
             precondition = self.condition(parts[":precondition"], scope)
-        self.actions[name.text] = Action(name.text, parameters, precondition, self.effect(parts[":effect"], scope))
+        effect = self.effect(parts[":effect"], scope)
+        place = self.source.place_at(name.offset)
+        self.actions[name.text] = Action(name.text, parameters, precondition, effect, place)
 
     def parameters(self, nodes: Sequence[Node], scope: Scope) -> tuple[Parameter, ...]:
         """Reads a typed list of variables and adds them to the scope."""

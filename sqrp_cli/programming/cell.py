@@ -16,6 +16,7 @@ from sqrp_cli.programming.motion.contact import Pairs
 from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.motion.self_contacts import SelfContacts, find_self_contacts
+from sqrp_cli.programming.part_extents import parts_outside_size
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.shape_overlaps import overlapping_shapes
 from sqrp_cli.programming.solids import load_solids
@@ -53,7 +54,12 @@ class Cell:
             CollisionScene(model, objects, unchecked, workspace.padding),
             Observer(tuple(workspace.cameras.values()), load_solids(parts)),
             contacts,
-            (*doubtful_meshes(workspace, model), *overlapping_shapes(workspace), *_assumed(robot, contacts)),
+            (
+                *doubtful_meshes(workspace, model),
+                *parts_outside_size(workspace),
+                *overlapping_shapes(workspace),
+                *_assumed(robot, contacts),
+            ),
             seed,
         )
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.knowledge.scene import Mesh
+from sqrp_cli.knowledge.scene import Mesh, SceneObject
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.solids import Solid, load_solid
@@ -32,11 +32,18 @@ def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem
     for thing in workspace.objects.values():
         for index, part in enumerate(thing.parts):
             if isinstance(part.shape, Mesh):
-                size, stated = _size(load_solid(part)), float(np.linalg.norm(thing.size))
-                if size > OBJECT_FACTOR * stated or size < stated / OBJECT_FACTOR:
+                solid = load_solid(part)
+                if scale_is_doubtful(solid, thing):
+                    size, stated = _size(solid), float(np.linalg.norm(thing.size))
                     place = workspace.places.get(f"objects.{thing.name}.parts.{index}.mesh")
                     told = f"the mesh of `{thing.name}` measures {_metres(size)}, its `size` {_metres(stated)}"
                     yield _doubt(told, place, size > stated, "this part")
+
+
+def scale_is_doubtful(solid: Solid, thing: SceneObject) -> bool:
+    """Whether the size of an object's mesh is so far from the object's `size` that the unit must be another one."""
+    ratio = _size(solid) / float(np.linalg.norm(thing.size))
+    return not 1 / OBJECT_FACTOR <= ratio <= OBJECT_FACTOR
 
 
 def _doubt(told: str, place: Place | None, too_large: bool, where: str) -> Problem:

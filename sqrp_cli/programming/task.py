@@ -10,12 +10,15 @@ from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge import units
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import MotionValue, Skill
-from sqrp_cli.knowledge.units import read_quantity
+from sqrp_cli.knowledge.units import expected_quantity, read_quantity
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.logic.domain import Parameter
 
 MAX_CANDIDATES = 100_000
 """A task with more candidates than this is refused."""
+
+MOST_OF_UNIT = 3
+"""Letters of a word that is no known unit and may be meant as one."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,9 @@ def read_task(text: str, workspace: Workspace) -> Task:
     try:
         choices = _object_choices(skill, workspace, settings, filters)
     except InputError as error:
-        raise InputError(*(replace(problem, mend=_without_blank(words)) for problem in error.problems)) from error
+        raise InputError(
+            *(replace(problem, mend=_unit_hint(words, skill, workspace)) for problem in error.problems)
+        ) from error
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
     count = 1
     for values in [*choices, *motion]:
@@ -129,12 +134,23 @@ def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:
     return settings
 
 
-def _without_blank(words: Sequence[str]) -> str | None:
+def _unit_hint(words: Sequence[str], skill: Skill, workspace: Workspace) -> str | None:
     """What mends a task in which a blank stands between a number and its unit, or before the number."""
+    known = {word for thing in workspace.objects.values() for word in _words_for(thing)}
+    kinds = {parameter.name: parameter.kinds for parameter in skill.motion_parameters}
     for setting, word in pairwise(words):
-        value = setting.rpartition("=")[2].rpartition(",")[2]
-        if "=" in setting and "=" not in word and read_quantity(f"{value} {word}") is not None:
+        name, _, values = setting.partition("=")
+        value = values.rpartition(",")[2]
+        dimensions = [kind.dimension for kind in kinds.get(name, ()) if kind.dimension is not None]
+        if "=" in word or not dimensions or word.lower() in known:
+            continue
+        quantity = read_quantity(f"{value} {word}")
+        if quantity is not None and quantity.dimension in (None, *dimensions):
             return f"write a value and its unit without a blank: `{setting}{word}`"
+        # Units are short: a longer word after a number is rather a misspelt object.
+        if quantity is not None or (read_quantity(value) is not None and len(word) <= MOST_OF_UNIT):
+            expected = expected_quantity(*dict.fromkeys(dimensions))
+            return f"if `{word}` is meant as a unit: `{name}` is {expected}, written without a blank"
     return None
 
 

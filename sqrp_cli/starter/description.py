@@ -9,6 +9,7 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.packages import package_roots, resolve
+from sqrp_cli.knowledge.source import missing_file
 from sqrp_cli.knowledge.srdf import read_srdf
 from sqrp_cli.knowledge.urdf import MeshReference, UrdfModel, read_urdf
 from sqrp_cli.knowledge.xml_file import read_xml
@@ -39,8 +40,9 @@ def describe_robot(reference: str, folder: Path) -> Description:
 
     Raises InputError for a URDF that cannot be used.
     """
-    roots = package_roots()
-    path = resolve(reference, Path.cwd(), roots, Place(Path(reference))).resolve()
+    if "://" not in reference and not (named := Path(reference).expanduser()).is_file():
+        raise InputError(missing_file(named))
+    path = resolve(reference, Path.cwd(), package_roots(), None).resolve()
     urdf = read_urdf(path)
     srdf, warnings = _srdf_beside(path, urdf)
     return Description(

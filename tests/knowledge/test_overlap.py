@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array, box_corners, inverse, pose, quaternion_to_matrix, transform
-from sqrp_cli.knowledge.overlap import box_penetration
+from sqrp_cli.knowledge.overlap import box_penetration, gap_from_above
 
 numbers = st.floats(-1.0, 1.0)
 sizes = st.tuples(*[st.floats(0.05, 0.6)] * 3).map(np.array)
@@ -71,3 +71,26 @@ def test_boxes_apart_have_no_corner_in_each_other(X_WA: Array, size_A: Array, X_
     if box_penetration(X_WA, size_A, X_WB, size_B) <= 0.0:
         assert not inside(transform(X_WA, box_corners(size_A)), X_WB, size_B).any()
         assert not inside(transform(X_WB, box_corners(size_B)), X_WA, size_A).any()
+
+
+@settings(max_examples=100, deadline=None)
+@given(poses(), sizes, poses(), sizes, st.floats(-3.0, 3.0))
+def test_the_gap_from_above_is_that_of_the_shadows(
+    X_WA: Array, size_A: Array, X_WB: Array, size_B: Array, height: float
+) -> None:
+    gap = gap_from_above(X_WA, size_A, X_WB, size_B)
+    raised = pose(position=[0.0, 0.0, height]) @ X_WB
+    assert np.isclose(gap, gap_from_above(X_WA, size_A, raised, size_B))
+    if gap > 1e-9:
+        assert box_penetration(X_WA, size_A, raised, size_B) <= 0.0
+    else:  # then no vertical plane is between them
+        angles = np.linspace(0.0, 2 * np.pi, 90)
+        normals = np.column_stack([np.cos(angles), np.sin(angles)])
+        one, other = (transform(X, box_corners(s))[:, :2] @ normals.T for X, s in ((X_WA, size_A), (X_WB, size_B)))
+        assert (other.min(axis=0) - one.max(axis=0) <= gap + 1e-9).all()
+
+
+def test_the_gap_from_above_of_boxes_along_one_axis_is_what_is_between_them() -> None:
+    size = np.array([0.2, 0.2, 0.2])
+    assert np.isclose(gap_from_above(np.eye(4), size, pose(position=[0.3, 0.0, 5.0]), size), 0.1)
+    assert gap_from_above(np.eye(4), size, pose(position=[0.1, 0.1, 5.0]), size) < 0.0

@@ -32,6 +32,7 @@ def test_a_bad_task_is_refused_with_what_would_be_right(case: dict, workspace: W
     for fragment in case["fragments"]:
         assert fragment in problem.message
     assert case.get("mend", "") in (problem.mend or "")
+    assert not (case.get("no_mend") and problem.mend)
 
 
 def test_words_filter_objects_by_name_type_and_colour(workspace: Workspace) -> None:

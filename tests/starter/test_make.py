@@ -187,6 +187,13 @@ def test_a_robot_that_cannot_be_used_leaves_nothing_behind(tmp_path: Path) -> No
     assert [path.name for path in tmp_path.iterdir()] == ["arm.urdf"]
 
 
+@pytest.mark.parametrize("reference", ["none.urdf", "/nowhere/none.urdf", "package://none/none.urdf", "file:///n.urdf"])
+def test_a_robot_that_is_missing_is_named_once(reference: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="not found") as caught:
+        make_starter(tmp_path / "cell", reference)
+    assert str(caught.value).count(reference) == 1
+
+
 def test_rotations_survive_being_written_as_roll_pitch_yaw() -> None:
     steps = np.radians([-180, -90, -30, 0, 45, 90, 180])
     for rpy in itertools.product(steps, repeat=3):
