@@ -158,7 +158,8 @@ def _print(workspace: Path, task: str | None, checked: _Checked) -> None:
         findings = (
             f"{len(problems)} warning{'s' if len(problems) > 1 else ''}" if problems else "nothing to complain about"
         )
-        say_command(f"{checked.name} is valid: {findings}. Try:", f"sqrp rank {shlex.quote(str(workspace))} TASK")
+        say(f"{checked.name} is valid: {findings}.")
+        say_command("Try:", f"sqrp rank {shlex.quote(str(workspace))} TASK")
         return
     feasible = sum(feasibility.feasible for feasibility in found)
     say(f"{task} in {checked.name}: {feasible} of {len(found)} candidates can be done\n")
