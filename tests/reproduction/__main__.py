@@ -21,7 +21,7 @@ from tests.reproduction.paper import (
     SIMULATION,
     Reported,
 )
-from tests.reproduction.runs import AFTER_A_SLIP, SLIP, Run, earlier, run_with_slip
+from tests.reproduction.runs import AFTER_A_SLIP, SLIP, Run, earlier, runs_with_slip
 from tests.reproduction.screws import Screws, pick_screws, screws_cell
 from tests.reproduction.simulation import (
     SAMPLINGS,
@@ -54,7 +54,7 @@ def main(arguments: list[str]) -> int:
     page.heading("Real world: two screws, a sample every second")
     _qualities(page, real.of, REAL_WORLD)
     page.pictures("screws", "pickup_two_finger screw", "red2", "--dt", "1")
-    runs = {} if "--without-runs" in arguments else {name: run_with_slip(name, FOLDER) for name in REAL_WORLD}
+    runs = {} if "--without-runs" in arguments else runs_with_slip(list(REAL_WORLD), FOLDER)
     if runs:
         page.heading(f"At run time: {SLIP} for both screws")
         _runs(page, runs)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.reproduction.findings import DRAWS, REAL, SIMULATED, Finding, failing, moved
-from tests.reproduction.runs import AFTER_A_SLIP, run_with_slip
+from tests.reproduction.runs import AFTER_A_SLIP, runs_with_slip
 from tests.reproduction.screws import Screws, pick_screws, screws_cell
 from tests.reproduction.simulation import Picking, Simulation, simulate, tabletop
 
@@ -47,6 +47,5 @@ def test_the_findings_in_simulation_survive_inexact_cameras() -> None:
 
 @pytest.mark.slow
 def test_after_a_slip(tmp_path: Path) -> None:
-    runs = {name: run_with_slip(name, tmp_path) for name in ("red1", "red2")}
-    lost = failing(AFTER_A_SLIP, runs)
+    lost = failing(AFTER_A_SLIP, runs_with_slip(("red1", "red2"), tmp_path))
     assert not lost, f"no longer so: {', '.join(lost)}"
