@@ -154,7 +154,7 @@ def parse_sweep(text: str, steps: Sequence[Step]) -> tuple[StepPlace, ProgramPri
 
 def _read_step(option: str, text: str, steps: Sequence[Step]) -> tuple[_Told, list[StepPlace]]:
     """What was told, and the steps in which it may happen: all, or the one with whose number it begins."""
-    places = [StepPlace(number, steps) for number in range(1, len(steps) + 1)]
+    places = _places(steps)
     found = _STEP.fullmatch(text)
     if found is None:
         return _Told(option, text, text), places
@@ -165,6 +165,10 @@ def _read_step(option: str, text: str, steps: Sequence[Step]) -> tuple[_Told, li
     more = f" and {len(places) - MOST_NAMES} more" if len(places) > MOST_NAMES else ""
     message = f"there is no step {number}; expected {'one of ' if len(places) > 1 else ''}{names}{more}"
     raise told.refused(message, f"write {len(places) if number else 1}:{told.bare}")
+
+
+def _places(steps: Sequence[Step]) -> list[StepPlace]:
+    return [StepPlace(number, steps) for number in range(1, len(steps) + 1)]
 
 
 def _slip(told: _Told, rest: str, places: Sequence[StepPlace], rng: np.random.Generator) -> InjectedFault:
@@ -216,7 +220,7 @@ def _names(places: Sequence[StepPlace]) -> set[str]:
 
 def _in_another_step(told: _Told, name: str, steps: Sequence[Step]) -> str | None:
     """What to write instead if a primitive of some name is in another step than the one that was told."""
-    found = _meant(name, [StepPlace(number, steps) for number in range(1, len(steps) + 1)], 0.0)
+    found = _meant(name, _places(steps), 0.0)
     return None if found is None else f"write {found[0].prefix}{told.bare}"
 
 
@@ -226,7 +230,7 @@ def _grasping(told: _Told, places: Sequence[StepPlace]) -> StepPlace:
         return found
     steps = places[0].steps
     whose = "this program" if len(places) == len(steps) else places[0].label
-    everywhere = [StepPlace(number, steps) for number in range(1, len(steps) + 1)]
+    everywhere = _places(steps)
     other = next((f"write {place.prefix}miss-pick" for place in everywhere if place.grasps), None)
     raise told.refused(f"no primitive of {whose} grasps", other or _slip_instead(everywhere))
 
@@ -243,7 +247,7 @@ def _check_can_slip(told: _Told, place: StepPlace, during: Sequence[str]) -> Non
     closest = min(holding, key=lambda name: abs(names.index(name) - meant), default=None)
     expected = f"expected one of {', '.join(f'`{name}`' for name in holding)}" if holding else "nor in any other"
     where = f"`{during[0]}`" if len(place.steps) == 1 else f"`{during[0]}` of {place.label}"
-    everywhere = [StepPlace(number, place.steps) for number in range(1, len(place.steps) + 1)]
+    everywhere = _places(place.steps)
     mend = f"write {place.prefix}slip@{closest}" if closest is not None else _slip_instead(everywhere)
     raise told.refused(f"the tool grasps or holds nothing in {where}, {expected}", mend)
 
