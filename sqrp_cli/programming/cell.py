@@ -9,7 +9,6 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.heap import keep_freed_memory
 from sqrp_cli.programming.mesh_sizes import doubtful_meshes
 from sqrp_cli.programming.motion.collision import CollisionScene
 from sqrp_cli.programming.motion.contact import Pairs
@@ -41,7 +40,6 @@ class Cell:
     @classmethod
     def load(cls, workspace: Workspace, seed: int = 0) -> Cell:
         """Read the robot and every mesh. Raises InputError for a URDF or mesh that cannot be used."""
-        keep_freed_memory()
         robot = workspace.robot
         model = RobotModel.load(robot)
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
