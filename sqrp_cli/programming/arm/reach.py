@@ -14,11 +14,15 @@ from sqrp_cli.programming.arm.reach_bound import beyond_reach
 STARTS = 64
 """Starting points of the search for the closest pose that can be reached."""
 
-TURN_WEIGHTS = (1.0, 10.0, 100.0, 1000.0)
-"""Weights of an error of 1 rad against one of 1 m, in turn; the last holds it to 1e-6 rad."""
+STAGES = ((1.0, 12, 32), (10.0, 20, 8), (100.0, 60, 8), (1000.0, 100, 8))
+"""Weights of an error of 1 rad against one of 1 m, in turn; for each the steps, and how many of the best go on.
+
+The last weight holds an orientation to 1e-6 rad. Most starts meet in the same few places, and which those are shows
+long before they are reached.
+"""
 
 STEPS = 60
-"""Steps of the search under each weight."""
+"""Steps of the search for places behind one out of reach."""
 
 PLACES_BEYOND, STARTS_BEYOND = 16, 16
 """Places behind one out of reach that are tried, and starting points of the search for each."""
@@ -106,16 +110,19 @@ def _out_of_reach(model: RobotModel, X_WT: Array) -> OutOfReach | WrongWayRound:
     everything = np.ones(len(model.arm), dtype=bool)
     limits = (model.lower, model.upper)
     q = np.concatenate([model.home[None], spread_starts(model, STARTS)])
-    for weight in TURN_WEIGHTS:
-        q, errors = descend(model, X_WT, q, everything, STEPS, weight, limits)
+    for weight, steps, kept in STAGES:
+        q, errors = descend(model, X_WT, q, everything, steps, weight, limits)
+        best = np.argsort((errors**2).sum(axis=1), kind="stable")[:kept]
+        q, errors = q[best], errors[best]
     distances = np.linalg.norm(errors[:, :3], axis=1)
-    angles = np.linalg.norm(errors[:, 3:], axis=1) / TURN_WEIGHTS[-1]
+    angles = np.linalg.norm(errors[:, 3:], axis=1) / weight
     held = angles < HELD_ORIENTATION
     if not held.any():
         return WrongWayRound(float(angles.min()))
-    best = int(np.where(held, distances, np.inf).argmin())
+    closest = int(np.where(held, distances, np.inf).argmin())
     outside = beyond_reach(model, X_WT) > 0.0
-    return OutOfReach(float(distances[best]), not outside and _is_in_hole(model, X_WT, q[best], errors[best, :3]))
+    in_hole = not outside and _is_in_hole(model, X_WT, q[closest], errors[closest, :3])
+    return OutOfReach(float(distances[closest]), in_hole)
 
 
 def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> bool:
