@@ -91,8 +91,8 @@ def grow(runs: int) -> None:
 
 def _within(scene: BenchmarkScene) -> Array:
     """Which views pass every limit but occlusion, shape (boxes, cameras, states)."""
-    rows = np.arange(scene.states.count)
-    return np.stack([scene.observer.limits(box, scene.states, rows).cause == Cause.NONE for box in scene.boxes])
+    within = scene.observer.limits(scene.boxes, scene.states, np.arange(scene.states.count)).cause == Cause.NONE
+    return within.reshape(len(scene.observer.cameras), len(scene.boxes), -1).swapaxes(0, 1)
 
 
 def _ours_full(scene: BenchmarkScene) -> list[object]:
@@ -106,7 +106,7 @@ def _ours_hidden(scene: BenchmarkScene) -> Array:
 
 def _ours_covered(scene: BenchmarkScene) -> list[object]:
     rows = np.arange(scene.states.count)
-    return [scene.observer.coverage([target], scene.states, [rows])[0] for target in scene.targets]
+    return list(scene.observer.coverage(scene.targets, scene.states, [rows] * len(scene.targets)))
 
 
 def _peer_times(scene: BenchmarkScene, peer: Peer, points: Array, runs: int) -> tuple[float, float]:

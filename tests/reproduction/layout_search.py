@@ -67,7 +67,7 @@ class Watched:
         """Whether every box of each target is within the limits of cameras and detector, shape (v, m, a)."""
         observer, rows = Observer(tuple(crowd), self._solids), np.arange(self._states.count)
         within = [
-            np.all([observer.limits(box, self._states, rows).cause == Cause.NONE for box in target.boxes], axis=0)
+            np.all([observer.limits([box], self._states, rows).cause == Cause.NONE for box in target.boxes], axis=0)
             for target in self.study.targets
         ]
         return np.broadcast_to(np.stack(within, axis=-1), (len(crowd), self._states.count, len(within)))

@@ -117,9 +117,12 @@ class Observer:
     def _look(self, boxes: Sequence[TargetBox], states: SceneStates) -> Look:
         return Look(boxes, self._projections, self.solids, states)
 
-    def limits(self, box: TargetBox, states: SceneStates, rows: Indices) -> LimitVerdicts:
-        """Limits of every camera for a box in the states `rows`, each array of shape (c, rows)."""
-        return self._look([box], states).limits(np.zeros(len(rows), dtype=np.int64), rows)
+    def limits(self, boxes: Sequence[TargetBox], states: SceneStates, rows: Indices) -> LimitVerdicts:
+        """Limits of every camera for boxes in the states `rows`: all rows of the first box, then of the next.
+
+        Each array has shape (c, boxes * rows).
+        """
+        return self._look(boxes, states).limits(np.repeat(np.arange(len(boxes)), len(rows)), np.tile(rows, len(boxes)))
 
     def _count_seeing(self, look: Look, questions: _Questions, camera: Indices, asked: Indices, count: Indices) -> None:
         """Add to `count` of each question how many of the cameras see its target, at least up to the number it needs.

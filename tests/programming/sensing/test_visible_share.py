@@ -2,37 +2,20 @@
 
 from __future__ import annotations
 
-import coal
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
-from sqrp_cli.knowledge.scene import Box, Part
 from sqrp_cli.programming.sensing.sight_lines import SightLines, SolidPoses
 from sqrp_cli.programming.sensing.visible_share import visible_shares
 from sqrp_cli.programming.solids import BOX_TRIANGLES, Solid
+from tests.programming.sensing.solids import solid_of
 
 RAYS = 20_000
 """Rays of a reference that meet the box, at least: its standard deviation is at most 0.35 points."""
 
 CLOSE = 0.012
 """How far a share may be from its reference: three standard deviations, and what the grid may be off."""
-
-
-def solid_of(vertices: Array, triangles: NDArray[np.int64]) -> Solid:
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    center = (low + high) / 2
-    return Solid(
-        part=Part("shape", "world", Box((1.0, 1.0, 1.0)), pose()),
-        geometry=coal.Box(1.0, 1.0, 1.0),
-        vertices=vertices,
-        triangles=triangles,
-        center=center,
-        radius=float(np.linalg.norm(vertices - center, axis=1).max()),
-        corners=center + BOX_SIGNS * (high - low) / 2,
-        half_axes=np.diag((high - low) / 2),
-    )
 
 
 def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
