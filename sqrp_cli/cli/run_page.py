@@ -62,7 +62,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         figures.append(("predicted to see, and did", f"{100 * report.total.precision:.1f} %"))
     for fault in report.faults:
         if fault.delay is not None:
-            figures.append((f"{fault.label}: seen after", f"{fault.delay:.2f} s"))
+            figures.append((f"{report.label_of(fault)}: seen after", f"{fault.delay:.2f} s"))
         if fault.delay is not None and fault.predicted_delay is not None:
             figures.append(("predicted: within", f"{fault.predicted_delay:.2f} s"))
     track = Track.of(events)
@@ -92,7 +92,7 @@ def _detail(
     cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
 ) -> dict[str, Any]:
     """What the page reads of a motion, with what images showed in place of what was predicted."""
-    marks = [(fault.label, _spans(fault, report.time)) for fault in report.faults]
+    marks = [(report.label_of(fault), _spans(report, fault)) for fault in report.faults]
     return {
         "of_images": True,
         "time": report.time,
@@ -171,11 +171,11 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[dict[str, Any]]
     """The times to look at, with what happens then."""
     happens: dict[float, list[str]] = {}
     for fault in report.faults:
-        injected = fault.injected if fault.happened is None else None
+        injected, label = fault.injected if fault.happened is None else None, report.label_of(fault)
         for t, text in (
-            (injected, f"{fault.label} is injected"),
-            (fault.happened, f"{fault.label} happens"),
-            (fault.detected, f"{fault.label} is seen"),
+            (injected, f"{label} is injected"),
+            (fault.happened, f"{label} happens"),
+            (fault.detected, f"{label} is seen"),
         ):
             if t is not None:
                 happens.setdefault(round(t, 6), []).append(text)
@@ -188,17 +188,16 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[dict[str, Any]]
     return [{"t": t, "text": ", ".join(texts)} for t, texts in sorted(happens.items())]
 
 
-def _spans(fault: FaultRecord, end: float) -> list[dict[str, Any]]:
+def _spans(report: RunReport, fault: FaultRecord) -> list[dict[str, Any]]:
     """When a fault had happened and was not seen, and when it was seen and not yet made good."""
+    label, end = report.label_of(fault), report.time
     spans = []
     if fault.happened is not None:
         seen = end if fault.detected is None else fault.detected
-        spans.append({"start": fault.happened, "end": seen, "text": f"{fault.label} has happened and is not seen"})
+        spans.append({"start": fault.happened, "end": seen, "text": f"{label} has happened and is not seen"})
     if fault.detected is not None:
         acted = end if fault.acted is None else fault.acted
-        spans.append(
-            {"start": fault.detected, "end": acted, "text": f"{fault.label} is seen, the robot stops and looks"}
-        )
+        spans.append({"start": fault.detected, "end": acted, "text": f"{label} is seen, the robot stops and looks"})
     return spans
 
 

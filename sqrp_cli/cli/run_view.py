@@ -119,7 +119,7 @@ def print_run(workspace: str, report: RunReport, period: float | None = None) ->
         say(f"The robot stopped because {short_times(report.reason or '')}.")
     if report.faults:
         say()
-        _print_faults(report.faults)
+        _print_faults(report)
         _print_late(report.faults, period)
     say()
     _print_prediction(report.prediction, report.total)
@@ -131,20 +131,20 @@ def print_run(workspace: str, report: RunReport, period: float | None = None) ->
     say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
 
 
-def _print_faults(faults: Sequence[FaultRecord]) -> None:
+def _print_faults(report: RunReport) -> None:
     columns = ("injected", "t_f", "t_r", "t_r - t_f", "predicted", "t_redo", "t_e")
     rows = [
         [
-            fault.label,
+            report.label_of(fault),
             *(_seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
             _seconds(fault.predicted_delay, "<="),
             *(_seconds(t) for t in (fault.acted, fault.recovered)),
         ]
-        for fault in faults
+        for fault in report.faults
     ]
     print_table([Column("fault [s]"), *(Column(title, right=True) for title in columns)], rows)
     say("t_f happened, t_r seen, t_redo the robot responded, t_e the step was done", "dim")
-    for fault in faults:
+    for fault in report.faults:
         if fault.moved_on is not None:
             say(
                 f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s: where it was, "

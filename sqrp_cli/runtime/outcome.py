@@ -169,6 +169,12 @@ class RunReport:
     stop_told: float | None = None
     stop_done: float | None = None
 
+    def label_of(self, fault: FaultRecord) -> str:
+        """What people read of one of the faults: where there are several steps, with the number of its step."""
+        first = next((t for t in (fault.injected, fault.happened, fault.detected) if t is not None), 0.0)
+        number = sum(step.start <= first for step in self.steps)
+        return fault.label if len(self.steps) < 2 else f"{max(number, 1)}: {fault.label}"
+
     @property
     def total(self) -> Confusion:
         """Over all steps, atoms and cameras."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sqrp_cli.cli.run_view import print_run, short_times
-from sqrp_cli.runtime.outcome import FaultRecord, RunReport
+from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
 
 FORMULA = (
     "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"
@@ -56,3 +56,13 @@ def test_faults_of_cameras_name_them(capsys: pytest.CaptureFixture[str]) -> None
         ["camera-loss", "cam2", "1.05", "-", "1.17", "-", "-", "1.17", "-"],
         ["camera-loss", "cam3", "1.05", "-", "-", "-", "-", "-", "-"],
     ]
+
+
+def test_faults_of_several_steps_name_the_step_in_which_they_were_first_told(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    steps = [StepRecord("pickup", {}, "pickup g", 0.0, 9.0), StepRecord("place", {}, "place g", 9.0)]
+    slip, dropped = FaultRecord("slip", 6.0, 6.0, 6.2), FaultRecord("dropped", None, None, 9.4)
+    print_run("cell", RunReport("stopped", "dropped", 9.6, steps, [slip, dropped]))
+    rows = [line.split()[:2] for line in capsys.readouterr().out.splitlines() if line[:2] in ("1:", "2:")]
+    assert rows == [["1:", "slip"], ["2:", "dropped"]]
