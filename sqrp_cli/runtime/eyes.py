@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.runtime.frame import Frame
+from sqrp_cli.runtime.narrator import listed
 from sqrp_cli.runtime.outcome import Unwatched
 from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Sighting
@@ -26,7 +27,7 @@ Expose = Callable[[Sequence[str]], Mapping[str, Frame]]
 class _Stream:
     camera: Camera
     exposures: int = 0
-    newest: float | None = None
+    newest: float = 0.0
     lost: bool = False
     frozen: Frame | None = None
     freezes: bool = False
@@ -37,8 +38,10 @@ class _Stream:
     def next_exposure(self) -> float:
         return self.exposures / self.camera.rate
 
-    def age_limit(self) -> float:
-        return self.camera.latency + OVERDUE_PERIODS / self.camera.rate
+    @property
+    def fails_at(self) -> float:
+        """When it fails if no image comes [s]."""
+        return self.newest + self.camera.latency + OVERDUE_PERIODS / self.camera.rate
 
 
 class Eyes:
@@ -115,21 +118,27 @@ class Eyes:
         return sorted(sightings, key=lambda sighting: (sighting.t, sighting.camera))
 
     def failure(self, t: float) -> Unwatched | None:
-        """The first stream that has failed by time t, and how; None while all is well."""
-        for name, stream in self._streams.items():
-            newest = stream.newest if stream.newest is not None else 0.0
-            age = t - newest
-            if age > stream.age_limit() + 1e-9:
-                if self._is_under_way(name):
-                    reason = f"the images of {name} come too late: the newest is {age:.2f} s old"
-                    return Unwatched(reason, "latency", [name])
-                return Unwatched(f"{name} is lost: no image for {age:.2f} s", "camera-loss", [name])
-        return None
+        """The streams that have failed by time t, and how; None while all is well.
+
+        Where some are lost and others late at the same time, the reason tells of those that are lost.
+        """
+        failed = [stream for stream in self._streams.values() if t > stream.fails_at + 1e-9]
+        lost = [stream for stream in failed if not self._is_under_way(stream.camera.name)]
+        if not failed:
+            return None
+        told = lost or failed
+        cameras, verb = [stream.camera.name for stream in told], "is" if len(told) == 1 else "are"
+        ages = listed(sorted({f"{t - stream.newest:.2f} s" for stream in told}))
+        if lost:
+            return Unwatched(f"{listed(cameras)} {verb} lost: no image for {ages}", "camera-loss", cameras)
+        return Unwatched(
+            f"the images of {listed(cameras)} come too late: the newest {verb} {ages} old", "latency", cameras
+        )
 
     @property
     def next_check(self) -> float:
         """When a stream fails next if no image comes [s]."""
-        return min((s.newest if s.newest is not None else 0.0) + s.age_limit() + 1e-6 for s in self._streams.values())
+        return min(stream.fails_at for stream in self._streams.values()) + 1e-6
 
     def _is_under_way(self, camera: str) -> bool:
         return any(name == camera for _, _, name in self._arrivals)

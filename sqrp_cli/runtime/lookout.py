@@ -13,7 +13,7 @@ from sqrp_cli.runtime.album import Album, Exposure, Look, Moment
 from sqrp_cli.runtime.attempt import Attempt
 from sqrp_cli.runtime.evidence import Finding, fuse
 from sqrp_cli.runtime.eyes import Eyes
-from sqrp_cli.runtime.narrator import Narrator
+from sqrp_cli.runtime.narrator import Narrator, listed
 from sqrp_cli.runtime.outcome import Unwatched
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Sighting
@@ -110,9 +110,10 @@ class Lookout:
                 arrived = self._eyes.collect(t)
         except PerceptionError as error:
             raise Unwatched(str(error), "perception-crash", error.cameras) from error
-        frozen = next((sighting.camera for sighting in arrived if sighting.frozen), None)
-        if frozen is not None:
-            raise Unwatched(f"{frozen} is frozen: it delivers the same image again", "frozen", [frozen])
+        frozen = [sighting.camera for sighting in arrived if sighting.frozen]
+        if frozen:
+            how = "is frozen: it delivers" if len(frozen) == 1 else "are frozen: each delivers"
+            raise Unwatched(f"{listed(frozen)} {how} the same image again", "frozen", frozen)
         return arrived
 
     def take_notice(self, sightings: Sequence[Sighting], now: float) -> list[Look]:

@@ -41,3 +41,8 @@ class Narrator:
     def elapsed(self) -> float:
         """Wall time since the beginning [s]."""
         return time.perf_counter() - self._began
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names as in a sentence."""
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

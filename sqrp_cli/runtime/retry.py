@@ -16,7 +16,7 @@ from sqrp_cli.runtime.fault_ledger import FaultLedger
 from sqrp_cli.runtime.judge import Alarm, condition_atoms, condition_value
 from sqrp_cli.runtime.lockstep import Lockstep
 from sqrp_cli.runtime.lookout import Lookout
-from sqrp_cli.runtime.narrator import Narrator
+from sqrp_cli.runtime.narrator import Narrator, listed
 from sqrp_cli.runtime.outcome import Stopped
 from sqrp_cli.runtime.playback import Playback
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
@@ -41,7 +41,7 @@ class Viewpoint:
     cameras: tuple[str, ...]
 
     def __str__(self) -> str:
-        return f"where {_listed(self.cameras)} should see it" if self.cameras else "at the end of the motion"
+        return f"where {listed(self.cameras)} should see it" if self.cameras else "at the end of the motion"
 
 
 class Retry:
@@ -139,8 +139,3 @@ class Retry:
         measured = self._cell.measured_joints()
         joints = {name: measured.get(name, value) for name, value in before.joints.items()}
         return replace(before, facts=(before.facts | seen) - refuted, X_WO=X_WO, joints=joints)
-
-
-def _listed(names: Sequence[str]) -> str:
-    """Names as in a sentence."""
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

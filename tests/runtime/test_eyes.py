@@ -32,8 +32,8 @@ class Looker:
         return SimpleNamespace(camera=camera, t=self.last.t, seconds=0.0)
 
 
-def eyes() -> Eyes:
-    return Eyes([SimpleNamespace(name="cam", rate=RATE, latency=LATENCY)], Looker())
+def eyes(*names: str) -> Eyes:
+    return Eyes([SimpleNamespace(name=name, rate=RATE, latency=LATENCY) for name in names or ("cam",)], Looker())
 
 
 def failure(found: Eyes, until: float, at: float = -1.0, fail=lambda _: None) -> tuple[float, str] | None:
@@ -69,6 +69,21 @@ def test_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
     told, how = failure(eyes(), 20.0, 3.05, lambda found: found.delay("cam", 0.4))
     assert how.startswith("latency: the images of cam come too late")
     assert told < 3.2
+
+
+def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_late_ones() -> None:
+    found, t = eyes("cam1", "cam2", "cam3", "cam4"), 0.0
+    while (how := found.failure(t)) is None:
+        found.collect(t)
+        if found.next_exposure <= t + 1e-9:
+            found.expose(t, lambda names, t=t: {name: Frame(name, t, np.zeros(1)) for name in names}, None)
+        if t > 1.0:
+            found.lose("cam1")
+            found.delay("cam2", 0.4)
+            found.lose("cam4")
+        t = min(found.next_exposure, found.next_arrival, found.next_check)
+    assert str(how) == "cam1 and cam4 are lost: no image for 0.17 s"
+    assert how.cameras == ["cam1", "cam4"]
 
 
 @pytest.mark.parametrize("name", ["tabletop", "screws"])
