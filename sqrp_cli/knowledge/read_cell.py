@@ -66,8 +66,9 @@ class CellReader:
 
     def objects(self) -> dict[str, SceneObject]:
         """The objects by name."""
+        held = [name for name, entry in self.file.objects.items() if isinstance(entry.pose, HeldEntry)]
         for name, entry in self.file.objects.items():
-            self._check_object(name, entry)
+            self._check_object(name, entry, held[:1])
         return {name: self._object(name, entry) for name, entry in self.file.objects.items()}
 
     def facts(self, domain: Domain | None) -> frozenset[Atom]:
@@ -139,7 +140,8 @@ class CellReader:
             place = self.document.value_place((*path, "hand_eye"))
             self.warnings.append(Problem("doubtful-axes", message, place, severity="warning", mend=mend))
 
-    def _check_object(self, name: str, entry: ObjectEntry) -> None:
+    def _check_object(self, name: str, entry: ObjectEntry, held: Sequence[str]) -> None:
+        """Report what is wrong with an object; held: the one that the tool holds, if it holds any."""
         path: KeyPath = ("objects", name)
         if name in (*self.links, WORLD, "tool", "home"):
             what = "a link of the robot" if name in self.links else "a word with a meaning of its own"
@@ -155,8 +157,7 @@ class CellReader:
                 (*path, "on"),
                 f"found `{entry.on}`, which is no object; {expected_names(entry.on, others)}",
             )
-        held = [other for other, thing in self.file.objects.items() if isinstance(thing.pose, HeldEntry)]
-        if isinstance(entry.pose, HeldEntry) and (entry.fixed or name != held[0]):
+        if isinstance(entry.pose, HeldEntry) and (entry.fixed or name not in held):
             why = "the object is fixed" if entry.fixed else f"the tool holds `{held[0]}`"
             self._report("wrong-value", (*path, "pose"), f"found `held`, expected a pose, because {why}")
         if entry.fixed and entry.pose == UNKNOWN:

@@ -121,10 +121,8 @@ def _signal(formula: Formula, parts: list[Signal], trace: Trace) -> Signal:
 
 
 def _atom_signal(atom: Atom, trace: Trace) -> Signal:
-    end = nanoseconds(trace.end)
     steps = [(nanoseconds(sample.time), sample.values.get(atom, Truth.UNKNOWN)) for sample in trace.samples]
-    known = [step for step in steps if step[0] <= end]
-    return step_signal([*known, (end + 1, Truth.UNKNOWN)], nanoseconds(trace.total))
+    return step_signal(steps, nanoseconds(trace.end), nanoseconds(trace.total))
 
 
 def _bounds(interval: Interval) -> tuple[int, int]:

@@ -55,20 +55,21 @@ class Signal:
         return [value for pair in zip(points, [*gaps, points[-1]], strict=True) for value in pair][:-1]
 
 
-def step_signal(steps: Sequence[tuple[int, Truth]], total: int) -> Signal:
-    """The signal that takes each value from its time [ns] on until the next one's; unknown before the first.
+def step_signal(steps: Sequence[tuple[int, Truth]], end: int, total: int) -> Signal:
+    """The signal that takes each value from its time [ns] on until the next one's, the last up to `end` [ns], included.
 
-    steps: in order of time, which may lie outside [0, total] [ns].
+    Unknown before the first and after the end. steps: in order of time; they and the end may lie outside [0, total].
     """
-    inside = sorted({0, total, *(time for time, _ in steps if 0 <= time <= total)})
+    inside = sorted({0, total, *(time for time in (end, *(time for time, _ in steps)) if 0 <= time <= total)})
     starts = [time for time, _ in steps]
 
     def after(time: int) -> Truth:
         index = bisect_right(starts, time)
         return steps[index - 1][1] if index else Truth.UNKNOWN
 
-    values = [value for time in inside for value in (after(time), after(time))][:-1]
-    return _simplified(inside, values)
+    points = [after(time) if time <= end else Truth.UNKNOWN for time in inside]
+    gaps = [after(time) if time < end else Truth.UNKNOWN for time in inside]
+    return _simplified(inside, [value for pair in zip(points, gaps, strict=True) for value in pair][:-1])
 
 
 def combine(signals: Sequence[Signal], join: Callable[[Iterable[Truth]], Truth]) -> Signal:

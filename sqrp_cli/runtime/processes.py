@@ -2,10 +2,27 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
+from multiprocessing.context import ForkServerContext, SpawnContext
+
+_NEEDED = ("__main__", "cv2", "sqrp_cli.runtime.perception.watcher", "sqrp_cli.runtime.simulation.render_pool")
+"""What the processes import. MuJoCo is not among it: what it opens to draw must not be shared."""
+
+
+def process_context() -> ForkServerContext | SpawnContext:
+    """How processes are started that share no memory with this one.
+
+    Where that is possible they come from one that has imported what they need, so that this is not done for each.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(_NEEDED))
+    return context
 
 
 @contextmanager

@@ -9,16 +9,20 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from unittest import mock
 
 import pytest
 import yaml
 
 from sqrp_cli.cli.main import run
+from tests.cli.browser import chromium
+
+if TYPE_CHECKING:
+    from tests.cli.slip_run import Cell, SlipRun
 
 ROOT = Path(__file__).parents[2]
 TASK = "pickup green"
@@ -238,6 +242,26 @@ def gripped(gripper: Path) -> Outcome:
 @pytest.fixture(scope="session")
 def gripper_shown(gripper: Path) -> Outcome:
     return _call("show", gripper, "--json")
+
+
+@pytest.fixture(scope="session")
+def quick_cell(tmp_path_factory: pytest.TempPathFactory) -> Cell:
+    from tests.cli.slip_run import quick_cell  # which loads the simulator
+
+    return quick_cell(_call, tmp_path_factory.mktemp("quick"))
+
+
+@pytest.fixture(scope="session")
+def slip_run(quick_cell: Cell) -> SlipRun:
+    from tests.cli.slip_run import run_with_slip
+
+    return run_with_slip(_call, quick_cell)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as opened:
+        yield opened
 
 
 @pytest.fixture(scope="session")

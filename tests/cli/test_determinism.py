@@ -71,9 +71,9 @@ def test_show_prints_the_same_bytes_in_another_process(sqrp_process, tabletop, s
     assert sqrp_process("show", tabletop, "--json", PYTHONHASHSEED="4").out == shown.out
 
 
-def test_the_number_of_processes_changes_nothing(sqrp_process, own_watch):
+def test_the_number_of_processes_changes_nothing(sqrp, own_watch):
     many_objects(own_watch)
-    outcomes = [sqrp_process("rank", own_watch, "watch cube", "--json", "--jobs", jobs) for jobs in (1, 2, 3)]
+    outcomes = [sqrp("rank", own_watch, "watch cube", "--json", "--jobs", jobs) for jobs in (1, 2, 3)]
     assert [(outcome.code, outcome.err) for outcome in outcomes] == [(0, "")] * 3
     assert len(outcomes[0].document["candidates"]) == 29
     assert outcomes[0].out == outcomes[1].out == outcomes[2].out

@@ -11,7 +11,7 @@ import pytest
 
 from sqrp_cli.report.packing import packed, without_repetition
 from sqrp_cli.report.page import CellScene, Entry, PageContent, page
-from tests.cli.browser import Opened, chromium
+from tests.cli.browser import Opened
 
 TASK = "pickup green"
 HOSTILE = "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\u202egnp.\u2066"
@@ -23,12 +23,6 @@ def written(sqrp, tabletop, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "page.html"
     assert sqrp("rank", tabletop, TASK, "--report", path, "--jobs", 1).code == 0
     return path
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")

@@ -4,50 +4,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-ROOT = Path(__file__).parents[2]
-RATE = 8.0
-
-
-@dataclass(frozen=True)
-class Cell:
-    program: Path
-    folder: Path
+from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell, SlipRun
 
 
 @pytest.fixture(scope="module")
-def cell(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Cell:
-    """A program for the tabletop with two of its cameras and a faster arm."""
-    folder = tmp_path_factory.mktemp("quick")
-    text = (ROOT / "workspaces" / "tabletop" / "workspace.yaml").read_text(encoding="utf-8")
-    workspace = yaml.safe_load(text.replace(" on: ", " 'on': "))  # YAML 1.1 takes a bare `on` for a truth value
-    workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": f"{RATE} Hz"} for name in ("cam3", "cam5")}
-    workspace["robot"]["limits"] = {
-        "velocity": "120 deg/s",
-        "acceleration": "400 deg/s^2",
-        "jerk": "3000 deg/s^3",
-        "stop_acceleration": "1500 deg/s^2",
-        "stop_jerk": "30000 deg/s^3",
-    }
-    workspace["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
-    workspace["skills"] = [str(ROOT / "skills" / "pickup")]
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
-    program = folder / "pick.yaml"
-    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
-    return Cell(program, folder)
+def cell(quick_cell: Cell) -> Cell:
+    return quick_cell
 
 
 @pytest.fixture(scope="module")
-def slip(sqrp: Callable[..., Any], cell: Cell) -> Any:
+def slip(slip_run: SlipRun) -> Any:
     """A run with a slip in the lift, whose log and frames are kept."""
-    outputs = ("--log", cell.folder / "run.jsonl", "--frames", cell.folder / "frames")
-    return sqrp("run", cell.program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
+    return slip_run.outcome
 
 
 def test_a_slip_is_seen_retried_and_the_task_done(slip: Any) -> None:
@@ -184,14 +158,8 @@ def two_steps(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory
     folder = tmp_path_factory.mktemp("two")
     text = (ROOT / "workspaces" / "tower" / "workspace.yaml").read_text(encoding="utf-8")
     workspace = yaml.safe_load(text.replace(" on: ", " 'on': "))
-    workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": f"{RATE} Hz"} for name in ("left", "right")}
-    workspace["robot"]["limits"] = {
-        "velocity": "120 deg/s",
-        "acceleration": "400 deg/s^2",
-        "jerk": "3000 deg/s^3",
-        "stop_acceleration": "1500 deg/s^2",
-        "stop_jerk": "30000 deg/s^3",
-    }
+    workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": "5 Hz"} for name in ("left", "right")}
+    workspace["robot"]["limits"] = QUICK_ARM
     workspace["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
     workspace["skills"] = [str(ROOT / "skills" / name) for name in ("pickup", "place")]
     workspace["tasks"] = []

@@ -9,30 +9,21 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import numpy as np
 import pytest
-import yaml
 
 from sqrp_cli.cli.run_page import RunCell, write_run
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.runtime.outcome import Confusion, Event, FaultRecord, RunReport, StepRecord
-from sqrp_cli.runtime.simulation.physics import Physics
-from tests.cli.browser import Opened, chromium
-from tests.cli.test_run_and_look import workspace_of
+from tests.cli.browser import Opened
+from tests.cli.slip_run import Moment, SlipRun
 
 
 def evidence(t: float, value: str, **cameras: str) -> Event:
     literal = {"value": value, "asked": True, "cameras": cameras, "true": t < 1.45}
     other = {"value": "true", "asked": False, "cameras": {}}
     return Event(t + 0.05, "evidence", {"exposed": t, "literals": {"hold(g1)": literal, "open": other}})
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with chromium() as opened:
-        yield opened
 
 
 @pytest.fixture(scope="module")
@@ -102,19 +93,8 @@ def test_what_an_image_shows_counts_from_when_it_was_taken(opened):
 
 
 @dataclass(frozen=True)
-class Moment:
-    """What MuJoCo itself says of a time: of the tool frame and of `g2`."""
-
-    t: float
-    tool: Array
-    turn: Array
-    thing: Array
-    held: str | None
-
-
-@dataclass(frozen=True)
 class Played:
-    """A run with a slip in the lift. moments: what the simulation says, apart from all that is told; by time."""
+    """A run with a slip in the lift, and the page about it. moments: what the simulation says, apart from all that."""
 
     folder: Path
     document: dict[str, Any]
@@ -132,41 +112,12 @@ class Played:
         return np.array(self.opened.js("sqrp.scene.objectPose('g2')"))
 
 
-def moment(physics: Physics) -> Moment:
-    data = physics._data
-    thing = data.body("g2")
-    return Moment(
-        physics.t,
-        data.body("suction_tip").xpos.copy(),
-        thing.xmat.reshape(3, 3).copy(),
-        thing.xpos.copy(),
-        physics.held(),
-    )
-
-
 @pytest.fixture(scope="module")
-def played(sqrp, browser, tmp_path_factory) -> Iterator[Played]:
-    """The tabletop with two of its cameras, few images and a quick arm."""
-    folder = tmp_path_factory.mktemp("played")
-    cell = workspace_of("tabletop")
-    cell["cameras"] = {name: {**cell["cameras"][name], "rate": "7 Hz"} for name in ("cam3", "cam5")}
-    cell["robot"]["limits"] = {"velocity": "120 deg/s", "acceleration": "400 deg/s^2", "jerk": "3000 deg/s^3"}
-    (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
-    program, page = folder / "pick.yaml", folder / "page.html"
-    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
-    moments = {}
-    real = Physics.advance
-
-    def advance(self, t, reference):
-        real(self, t, reference)
-        moments[round(self.t, 6)] = moment(self)
-
-    outputs = ("--report", page, "--log", folder / "run.jsonl")
-    with mock.patch.object(Physics, "advance", advance):
-        run = sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
-    assert run.code == 0, run.err
-    opened = Opened(browser, page)
-    yield Played(folder, run.document, [moments[t] for t in sorted(moments)], opened)
+def played(slip_run: SlipRun, browser: Any) -> Iterator[Played]:
+    assert slip_run.outcome.code == 0, slip_run.outcome.err
+    folder = slip_run.cell.folder
+    opened = Opened(browser, folder / "page.html")
+    yield Played(folder, slip_run.outcome.document, slip_run.moments, opened)
     opened.context.close()
 
 
@@ -322,9 +273,11 @@ def test_a_log_alone_or_with_another_workspace_gives_a_flat_page_that_says_why(s
     changed = json.dumps({**json.loads(first), "digest": "0" * 64})
     log.write_text(f"{changed}\n{rest}", encoding="utf-8")
     now = tmp_path / played.folder.name
-    shutil.copytree(played.folder, now)
+    now.mkdir()
+    for name in ("pick.yaml", "workspace.yaml", "run.jsonl"):
+        shutil.copy(played.folder / name, now)
     cell = now / "workspace.yaml"
-    cell.write_text(cell.read_text(encoding="utf-8").replace("7 Hz", "8 Hz"), encoding="utf-8")
+    cell.write_text(cell.read_text(encoding="utf-8").replace("8.0 Hz", "9.0 Hz"), encoding="utf-8")
     for arguments, why in (
         ((now / "pick.yaml", "--replay", now / "run.jsonl"), "the workspace of this program is not as it was in the"),
         (("--replay", log), "a log has no shapes; `sqrp run PROGRAM --replay LOG --report FILE` takes them from the"),

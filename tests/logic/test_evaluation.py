@@ -1,126 +1,159 @@
 from __future__ import annotations
 
 from itertools import product
+from random import Random
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.logic.evaluation import Monitor, Sample, Trace, Verdict, evaluate
+from sqrp_cli.logic.formula import children
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.mtl import Always, And, Eventually, Formula, Implies, Instant, Interval, Not, Or, Predicate
-from sqrp_cli.logic.truth import Truth
+from sqrp_cli.logic.truth import Signal, Truth
 
 P, Q = Predicate("p", ()), Predicate("q", ())
 TRUE, FALSE, UNKNOWN = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
+OPPOSITE = {TRUE: FALSE, FALSE: TRUE, UNKNOWN: UNKNOWN}
 
 
 def interval(start: float, end: float) -> Interval:
     return Interval(Instant(offset=start), Instant(offset=end))
 
 
-def brute_force(formula: Formula, trace: Trace, half: int) -> Truth:
-    """The value at half * 0.5 s, by looking at every half second.
+def evidence(predicate: Predicate, trace: Trace, half: int) -> Truth:
+    """What a trace says of a predicate at half * 0.5 s."""
+    time = half / 2
+    known = [sample for sample in trace.samples if sample.time <= time]
+    return known[-1].values.get(predicate.atom, UNKNOWN) if known and time <= trace.end else UNKNOWN
+
+
+def brute_force(formula: Formula, trace: Trace) -> list[Truth]:
+    """The value at every half second from 0 to the total, by looking at every half second.
 
     That is exact where all times of formula and trace are whole seconds: nothing changes between two half seconds save
     at whole ones.
     """
+    instants = range(round(2 * trace.total) + 1)
+    if isinstance(formula, Predicate):
+        return [evidence(formula, trace, half) for half in instants]
+    parts = [brute_force(part, trace) for part in children(formula)]
     match formula:
-        case Predicate():
-            time = half / 2
-            known = [sample for sample in trace.samples if sample.time <= time]
-            return known[-1].values.get(formula.atom, UNKNOWN) if known and time <= trace.end else UNKNOWN
-        case Not(operand):
-            return Truth(-brute_force(operand, trace, half))
-        case And(operands):
-            return min(brute_force(operand, trace, half) for operand in operands)
-        case Or(operands):
-            return max(brute_force(operand, trace, half) for operand in operands)
-        case Implies(premise, conclusion):
-            return max(Truth(-brute_force(premise, trace, half)), brute_force(conclusion, trace, half))
-        case Always(window, operand) | Eventually(window, operand):
-            first = max(0, half + round(2 * window.start.offset))
-            last = min(round(2 * trace.total), half + round(2 * window.end.offset))
-            values = [brute_force(operand, trace, other) for other in range(first, last + 1)]
-            return min(values, default=TRUE) if isinstance(formula, Always) else max(values, default=FALSE)
+        case Not():
+            return [OPPOSITE[value] for value in parts[0]]
+        case And():
+            return [min(values) for values in zip(*parts, strict=True)]
+        case Or():
+            return [max(values) for values in zip(*parts, strict=True)]
+        case Implies():
+            return [max(OPPOSITE[premise], conclusion) for premise, conclusion in zip(*parts, strict=True)]
+        case Always(window) | Eventually(window):
+            first, last = round(2 * window.start.offset), round(2 * window.end.offset)
+            asked = [parts[0][max(0, half + first) : max(0, half + last + 1)] for half in instants]
+            if isinstance(formula, Always):
+                return [min(values, default=TRUE) for values in asked]
+            return [max(values, default=FALSE) for values in asked]
 
 
-bounds = st.tuples(st.integers(-1, 4), st.integers(0, 4)).map(lambda pair: interval(pair[0], pair[0] + pair[1]))
+def random_interval(random: Random) -> Interval:
+    start = random.randint(-1, 4)
+    return interval(start, start + random.randint(0, 4))
 
 
-def combined(parts: st.SearchStrategy[Formula]) -> st.SearchStrategy[Formula]:
-    pairs = st.tuples(parts, parts)
-    return st.one_of(
-        st.builds(Not, parts),
-        st.builds(And, pairs),
-        st.builds(Or, pairs),
-        st.builds(Implies, parts, parts),
-        st.builds(Always, bounds, parts),
-        st.builds(Eventually, bounds, parts),
-    )
+def random_formula(random: Random, leaves: int) -> Formula:
+    if random.random() < 0.4:
+        part = random_formula(random, leaves)
+        kind = random.choice((Not, Always, Eventually))
+        return Not(part) if kind is Not else kind(random_interval(random), part)
+    if leaves == 1:
+        return random.choice((P, Q))
+    left = random.randint(1, leaves - 1)
+    parts = random_formula(random, left), random_formula(random, leaves - left)
+    kind = random.choice((And, Or, Implies))
+    return Implies(*parts) if kind is Implies else kind(parts)
 
 
-formulas = st.recursive(st.sampled_from([P, Q]), combined, max_leaves=5)
+def random_trace(random: Random, most_samples: int) -> Trace:
+    times = sorted(random.sample(range(9), random.randint(0, most_samples)))
+    total = random.randint(0, 8)
+    end = max([random.randint(-1, 8), *times])
+    samples = (Sample(time, {atom: random.choice(list(Truth)) for atom in (P.atom, Q.atom)}) for time in times)
+    return Trace(tuple(samples), end, total)
 
 
-@st.composite
-def traces(draw: st.DrawFn, most_samples: int = 6) -> Trace:
-    times = sorted(draw(st.sets(st.integers(0, 8), max_size=most_samples)))
-    total = draw(st.integers(0, 8))
-    end = max([draw(st.integers(-1, 8)), *times])
-    values = st.sampled_from(list(Truth))
-    return Trace(tuple(Sample(time, {P.atom: draw(values), Q.atom: draw(values)}) for time in times), end, total)
+Cases = list[tuple[Formula, Trace]]
 
 
-@settings(max_examples=5000, deadline=None)
-@given(formulas, traces())
-def test_the_verdict_equals_that_of_a_brute_force_evaluator_at_every_instant(formula: Formula, trace: Trace) -> None:
-    verdict = evaluate(formula, trace)
-    for half in range(round(2 * trace.total) + 1):
-        assert verdict.signal.at(half / 2) == brute_force(formula, trace, half)
+def ten_cases(most_samples: int = 6) -> st.SearchStrategy[Cases]:
+    """Formulas with evidence, ten at a time: it takes longer to draw a number than to judge what is made from it."""
+
+    def made(seed: int) -> Cases:
+        random = Random(seed)  # noqa: S311
+        return [(random_formula(random, random.randint(1, 5)), random_trace(random, most_samples)) for _ in range(10)]
+
+    return st.integers(0, 2**32 - 1).map(made)
 
 
 @settings(max_examples=500, deadline=None)
-@given(formulas, traces())
-def test_every_sub_formula_has_its_own_verdict(formula: Formula, trace: Trace) -> None:
+@given(ten_cases())
+def test_the_verdict_equals_that_of_a_brute_force_evaluator_at_every_instant(cases: Cases) -> None:
+    for formula, trace in cases:
+        signal = evaluate(formula, trace).signal
+        values = brute_force(formula, trace)
+        assert [signal.at(half / 2) for half in range(len(values))] == values, (str(formula), trace)
+
+
+@settings(max_examples=50, deadline=None)
+@given(ten_cases())
+def test_every_sub_formula_has_its_own_verdict(cases: Cases) -> None:
     def check(verdict: Verdict) -> None:
         assert verdict == evaluate(verdict.formula, trace)
         for part in verdict.parts:
             check(part)
 
-    check(evaluate(formula, trace))
+    for formula, trace in cases:
+        check(evaluate(formula, trace))
 
 
-@settings(max_examples=1000, deadline=None)
-@given(formulas, traces(most_samples=3))
-def test_a_decision_is_the_same_under_every_completion_of_the_evidence(formula: Formula, trace: Trace) -> None:
-    truth = evaluate(formula, trace).truth
-    times = [0.0, *(sample.time for sample in trace.samples if sample.time > 0)]
-    if trace.end < trace.total:
-        times.append(trace.end + 0.5)
-    known = [[brute_force(atom, trace, round(2 * time)) for atom in (P, Q)] for time in times]
-    choices = [[TRUE, FALSE] if value == UNKNOWN else [value] for row in known for value in row]
-    outcomes = set()
-    for values in product(*choices):
-        rows = zip(times, values[::2], values[1::2], strict=True)
-        samples = tuple(Sample(time, {P.atom: p, Q.atom: q}) for time, p, q in rows)
-        outcomes.add(evaluate(formula, Trace(samples, trace.total, trace.total)).truth)
-    assert UNKNOWN not in outcomes
-    if truth != UNKNOWN:
-        assert outcomes == {truth}
+@settings(max_examples=100, deadline=None)
+@given(ten_cases(most_samples=3))
+def test_a_decision_is_the_same_under_every_completion_of_the_evidence(cases: Cases) -> None:
+    for formula, trace in cases:
+        truth = evaluate(formula, trace).truth
+        times = [0.0, *(sample.time for sample in trace.samples if 0 < sample.time <= trace.total)]
+        if trace.end < trace.total:
+            times.append(trace.end + 0.5)
+        known = [[evidence(atom, trace, round(2 * time)) for atom in (P, Q)] for time in times]
+        choices = [[TRUE, FALSE] if value == UNKNOWN else [value] for row in known for value in row]
+        outcomes = set()
+        for values in product(*choices):
+            rows = zip(times, values[::2], values[1::2], strict=True)
+            samples = tuple(Sample(time, {P.atom: p, Q.atom: q}) for time, p, q in rows)
+            outcomes.add(evaluate(formula, Trace(samples, trace.total, trace.total)).truth)
+        assert UNKNOWN not in outcomes
+        if truth != UNKNOWN:
+            assert outcomes == {truth}, (str(formula), trace)
 
 
-@settings(max_examples=1000, deadline=None)
-@given(formulas, traces())
-def test_the_monitor_says_the_same_as_the_evaluation_of_the_evidence_so_far(formula: Formula, trace: Trace) -> None:
-    monitor = Monitor(formula, trace.total)
-    decided = monitor.verdict.truth
-    for count, sample in enumerate(trace.samples, start=1):
-        truth = monitor.observe(sample.time, sample.values).truth
-        assert truth == evaluate(formula, Trace(trace.samples[:count], sample.time, trace.total)).truth
-        assert decided in {UNKNOWN, truth}
-        decided = truth
-    assert monitor.finish(trace.end).truth == evaluate(formula, trace).truth
+@settings(max_examples=100, deadline=None)
+@given(ten_cases())
+def test_the_monitor_says_the_same_as_the_evaluation_of_the_evidence_so_far(cases: Cases) -> None:
+    for formula, trace in cases:
+        monitor = Monitor(formula, trace.total)
+        decided = monitor.verdict.truth
+        for count, sample in enumerate(trace.samples, start=1):
+            truth = monitor.observe(sample.time, sample.values).truth
+            assert truth == evaluate(formula, Trace(trace.samples[:count], sample.time, trace.total)).truth
+            assert decided in {UNKNOWN, truth}, (str(formula), trace)
+            decided = truth
+        assert monitor.finish(trace.end).truth == evaluate(formula, trace).truth
+
+
+def test_what_was_seen_up_to_an_instant_is_unknown_right_after_it() -> None:
+    trace = Trace((Sample(0.0, {P.atom: TRUE}),), 5.0, 7.0)
+    # At 0 s, after it, at 5 s, after it, at 7 s.
+    assert evaluate(P, trace).signal == Signal((0, 5 * 10**9, 7 * 10**9), (TRUE, TRUE, TRUE, UNKNOWN, UNKNOWN))
 
 
 def known(*samples: tuple[float, Truth]) -> Trace:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from random import Random
 from types import SimpleNamespace
 
 import numpy as np
@@ -114,8 +115,8 @@ def streams(draw: st.DrawFn) -> tuple[dict[str, tuple[float, float]], Vote]:
     names = ["cam1", "cam2", "cam3"][: draw(st.integers(1, 3))]
     late = st.integers(0, 35).map(lambda hundredths: hundredths / 100)
     cameras = {name: (draw(st.sampled_from([10.0, 5.0, 8.0])), draw(late)) for name in names}
-    votes = st.lists(st.sampled_from([T, T, T, U, U, F]), min_size=30, max_size=30)
-    shown = {name: draw(votes) for name in names}
+    seeds = st.integers(0, 2**32 - 1)
+    shown = {name: Random(draw(seeds)).choices([T, U, F], weights=[3, 2, 1], k=30) for name in names}  # noqa: S311
     return cameras, lambda name, t: shown[name][round(t * cameras[name][0]) % 30]
 
 

@@ -48,5 +48,5 @@ def test_the_seed_decides(tmp_path: Path) -> None:
 
 
 def test_the_table_grows_with_the_ring_on_which_things_stand(tmp_path: Path) -> None:
-    findings = lint(made(tmp_path / "cell", Crowd(0, 1500, 1)))
+    findings = lint(made(tmp_path / "cell", Crowd(0, 400, 1)))
     assert "floating-object" not in [finding.code for finding in findings]

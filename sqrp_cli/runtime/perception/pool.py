@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
+from multiprocessing.context import ForkServerContext, SpawnContext
 from multiprocessing.process import BaseProcess
 from types import TracebackType
 
 from sqrp_cli.errors import SqrpError
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.sighting import CellKnowledge, Posture, Sighting, Watchlist
-from sqrp_cli.runtime.processes import without_interrupts
+from sqrp_cli.runtime.processes import process_context, without_interrupts
 
 ANSWER_WITHIN = 20.0
 """A process that takes longer than this for an image [s] counts as crashed."""
@@ -38,7 +38,7 @@ class PerceptionPool:
 
     def __init__(self, cell: CellKnowledge, processes: int | None = None) -> None:
         """processes: at most one per camera; by default one per core."""
-        context = multiprocessing.get_context("spawn")  # a fork would share the simulator's memory
+        context = process_context()
         names = list(cell.cameras)
         count = max(1, min(processes or os.cpu_count() or 1, len(names)))
         self._workers = [_Worker(context, cell, names[i::count]) for i in range(count)]
@@ -79,7 +79,7 @@ class PerceptionPool:
 
 
 class _Worker:
-    def __init__(self, context: multiprocessing.context.SpawnContext, cell: CellKnowledge, cameras: list[str]) -> None:
+    def __init__(self, context: ForkServerContext | SpawnContext, cell: CellKnowledge, cameras: list[str]) -> None:
         self.cameras = cameras
         self._connection, theirs = context.Pipe()
         self._process: BaseProcess = context.Process(target=_serve, args=(theirs, cell, cameras), daemon=True)

@@ -6,7 +6,6 @@ import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from multiprocessing.shared_memory import SharedMemory
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.runtime.processes import without_interrupts
+from sqrp_cli.runtime.processes import process_context, without_interrupts
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.simulation.engine import mujoco
@@ -51,7 +50,7 @@ class RenderPool:
         self._pipes: list[Connection] = []
         self._end = finalize(self, _end, self._pipes, self._workers, self._memory)
         self._ready = False
-        context = get_context("spawn")
+        context = process_context()
         with without_interrupts():
             for _ in range(min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)):
                 ours, theirs = context.Pipe()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -42,8 +42,10 @@ from tests.programming.sensing.views import (
 )
 from tests.programming.studies import WatchedMotion, watched_motion
 
-STATES = 10
-SEEDS = st.integers(0, 2**32 - 1)
+STATES = 6
+SEEDS = st.integers(0, 59)
+"""Of random watches. Every law is tried on most of them, so that much of what it compares with is known from others."""
+
 few = settings(max_examples=40, deadline=None)
 
 
@@ -71,10 +73,15 @@ class Watch:
         return boxes
 
     @cached_property
+    def whole(self) -> TargetCoverage:
+        return self.coverage()
+
+    @property
     def covered(self) -> NDArray[np.bool_]:
-        return self.coverage().covered
+        return self.whole.covered
 
 
+@cache
 def random_watch(seed: int) -> Watch:
     """Links that jump about with parts on them, cameras of three rates around, one in a hand, and up to three boxes."""
     rng = np.random.default_rng(seed)
@@ -133,7 +140,7 @@ def same_response(first: Array, second: Array) -> bool:
 @given(seed=SEEDS)
 def test_coverage_alone_is_what_the_full_matrix_gives_response_included(seed: int) -> None:
     watch = random_watch(seed)
-    quick = watch.coverage()
+    quick = watch.whole
     sees = np.all([box.cause == Cause.NONE for box in watch.matrix], axis=0)
     assert quick.covered.tolist() == (sees.sum(axis=1) >= watch.target.cameras).tolist()
     for state in range(STATES):
@@ -149,7 +156,7 @@ def test_coverage_alone_is_what_the_full_matrix_gives_response_included(seed: in
 def test_coverage_of_some_states_is_that_of_all_at_those(seed: int, states: list[int]) -> None:
     watch = random_watch(seed)
     rows = np.array(sorted(states), dtype=np.int64)
-    some, whole = watch.coverage(rows), watch.coverage()
+    some, whole = watch.coverage(rows), watch.whole
     assert some.covered.tolist() == whole.covered[rows].tolist()
     assert same_response(some.response, whole.response[rows])
 
@@ -204,7 +211,7 @@ def test_a_cause_is_given_exactly_when_a_box_is_not_covered(seed: int) -> None:
 @given(seed=SEEDS, order=st.permutations(range(5)))
 def test_the_order_of_the_cameras_does_not_matter(seed: int, order: list[int]) -> None:
     watch = random_watch(seed)
-    plain, shuffled = watch.coverage(), replace(watch, cameras=tuple(watch.cameras[i] for i in order)).coverage()
+    plain, shuffled = watch.whole, replace(watch, cameras=tuple(watch.cameras[i] for i in order)).whole
     assert plain.covered.tolist() == shuffled.covered.tolist()
     assert same_response(plain.response, shuffled.response)
 
@@ -271,7 +278,7 @@ def from_world_frame(name: str, X_WF: Array, X_NW: Array) -> Array:
 
 
 @few
-@given(seed=SEEDS, elsewhere=SEEDS)
+@given(seed=SEEDS, elsewhere=st.integers(0, 2**32 - 1))
 def test_the_place_of_the_whole_cell_does_not_matter(seed: int, elsewhere: int) -> None:
     watch = random_watch(seed)
     X_NW = random_pose(np.random.default_rng(elsewhere), (-5, -5, -5), (5, 5, 5))
@@ -282,8 +289,8 @@ def test_the_place_of_the_whole_cell_does_not_matter(seed: int, elsewhere: int) 
 @given(seed=SEEDS)
 def test_one_more_camera_never_lowers_coverage(seed: int) -> None:
     watch = random_watch(seed)
-    before = replace(watch, cameras=watch.cameras[:-1]).coverage()
-    after = watch.coverage()
+    before = replace(watch, cameras=watch.cameras[:-1]).whole
+    after = watch.whole
     assert not (before.covered & ~after.covered).any()
     assert (after.response[before.covered] <= before.response[before.covered] + 1e-12).all()
 

@@ -1,0 +1,95 @@
+"""A run with a slip in the lift in a small, fast cell: two cameras, few frames, a quick arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import yaml
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.runtime.simulation.physics import Physics
+
+ROOT = Path(__file__).parents[2]
+RATE = 8.0
+QUICK_ARM = {
+    "velocity": "120 deg/s",
+    "acceleration": "400 deg/s^2",
+    "jerk": "3000 deg/s^3",
+    "stop_acceleration": "1500 deg/s^2",
+    "stop_jerk": "30000 deg/s^3",
+}
+
+
+@dataclass(frozen=True)
+class Cell:
+    program: Path
+    folder: Path
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What MuJoCo itself says of a time: of the tool frame and of `g2`."""
+
+    t: float
+    tool: Array
+    turn: Array
+    thing: Array
+    held: str | None
+
+
+@dataclass(frozen=True)
+class SlipRun:
+    """What a run left behind; the folder of its cell has its log, its frames and its page.
+
+    moments: what the simulation says, apart from all that is told; by time.
+    """
+
+    cell: Cell
+    outcome: Any
+    moments: list[Moment]
+
+
+def quick_cell(sqrp: Callable[..., Any], folder: Path) -> Cell:
+    """A program for the tabletop with two of its cameras and a faster arm."""
+    text = (ROOT / "workspaces" / "tabletop" / "workspace.yaml").read_text(encoding="utf-8")
+    workspace = yaml.safe_load(text.replace(" on: ", " 'on': "))  # YAML 1.1 takes a bare `on` for a truth value
+    workspace["cameras"] = {name: {**workspace["cameras"][name], "rate": f"{RATE} Hz"} for name in ("cam3", "cam5")}
+    workspace["robot"]["limits"] = QUICK_ARM
+    workspace["robot"]["tool"]["urdf"] = str(ROOT / "workspaces" / "robots" / "suction_cup.urdf")
+    workspace["skills"] = [str(ROOT / "skills" / "pickup")]
+    (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
+    program = folder / "pick.yaml"
+    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
+    return Cell(program, folder)
+
+
+def run_with_slip(sqrp: Callable[..., Any], cell: Cell) -> SlipRun:
+    """Run the program and keep all that can be kept."""
+    moments = {}
+    real = Physics.advance
+
+    def advance(self: Physics, t: float, reference: object) -> None:
+        real(self, t, reference)
+        moments[round(self.t, 6)] = _moment(self)
+
+    folder = cell.folder
+    outputs = ("--log", folder / "run.jsonl", "--frames", folder / "frames", "--report", folder / "page.html")
+    with mock.patch.object(Physics, "advance", advance):
+        outcome = sqrp("run", cell.program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
+    return SlipRun(cell, outcome, [moments[t] for t in sorted(moments)])
+
+
+def _moment(physics: Physics) -> Moment:
+    data = physics._data
+    thing = data.body("g2")
+    return Moment(
+        physics.t,
+        data.body("suction_tip").xpos.copy(),
+        thing.xmat.reshape(3, 3).copy(),
+        thing.xpos.copy(),
+        physics.held(),
+    )
