@@ -36,7 +36,7 @@ from tests.programming.sensing.views import (
     random_pose,
 )
 
-SCENES, STATES, RESOLUTION = 9, 12, 200
+SCENES, STATES, RESOLUTION = 10, 12, 200
 SHARES = (1.0, 0.5)
 SKIN = 1e-3
 DEPTH_BAND = 2e-3
