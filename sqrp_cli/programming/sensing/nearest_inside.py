@@ -27,14 +27,16 @@ Mask = NDArray[np.bool_]
 def nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
     """Least distance from the eye to the part of each pair's solid inside the view hull, shape (pairs,).
 
-    It may be too large except where it is the least of its line, and there too if no other comes near it. The solids
-    of the pairs do reach into the hulls.
+    Distances may be too large where that does not matter: which pair of each line has the least is exact. The solids of
+    the pairs do reach into the hulls.
     """
     line, solids = pairs
     hulls = _Hulls.of(lines, poses, pairs)
+    # What reaches into a hull is at least as near as the farthest corner of its box: boxes alone decide many lines.
     bounds, nearest = np.empty(len(line)), np.empty(len(line))
     for solid, rows in _by_solid(poses, solids, np.arange(len(line))):
         bounds[rows], nearest[rows] = box_distances(solid, hulls.eyes[rows])
+    # What stands in front of the others comes first, as then few of the others may be nearer; so with its triangles.
     in_front = _least_of_each(line, bounds, 1)
     found = [_Pieces.none()]
     for chosen in (in_front, ~in_front):
