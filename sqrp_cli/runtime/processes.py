@@ -6,7 +6,7 @@ import multiprocessing
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from multiprocessing import resource_tracker
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.context import ForkServerContext, SpawnContext
 
 _NEEDED = ("__main__", "cv2", "sqrp_cli.runtime.perception.watcher", "sqrp_cli.runtime.simulation.render_pool")
@@ -18,10 +18,13 @@ def process_context() -> ForkServerContext | SpawnContext:
 
     Where that is possible they come from one that has imported what they need, so that this is not done for each.
     """
-    if "forkserver" not in multiprocessing.get_all_start_methods():
+    try:
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(list(_NEEDED))
+        with without_interrupts():
+            forkserver.ensure_running()
+    except (ValueError, OSError):  # not on this system, or its folder for temporary files has too long a name for it
         return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(_NEEDED))
     return context
 
 
