@@ -83,8 +83,11 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
     """
     console, lines = output(), list(rows)
     for narrow in (False, True):
-        titles = [_broken(column.title) if narrow else column.title for column in columns]
         cells = [[_styled(cell, bar=not narrow) for cell in line] for line in lines]
+        titles = [column.title for column in columns]
+        if narrow:
+            widest = [max((cell_len(str(line[number])) for line in cells), default=0) for number in range(len(columns))]
+            titles = [_broken(title, width) for title, width in zip(titles, widest, strict=True)]
         if _width(columns, titles, cells) <= console.width:
             _print_grid(console, _grid(columns, titles, cells))
             return
@@ -109,10 +112,14 @@ def _named(title: str) -> tuple[str, ...]:
     return (" ".join(title.split()), " ") if title else ()
 
 
-def _broken(title: str) -> str:
-    """A title in short lines."""
-    words = title.split()
-    return "\n".join(word if len(word) <= LONGEST_TITLE else word.replace("_", "_\n") for word in words)
+def _broken(title: str, width: int) -> str:
+    """A title in lines no longer than its column is wide anyway, or else as short as can be."""
+    words = [word if len(word) <= LONGEST_TITLE else word.replace("_", "_\n") for word in title.split()]
+    lines = words[:1]
+    for word in words[1:]:
+        longer = f"{lines[-1]} {word}"
+        lines[-1:] = [longer] if len(longer) <= width else [lines[-1], word]
+    return "\n".join(lines)
 
 
 def _width(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequence[Text]]) -> int:

@@ -176,7 +176,7 @@ class ImageEntry(Entry):
     width: PixelCount
     height: PixelCount
     horizontal_fov: Angle | None = Field(
-        default=None, description="Angle from the left to the right edge; square pixels."
+        default=None, description="Angle from the left to the right edge without lens distortion; square pixels."
     )
     fx: Pixels | None = Field(default=None, ge=0.1, description="Focal length along x.")
     fy: Pixels | None = Field(default=None, ge=0.1, description="Focal length along y; default fx.")

@@ -74,7 +74,9 @@ def _mean_delay(assessment: Assessment) -> float | None:
 
 
 def _expected_time(assessment: Assessment) -> float | None:
-    return max((fault.expected_time for fault in assessment.faults.values()), default=None)
+    """After the worst of the faults that are retried: of the others nothing is done in the end."""
+    retried = assessment.candidate.skill.retried_faults
+    return max((fault.expected_time for name, fault in assessment.faults.items() if name in retried), default=None)
 
 
 _CRITERIA: dict[Criterion, Figure] = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from sqrp_cli.cli.console import Column, print_table
 from sqrp_cli.cli.run_view import print_run, short_times
 from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
 
@@ -66,3 +67,12 @@ def test_faults_of_several_steps_name_the_step_in_which_they_were_first_told(
     print_run("cell", RunReport("stopped", "dropped", 9.6, steps, [slip, dropped]))
     rows = [line.split()[:2] for line in capsys.readouterr().out.splitlines() if line[:2] in ("1:", "2:")]
     assert rows == [["1:", "slip"], ["2:", "dropped"]]
+
+
+def test_titles_break_where_their_columns_are_wide_enough_anyway(capsys: pytest.CaptureFixture[str]) -> None:
+    columns = [Column("a literal"), Column("from - to [s]", right=True), Column("predicted", right=True)]
+    print_table(columns, [["x" * 56, "0.1 - 0.2", "1"]])
+    assert [line.rstrip() for line in capsys.readouterr().out.splitlines()[:2]] == [
+        "a literal" + " " * 49 + "from - to  predicted",
+        " " * 64 + "[s]",
+    ]

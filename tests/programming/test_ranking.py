@@ -37,6 +37,16 @@ def test_the_criterion_counts_first() -> None:
         assert names(both, criterion) == ["g2", "g1"]
 
 
+def test_only_faults_that_are_retried_count_for_when_all_is_done() -> None:
+    stops = FaultMetrics(1.0, 2.0, 1.0, 0.0, 99.0)
+    soon = dataclasses.replace(
+        assessed(0, 1.0, 0.5, 9.0), faults={**assessed(0, 1.0, 0.5, 9.0).faults, "broken": stops}
+    )
+    late = assessed(1, 1.0, 0.5, 9.0, 3.0)
+    assert "broken" not in soon.candidate.skill.retried_faults
+    assert names([late, soon], "expected_time") == ["g1", "g2"]
+
+
 def test_ties_go_by_q_avg_then_time_then_worst_delay_then_parameters() -> None:
     assert names([assessed(0, 1.0, 0.5, 9.0), assessed(1, 1.0, 0.6, 9.0)]) == ["g2", "g1"]
     assert names([assessed(0, 1.0, 0.5, 9.0), assessed(1, 1.0, 0.5, 8.0)]) == ["g2", "g1"]
