@@ -20,8 +20,9 @@ from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts
 from sqrp_cli.programming.stage import Samples
 
-_LOOKS = 5
-"""Samples of a blind stretch at which the causes are looked up."""
+_LOOKS, _LOOKS_OF_SEVERAL = 5, 25
+"""Samples of a blind stretch at which the causes are looked up; where several cameras are needed, each may see at some
+of them."""
 
 NOTHING_MISSING = "Every literal is covered all the time."
 """What is said of a candidate in which nothing is lost."""
@@ -57,13 +58,14 @@ class CameraCause:
     """Why a camera does not see a target over a stretch: its commonest first failing limit.
 
     by: the occluder, or the side of the image; None otherwise. figure: mean amount by which the limit is missed, in the
-    limit's unit.
+    limit's unit. partly: whether it does see the target for a part of the stretch.
     """
 
     camera: str
     cause: Cause
     by: str | None
     figure: float
+    partly: bool
 
     def told(self, templates: dict[Cause, str], atom: Atom) -> str:
         """One of the sentences above about this camera."""
@@ -79,7 +81,8 @@ class CameraCause:
     @property
     def words(self) -> str:
         """The cause in a few words."""
-        return f"behind {self.by}" if self.cause is Cause.HIDDEN else self.cause.words
+        words = f"behind {self.by}" if self.cause is Cause.HIDDEN else self.cause.words
+        return f"{words} for a part of that time" if self.partly else words
 
 
 @dataclass(frozen=True)
@@ -104,16 +107,13 @@ class BlindStretch:
             cameras = "1 camera that sees" if self.needed == 1 else f"{self.needed} cameras that see"
             there = f"{'is' if len(self.seeing) == 1 else 'are'} only {len(self.seeing)}"
             return f"{self.atom} needs {cameras} it, but there {there}, {when}"
+        if self.needed > 1:
+            # No single camera is to blame, and each may see the target for a while.
+            seen = f"; {', '.join(self.seeing)} {'sees' if len(self.seeing) == 1 else 'see'} it" if self.seeing else ""
+            return f"Fewer than {self.needed} cameras see {self.atom} {when} ({_listed(self.causes)}{seen})"
         nearest, *others = self.causes
         sentence = f"{nearest.told(_SENTENCES, self.atom)} {when}"
-        groups: dict[str, list[str]] = defaultdict(list)
-        for other in others:
-            groups[other.words].append(other.camera)
-        listed = "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
-        if self.seeing:
-            seen = f"{', '.join(self.seeing)} {'sees' if len(self.seeing) == 1 else 'see'} it, but {self.needed} must"
-            return f"{sentence}; {seen}" + (f" ({listed})" if listed else "")
-        return f"{sentence}, and no other camera makes up for it ({listed})" if listed else sentence
+        return f"{sentence}, and no other camera makes up for it ({_listed(others)})" if others else sentence
 
     @property
     def advice(self) -> str:
@@ -121,6 +121,14 @@ class BlindStretch:
         if not self.causes:
             return "add a camera"
         return self.causes[0].told(_ADVICE, self.atom)
+
+
+def _listed(causes: Sequence[CameraCause]) -> str:
+    """Cameras by what is in their way."""
+    groups: dict[str, list[str]] = defaultdict(list)
+    for cause in causes:
+        groups[cause.words].append(cause.camera)
+    return "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
 
 
 def verdict(cell: Cell, study: Study) -> str:
@@ -156,7 +164,8 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     Of all literals the one that is lost in most of a few samples.
     """
     timeline, samples = study.timeline, study.timeline.samples
-    chosen = rows[np.unique(np.linspace(0, len(rows) - 1, _LOOKS).round().astype(np.int64))]
+    looks = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
+    chosen = rows[np.unique(np.linspace(0, len(rows) - 1, looks).round().astype(np.int64))]
     states = study.stage.states(Samples(samples.piece[chosen], samples.t[chosen]))
     uncovered = timeline.observation.required[chosen] & ~timeline.observation.covered[chosen]
     columns = np.flatnonzero(uncovered.any(axis=0)).tolist()
@@ -184,7 +193,10 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
 
 
 def _camera_causes(cell: Cell, boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64]) -> Sequence[CameraCause]:
-    """The commonest cause of each camera that does not see all boxes; those that fail at the last check first."""
+    """The commonest cause of each camera that does not see all boxes.
+
+    Those that fail all the time come first, and of these the ones that fail at the last check.
+    """
     found = []
     for index, camera in enumerate(cell.observer.cameras):
         figures: dict[tuple[Cause, int], list[float]] = defaultdict(list)
@@ -193,5 +205,6 @@ def _camera_causes(cell: Cell, boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.
                 figures[failure.cause, failure.by].append(failure.figure)
         if figures:
             cause, by = max(figures, key=lambda kind: len(figures[kind]))
-            found.append(CameraCause(camera.name, cause, by_name(cell, cause, by), float(np.mean(figures[cause, by]))))
-    return sorted(found, key=lambda camera_cause: -camera_cause.cause)
+            figure, partly = float(np.mean(figures[cause, by])), sum(map(len, figures.values())) < len(rows)
+            found.append(CameraCause(camera.name, cause, by_name(cell, cause, by), figure, partly))
+    return sorted(found, key=lambda camera_cause: (camera_cause.partly, -camera_cause.cause))

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -90,3 +91,31 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studi
     assert stretch.causes[0].cause is Cause.HIDDEN
     assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
     assert f"behind {stretch.causes[0].by}" in str(stretch)
+
+
+def test_where_two_cameras_are_needed_each_is_told_with_whether_it_sees_for_a_while(
+    cell: Cell, studies: dict[str, Study]
+) -> None:
+    found = studies["g1"]
+    observation = found.timeline.observation
+    sees = np.all([box.cause == Cause.NONE for box in observation.full_matrix[0]], axis=0)
+    rows = np.flatnonzero(observation.required[:, 0] & (sees.sum(axis=1) < 2))
+    rows = rows[: 1 + np.flatnonzero(np.diff(rows, append=np.inf) > 1)[0]][:25]  # so few that all of them are looked at
+    part = SimpleNamespace(required=observation.required[:, :1], covered=sees.sum(axis=1)[:, None] >= 2)
+    asked = SimpleNamespace(
+        timeline=SimpleNamespace(samples=found.timeline.samples, observation=part),
+        stage=found.stage,
+        targets=[dataclasses.replace(found.targets[0], cameras=2)],
+    )
+    stretch = explain_stretch(cell, asked, rows)
+    share = dict(zip(cell.workspace.cameras, sees[rows].mean(axis=0), strict=True))
+    assert {cause.camera: cause.partly for cause in stretch.causes} == {
+        name: seen > 0.0 for name, seen in share.items() if seen < 1.0
+    }
+    assert stretch.seeing == tuple(name for name, seen in share.items() if seen == 1.0)
+    assert not stretch.causes[0].partly
+    assert str(stretch).startswith(f"Fewer than 2 cameras see {found.targets[0].atom} from ")
+    told = [part for part in re.split(r"[(;)]", str(stretch)) if "for a part of that time" in part]
+    assert {name for name in share if any(name in part for part in told)} == {
+        cause.camera for cause in stretch.causes if cause.partly
+    }
