@@ -51,6 +51,12 @@ def transform(X_AB: Array, points_B: Array) -> Array:
     return moved
 
 
+def norms(vectors: Array) -> Array:
+    """Lengths of vectors (n, 3), shape (n,); about twice as fast as `np.linalg.norm`."""
+    lengths: Array = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
+    return lengths
+
+
 def cross(a: Array, b: Array) -> Array:
     """The cross product of vectors (..., 3); several times faster than `np.cross` on small arrays."""
     product = np.empty(np.broadcast_shapes(a.shape, b.shape))

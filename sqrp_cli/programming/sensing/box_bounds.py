@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, norms
 from sqrp_cli.programming.sensing.sight_lines import TOUCH
 from sqrp_cli.programming.solids import Solid
 
@@ -14,7 +14,7 @@ def box_distances(solid: Solid, points: Array) -> tuple[Array, Array]:
     """Least and greatest distances of points (n, 3), in the parent's frame, from the box around a solid; (n,) [m]."""
     axes, lengths = _axes(solid)
     along = np.abs((points - solid.center) @ axes.T)
-    return _norm(np.maximum(along - lengths, 0.0)), _norm(along + lengths)
+    return norms(np.maximum(along - lengths, 0.0)), norms(along + lengths)
 
 
 def box_is_met(solid: Solid, points: Array, rays: Array) -> NDArray[np.bool_]:
@@ -39,8 +39,3 @@ def _axes(solid: Solid) -> tuple[Array, Array]:
     # The half axes are orthogonal; where the box is flat, one of them is zero and the factorization finds a direction.
     directions, lengths = np.linalg.qr(solid.half_axes.T)
     return directions.T, np.abs(np.diag(lengths))
-
-
-def _norm(vectors: Array) -> Array:
-    lengths: Array = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
-    return lengths

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, inverse
+from sqrp_cli.geometry import Array, inverse, norms
 from sqrp_cli.programming.sensing.box_bounds import box_distances
 from sqrp_cli.programming.sensing.clipping import clipped_distances, distances_to_origin, hull_half_spaces
 from sqrp_cli.programming.sensing.facets import Facets
@@ -44,7 +44,7 @@ def nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
         for solid, some in _by_solid(poses, solids, rows, hulls.normals.shape[1]):
             outside = hulls.outside(some, solid.vertices)
             vertex, at = np.nonzero(outside == 0)
-            np.minimum.at(nearest, some[at], _norm(solid.vertices[vertex] - hulls.eyes[some[at]]))
+            np.minimum.at(nearest, some[at], norms(solid.vertices[vertex] - hulls.eyes[some[at]]))
             found.append(_Pieces.of(hulls, some, Facets.of(solid), *(outside[corner] for corner in solid.triangles.T)))
     pieces = _Pieces.joined(found)
     for count in (_FIRST, len(pieces.row)):
@@ -114,7 +114,7 @@ class _Pieces:
         a, b, c = outside
         facet, at = np.nonzero((a & b & c) == 0)
         row = rows[at]
-        bounds = _norm(facets.middles[facet] - hulls.eyes[row]) - facets.radii[facet]
+        bounds = norms(facets.middles[facet] - hulls.eyes[row]) - facets.radii[facet]
         inside = (a[facet, at] | b[facet, at] | c[facet, at]) == 0
         return _Pieces(row, facet, bounds, inside, facets.points, facets.normals)
 
@@ -189,9 +189,3 @@ def _by_solid(poses: SolidPoses, solids: Indices, rows: Indices, spaces: int = 0
         solid, here = poses.solids[index], rows[of_rows == index]
         for some in np.array_split(here, 1 + len(here) * spaces * len(solid.triangles) // _CORNERS):
             yield solid, some
-
-
-def _norm(vectors: Array) -> Array:
-    """Lengths of vectors (n, 3)."""
-    lengths: Array = np.sqrt(np.einsum("ni,ni->n", vectors, vectors))
-    return lengths
