@@ -158,11 +158,11 @@ def settled(search: Search, chosen: Sequence[Sight], index: int, random: np.rand
 
 
 class Tabletop(Search):
-    """Six cameras; studies: g1 to g5 with 10 samples per primitive, then g1 with 5, 20, 40 and 79."""
+    """Six cameras; studies: g1 to g5 with 10 samples per primitive, then g1 with 5, 20, 40 and 313."""
 
     task = simulation.TASK
     fovs = (20, 24, 28, 32, 36, 40, 46)
-    wanted = (*((name, FixedCount(10)) for name in SIMULATION), *(("g1", FixedCount(n)) for n in (5, 20, 40, 79)))
+    wanted = (*((name, FixedCount(10)) for name in SIMULATION), *(("g1", FixedCount(n)) for n in (5, 20, 40, 313)))
     first = len(SIMULATION)
     movable = ("g2", "g3")
 
