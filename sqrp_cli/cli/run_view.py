@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.cli.console import Column, Show, joined, live, plain, print_table, say
 from sqrp_cli.program import Program
+from sqrp_cli.runtime.narrator import listed
 from sqrp_cli.runtime.outcome import (
     STATE,
     Confusion,
@@ -117,6 +118,7 @@ def print_run(workspace: str, report: RunReport, period: float | None = None) ->
     else:
         say(joined([f"{what} in {workspace}: ", ("stopped", "bold red"), f" at {report.time:.2f} s"]))
         say(f"The robot stopped because {short_times(report.reason or '')}.")
+    _print_unseen(report)
     if report.faults:
         say()
         _print_faults(report)
@@ -129,6 +131,19 @@ def print_run(workspace: str, report: RunReport, period: float | None = None) ->
     conflicts = f"cameras contradicted each other {times}" if report.conflicts else ""
     tracking = f"the tool was off its path by {1000 * (report.tracking or 0.0):.3f} mm rms"
     say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
+
+
+def _print_unseen(report: RunReport) -> None:
+    """What no camera saw at the end of steps that are done, so that nobody knows whether it held."""
+    for number, step in enumerate(report.steps, 1):
+        if step.end is not None and step.unseen:
+            end = "the motion" if len(report.steps) == 1 else f"step {number}"
+            atoms = listed([f"{atom} ({_last(t)})" for atom, t in step.unseen.items()])
+            say(f"At the end of {end} no image shows {atoms}: a fault since then goes unnoticed.", "yellow")
+
+
+def _last(t: float | None) -> str:
+    return "never before" if t is None else f"last at {t:.2f} s"
 
 
 def _print_faults(report: RunReport) -> None:

@@ -1,4 +1,4 @@
-"""`sqrp schema`: the JSON Schema of workspace files."""
+"""`sqrp schema`: the JSON Schema of workspace and skill files."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from sqrp_cli.errors import ExitCode
 
 NAME = "schema"
 
+File = Annotated[str, typer.Argument(metavar="workspace|skill", help="Of which files: workspace.yaml or skill.yaml.")]
 JsonAnyway = Annotated[
     bool, typer.Option("--json", help="Print one JSON document and nothing else, as always.", show_default=False)
 ]
 
 
-def command(as_json: JsonAnyway = True) -> ExitCode:  # noqa: ARG001 - it is JSON with and without
-    """Print the JSON Schema of workspace files.
+def command(file: File = "workspace", as_json: JsonAnyway = True) -> ExitCode:  # noqa: ARG001 - always JSON
+    """Print the JSON Schema of workspace files, or of skill files.
 
-    Editors complete and check workspace files with it.
+    Editors complete and check these files with it.
     """
     import json
 
     from sqrp_cli.cli.console import say_raw
-    from sqrp_cli.knowledge.workspace_file import workspace_schema
+    from sqrp_cli.knowledge.file_schemas import file_schema
 
-    say_raw(json.dumps(workspace_schema(), indent=2))
+    say_raw(json.dumps(file_schema(file), indent=2))
     return ExitCode.OK

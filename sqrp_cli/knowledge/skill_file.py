@@ -62,15 +62,15 @@ SettingEntry = Annotated[
 class ListedValues(Entry):
     """The values that candidates try, in order; the first is the default."""
 
-    values: list[Value] = Field(min_length=1, max_length=MAX_VALUES)
+    values: list[Value] = Field(min_length=1, max_length=MAX_VALUES, description="Numbers with their units, or words.")
 
 
 class ValueRange(Entry):
     """Values spread evenly from one bound to the other, both included."""
 
-    start: Value = Field(alias="from")
-    to: Value
-    count: Annotated[int, Field(strict=True, ge=2, le=MAX_VALUES)]
+    start: Value = Field(alias="from", description="The first.")
+    to: Value = Field(description="The last.")
+    count: Annotated[int, Field(strict=True, ge=2, le=MAX_VALUES, description="How many.")]
 
 
 MotionEntry = Annotated[
@@ -107,10 +107,13 @@ class PutWaypointEntry(Entry):
     yaw: SettingEntry = Field(default=Quantity(0.0, None), description="Turn against what it is put on.")
 
 
+Origin = Annotated[Name, Field(alias="from", description="The other waypoint.")]
+
+
 class TurnWaypointEntry(Entry):
     """Another waypoint, turned about the tool's axes."""
 
-    origin: Name = Field(alias="from")
+    origin: Origin
     turn: SettingEntry = Field(description="Turn about the tool's z axis.")
     tilt: SettingEntry = Field(default=Quantity(0.0, None), description="Turn about the tool's x axis after that.")
 
@@ -118,21 +121,21 @@ class TurnWaypointEntry(Entry):
 class RetreatWaypointEntry(Entry):
     """Another waypoint, moved back against the tool's z axis."""
 
-    origin: Name = Field(alias="from")
-    retreat: SettingEntry
+    origin: Origin
+    retreat: SettingEntry = Field(description="By how much.")
 
 
 class RaiseWaypointEntry(Entry):
     """Another waypoint, moved up along the world's z axis."""
 
-    origin: Name = Field(alias="from")
-    lift: SettingEntry = Field(alias="raise")
+    origin: Origin
+    lift: SettingEntry = Field(alias="raise", description="By how much.")
 
 
 class PoseWaypointEntry(Entry):
     """The tool frame at a fixed pose in the world."""
 
-    pose: Pose
+    pose: Pose = Field(description="Of the tool frame in the world.")
 
 
 WaypointEntry = Annotated[
@@ -146,10 +149,13 @@ WaypointEntry = Annotated[
 ]
 
 
+PrimitiveName = Annotated[Name, Field(description="What formulas call it, as in `a1.start`.")]
+
+
 class JointMoveEntry(Entry):
     """All joints move together to a waypoint."""
 
-    name: Name
+    name: PrimitiveName
     joint_move: Name = Field(description="The waypoint to go to; `home` is the robot's home configuration.")
     speed: SettingEntry = Field(default=Quantity(1.0, None), description="Share of the joints' velocity limits.")
     elbow: SettingEntry = Field(default="any", description="How the arm is bent at the end: up, down or any.")
@@ -161,7 +167,7 @@ class JointMoveEntry(Entry):
 class StraightMoveEntry(Entry):
     """The tool moves to a waypoint on a straight line."""
 
-    name: Name
+    name: PrimitiveName
     straight_move: Name = Field(description="The waypoint to go to.")
     speed: SettingEntry = Field(description="Speed of the tool, such as 5 cm/s.")
     acceleration: SettingEntry = Field(default=Quantity(0.5, None), description="Acceleration of the tool [m/s^2].")
@@ -171,22 +177,22 @@ class StraightMoveEntry(Entry):
 class GraspEntry(Entry):
     """The tool takes hold of an object, at the end of `duration`."""
 
-    name: Name
+    name: PrimitiveName
     grasp: Name = Field(description="The skill parameter that names the object.")
-    duration: SettingEntry
+    duration: SettingEntry = Field(description="How long that takes.")
 
 
 class ReleaseEntry(Entry):
     """The tool lets go of what it holds, at the end of the duration."""
 
-    name: Name
+    name: PrimitiveName
     release: SettingEntry = Field(description="The duration.")
 
 
 class WaitEntry(Entry):
     """The robot stands still."""
 
-    name: Name
+    name: PrimitiveName
     wait: SettingEntry = Field(description="The duration.")
 
 
@@ -226,7 +232,7 @@ FormulaOrText = Annotated[Annotated[FormulaEntry, Tag("<mapping>")] | Annotated[
 class BoxEntry(Entry):
     """A box of a target: where to look for what."""
 
-    name: Name
+    name: Name = Field(description="What output calls it.")
     frame: Text = Field(
         description="`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with "
         "`@start` (where it was when the skill began)."
@@ -266,7 +272,7 @@ class TargetEntry(Entry):
     cameras: Annotated[int, Field(strict=True, ge=1, le=200)] = Field(
         default=1, description="How many cameras must each see all boxes."
     )
-    boxes: list[BoxEntry] = Field(min_length=1, max_length=20)
+    boxes: list[BoxEntry] = Field(min_length=1, max_length=20, description="All of them decide it together.")
 
 
 class SkillFile(Entry):
@@ -274,7 +280,9 @@ class SkillFile(Entry):
 
     motion: dict[Name, MotionEntry] = Field(default={}, description="Parameters of the motion with the values to try.")
     waypoints: dict[Name, WaypointEntry] = Field(default={}, description="Poses of the tool frame.")
-    primitives: list[PrimitiveEntry] = Field(min_length=1, max_length=100)
+    primitives: list[PrimitiveEntry] = Field(
+        min_length=1, max_length=100, description="What the robot does, one after the other."
+    )
     formulas: list[FormulaOrText] = Field(default=[], description="What must hold while all goes well.")
     faults: dict[Name, FormulaEntry] = Field(default={}, description="What may go wrong.")
     targets: dict[Name, TargetEntry] = Field(default={}, description="What decides each predicate, and where to look.")

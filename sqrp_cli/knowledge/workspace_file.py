@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
@@ -92,7 +92,7 @@ MarkerId = Annotated[int, Field(strict=True, ge=0, le=1023)]
 class MarkerEntry(Entry):
     """An ArUco marker on a link: around the origin of the link's frame, facing along its z axis."""
 
-    id: MarkerId
+    id: MarkerId = Field(description="Which marker of the dictionary it is.")
     side: Size = Field(description="Side of the printed square.")
 
 
@@ -173,8 +173,8 @@ class DistortionEntry(Entry):
 class ImageEntry(Entry):
     """The image of a camera: its size, and either a field of view or the focal lengths."""
 
-    width: PixelCount
-    height: PixelCount
+    width: PixelCount = Field(description="Columns of the image.")
+    height: PixelCount = Field(description="Rows of the image.")
     horizontal_fov: Angle | None = Field(
         default=None, description="Angle from the left to the right edge without lens distortion; square pixels."
     )
@@ -250,10 +250,12 @@ class PartEntry(Entry):
     """A solid piece of an object: a box (full extents), sphere (radius), cylinder, capsule or mesh."""
 
     name: Name | None = Field(default=None, description="What output calls it; default: the object and a number.")
-    box: Extents | None = None
-    sphere: Size | None = None
-    cylinder: RoundEntry | None = None
-    capsule: RoundEntry | None = None
+    box: Extents | None = Field(default=None, description="Full extents.")
+    sphere: Size | None = Field(default=None, description="Its radius.")
+    cylinder: RoundEntry | None = Field(default=None, description="About its z axis.")
+    capsule: RoundEntry | None = Field(
+        default=None, description="About its z axis; the length is of the straight part."
+    )
     mesh: Text | None = Field(default=None, description="STL, OBJ or DAE file; relative to this file, or package://.")
     scale: Scale = Field(default=(1.0, 1.0, 1.0), description="Scale of the mesh, one for all axes or one for each.")
     pose: Pose = Field(default=Pose(), description="Pose of the piece in the object's frame.")
@@ -290,7 +292,9 @@ class ObjectEntry(Entry):
         description="A type of the skills or any other noun, such as `cube`. Besides, every object is a `fixture` or a "
         "`movable`, by `fixed`."
     )
-    color: Text | None = None
+    color: Text | None = Field(
+        default=None, description="What a task calls it, and what detectors of colours look for."
+    )
     attributes: list[Name] = Field(default=[], description="Further words that a task may use for it.")
     size: Extents = Field(description="Full extents of the box around it, along its own axes.")
     pose: Annotated[
@@ -309,10 +313,10 @@ class TaskEntry(Entry):
     """A task that the cell must support, with what is expected of its best candidate."""
 
     task: Text = Field(description="As on the command line, such as `pickup green`.")
-    min_q_avg: Share | None = None
-    min_q_eoi: Share | None = None
-    max_time: Time | None = None
-    max_delay: Time | None = None
+    min_q_avg: Share | None = Field(default=None, description="Least share of the time in which all is seen.")
+    min_q_eoi: Share | None = Field(default=None, description="The same of the events of interest.")
+    max_time: Time | None = Field(default=None, description="Longest duration.")
+    max_delay: Time | None = Field(default=None, description="Longest time until a fault is noticed.")
     feasible: bool | None = Field(default=None, description="Whether a feasible candidate is expected at all.")
     winner: Name | None = Field(default=None, description="The object that the best candidate is expected to use.")
 
@@ -328,8 +332,3 @@ class WorkspaceFile(Entry):
     state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
     tasks: list[TaskEntry] = Field(default=[], description="Tasks that the cell must support.")
     padding: Length = Field(default=0.0, ge=0, description="Least distance that motions keep from fixed objects.")
-
-
-def workspace_schema() -> dict[str, Any]:
-    """JSON Schema of workspace.yaml, for editors."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **WorkspaceFile.model_json_schema()}

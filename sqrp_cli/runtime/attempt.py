@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program import Step
 from sqrp_cli.runtime.album import Look
 from sqrp_cli.runtime.expectation import Expectation, values_when_open
@@ -23,7 +24,7 @@ class Attempt:
 
     start: of its motion on the cell's clock [s], None before it. undisturbed: whether all goes as the program planned,
     so that its images count in the check of predictions. failed: whether a fault was seen, so that objects are believed
-    to be where they were before.
+    to be where they were before. last_shown: when the last image was taken that showed an atom's value [s].
     """
 
     step: Step
@@ -33,6 +34,7 @@ class Attempt:
     undisturbed: bool
     start: float | None = None
     failed: bool = False
+    last_shown: dict[str, float] = field(default_factory=dict)
 
     @property
     def end(self) -> float:
@@ -62,6 +64,16 @@ class Attempt:
         """Whether an image taken at a time of the step [s] counts in the check of predictions."""
         return self.undisturbed and tau is not None and 0.0 <= tau <= self.step.time
 
+    @property
+    def unseen(self) -> Mapping[str, float | None]:
+        """What is asked at the end of the motion and no image from then on showed, with when one last did [s]."""
+        asked, last = self.judge.monitored(self.step.time), self.last_shown
+        return {atom: last.get(atom) for atom in asked if last.get(atom, 0.0) < self.end - 1e-9}
+
+    def note(self, look: Look) -> None:
+        """Remember what a complete look showed."""
+        self.last_shown.update({atom: look.t for atom, value in look.values.items() if value != Truth.UNKNOWN})
+
     def alarms(self, looks: Iterable[Look]) -> Iterator[Alarm]:
         """What calls for a response in the motion, first by what is known completely, then by what is there of more.
 
@@ -73,7 +85,9 @@ class Attempt:
                 continue
             if not look.complete:
                 ahead.append((look.tau, look.values))
-            elif (alarm := self.judge.observe(look.tau, look.values)) is not None:
+                continue
+            self.note(look)
+            if (alarm := self.judge.observe(look.tau, look.values)) is not None:
                 yield alarm
         while ahead and (alarm := self.judge.anticipate(ahead)) is not None:
             yield alarm

@@ -106,8 +106,10 @@ class Execution:
         record = StepRecord(step.skill, step.parameters, step.short_task, self._lockstep.now)
         self._report.steps.append(record)
         self._tool.holding = step.before.held is not None
-        while (found := self._attempt(index, step, first=record.attempts == 1)) is not None:
-            attempt, alarm = found
+        while True:
+            attempt, alarm = self._attempt(index, step, first=record.attempts == 1)
+            if alarm is None:
+                break
             response, retries = alarm.response, record.attempts - 1
             if alarm.kind == "fault":
                 self._ledger.seen(alarm, self._lockstep.now)
@@ -120,11 +122,11 @@ class Execution:
             record.attempts += 1
             self._ledger.acted(self._lockstep.now)
             self._say("retry", attempt=retries + 1, of=response.retries, step=step.skill, time=round(step.time, 6))
-        record.end = round(self._lockstep.now, 6)
+        record.end, record.unseen = round(self._lockstep.now, 6), attempt.unseen
         self._ledger.recovered(self._lockstep.now)
 
-    def _attempt(self, index: int, step: Step, *, first: bool) -> tuple[Attempt, Alarm] | None:
-        """Try a step once. Returns the alarm that needs a response, with the attempt; None if the step is done."""
+    def _attempt(self, index: int, step: Step, *, first: bool) -> tuple[Attempt, Alarm | None]:
+        """Try a step once. Returns the attempt, and the alarm that needs a response; None if the step is done."""
         expectation = Expectation(step, self._program.joints, self._twin)
         check = PredictionCheck(index, expectation, list(self._cameras))
         judge = Judge(expectation, self._lookout.period)
@@ -149,7 +151,7 @@ class Execution:
             if first:
                 self._report.prediction.append(check.counts)
                 self._report.disagreements.extend(check.disagreements)
-        return None if alarm is None else (attempt, alarm)
+        return attempt, alarm
 
     def _move(self, attempt: Attempt, number: int) -> Alarm | None:
         """Play the motion of an attempt at the step of a number, then look at what came of it."""
@@ -175,6 +177,7 @@ class Execution:
         while not looked or (alarm is not None and lockstep.now < until - 1e-9):
             for look in lockstep.pass_time():
                 if look.complete:
+                    attempt.note(look)
                     alarm = attempt.judge.at_rest(tau, look.values)
                     looked = True
         return alarm

@@ -87,7 +87,11 @@ class FaultRecord:
 
 @dataclass
 class StepRecord:
-    """A step as it was run; start and end on the run's clock [s]. label: the skill with its objects."""
+    """A step as it was run; start and end on the run's clock [s].
+
+    label: the skill with its objects. unseen: the atoms about which formulas ask at the end of the motion, and of which
+    no image from then on showed anything, with when the last one that did was taken [s]; None if there was none.
+    """
 
     skill: str
     parameters: Mapping[str, float | str]
@@ -95,6 +99,7 @@ class StepRecord:
     start: float
     end: float | None = None
     attempts: int = 1
+    unseen: Mapping[str, float | None] = field(default_factory=dict)
 
 
 @dataclass

@@ -277,10 +277,19 @@ def test_json_is_one_document_and_nothing_else(sqrp_process, tabletop):
         assert outcome.document["schema"] == 1
 
 
-def test_schema_is_json_schema_of_a_workspace(sqrp):
-    outcome = sqrp("schema")
+@pytest.mark.parametrize(
+    ("which", "keys"), [([], {"robot", "cameras"}), (["workspace"], {"robot", "cameras"}), (["skill"], {"primitives"})]
+)
+def test_schema_is_json_schema_of_a_kind_of_file(sqrp, which, keys):
+    outcome = sqrp("schema", *which)
     assert (outcome.code, outcome.err) == (0, "")
-    assert {"robot", "cameras", "objects"} <= set(outcome.document["properties"])
+    assert keys <= set(outcome.document["properties"])
+
+
+def test_schema_of_what_is_no_file_names_the_nearest(sqrp):
+    outcome = sqrp("schema", "skil")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err == "error: there is no schema of `skil`; did you mean `skill`?\n"
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -30,9 +31,13 @@ def run_in(cell: dict[str, Any], folder: Path, sqrp: Callable[..., Any], task: s
 
 
 @pytest.fixture(scope="module")
-def moved_on(sqrp: Callable[..., Any], tmp_path_factory: pytest.TempPathFactory) -> Any:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("screws")
+
+
+@pytest.fixture(scope="module")
+def moved_on(sqrp: Callable[..., Any], folder: Path) -> Any:
     """A slip of red2 in a lift that is out of sight; a faster arm, fewer cameras, few and small images."""
-    folder = tmp_path_factory.mktemp("screws")
     cell = workspace_of("screws")
     cell["cameras"] = {name: {**cell["cameras"][name], "rate": "4 Hz"} for name in ("cam3", "cam4")}
     for camera in cell["cameras"].values():
@@ -48,6 +53,19 @@ def test_the_robot_moves_on_to_where_the_retry_can_be_judged(moved_on: Any) -> N
     assert moved_on.document["steps"][0]["attempts"] == 2
     assert fault["moved_on"] > 0.3
     assert fault["detected"] + fault["moved_on"] < fault["acted"] < fault["recovered"]
+
+
+def test_what_no_image_shows_at_the_end_is_told_with_the_last_that_did(moved_on: Any, folder: Path) -> None:
+    events = [json.loads(line) for line in (folder / "run.jsonl").read_text(encoding="utf-8").splitlines()]
+    (retry,) = (event["t"] for event in events if event["event"] == "retry")
+    looks = [event for event in events if event["event"] == "evidence" and event["exposed"] > retry]
+    last = {
+        atom: look["exposed"] for look in looks for atom, found in look["literals"].items() if found["value"] != "blind"
+    }
+    asked = [atom for look in looks[-3:] for atom, found in look["literals"].items() if found["asked"]]
+    unseen = moved_on.document["steps"][0]["unseen"]
+    assert unseen == {atom: last.get(atom) for atom in asked if last.get(atom) != looks[-1]["exposed"]}
+    assert set(unseen) == {"hold(red2)", "obj_on_table(red2)", "open"}
 
 
 @pytest.fixture(scope="module")

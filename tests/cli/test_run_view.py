@@ -76,3 +76,15 @@ def test_titles_break_where_their_columns_are_wide_enough_anyway(capsys: pytest.
         " " * 58 + "from - to",
         "a literal" + " " * 55 + "[s]  predicted",
     ]
+
+
+def test_what_no_image_shows_at_the_end_is_said_of_steps_that_are_done(capsys: pytest.CaptureFixture[str]) -> None:
+    steps = [
+        StepRecord("pickup", {}, "pickup g", 0.0, 9.0, unseen={"hold(g)": 8.1, "obj_on_table(g)": None}),
+        StepRecord("place", {}, "place g", 9.0),
+    ]
+    print_run("cell", RunReport("stopped", "dropped", 9.6, steps))
+    told = "At the end of step 1 no image shows hold(g) (last at 8.10 s) and obj_on_table(g) (never before)"
+    assert f"{told}: a fault since then goes unnoticed." in " ".join(capsys.readouterr().out.split())
+    print_run("cell", RunReport("done", None, 9.6, [StepRecord("place", {}, "place g", 0.0, 9.6)]))
+    assert "no image" not in capsys.readouterr().out

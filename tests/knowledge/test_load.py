@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 from collections.abc import Callable
@@ -17,7 +16,6 @@ from sqrp_cli.knowledge.lint import lint
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.scene import Box
 from sqrp_cli.knowledge.skill import JointMove, Reference, StraightMove
-from sqrp_cli.knowledge.workspace_file import workspace_schema
 from sqrp_cli.logic.literal import Atom
 
 Damage = Callable[[dict[str, Any]], Path]
@@ -172,11 +170,3 @@ def test_a_folder_of_workspaces_says_which_it_has(tmp_path: Path, cell: Path) ->
     (tmp_path / "nothing").mkdir()
     with pytest.raises(InputError, match="the folder is empty"):
         load_workspace(tmp_path / "nothing")
-
-
-@pytest.mark.parametrize("schema", [workspace_schema()], ids=["workspace"])
-def test_the_json_schema_describes_every_key(schema: dict[str, Any]) -> None:
-    assert json.loads(json.dumps(schema)) == schema
-    entries = [schema, *schema["$defs"].values()]
-    assert all(entry["additionalProperties"] is False for entry in entries)
-    assert all(entry["description"] for entry in entries)

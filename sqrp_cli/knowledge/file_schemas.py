@@ -1,0 +1,22 @@
+"""JSON Schemas of the files that people write, with which editors complete and check them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.knowledge.entries import Entry
+from sqrp_cli.knowledge.skill_file import SkillFile
+from sqrp_cli.knowledge.workspace_file import WorkspaceFile
+
+FILES: Mapping[str, type[Entry]] = {"workspace": WorkspaceFile, "skill": SkillFile}
+"""What describes the whole of a file, by the file's name without `.yaml`."""
+
+
+def file_schema(name: str) -> dict[str, Any]:
+    """JSON Schema (2020-12) of the files of that name, one of `FILES`. Raises InputError for another name."""
+    if name not in FILES:
+        problem = Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, FILES)}")
+        raise InputError(problem)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **FILES[name].model_json_schema()}

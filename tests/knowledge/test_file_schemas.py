@@ -1,0 +1,47 @@
+"""JSON Schemas of workspace and skill files, asked by a validator that knows nothing of the program."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from jsonschema import Draft202012Validator
+
+from sqrp_cli.knowledge.file_schemas import FILES, file_schema
+from sqrp_cli.knowledge.source import read_document
+
+ROOT = Path(__file__).parents[2]
+SHIPPED = sorted([*ROOT.glob("workspaces/*/workspace.yaml"), *ROOT.glob("skills/*/skill.yaml")])
+VALIDATORS = {name: Draft202012Validator(file_schema(name)) for name in FILES}
+
+
+def mappings(value: object) -> Iterator[dict[str, Any]]:
+    """The mappings within a document, the document included."""
+    if isinstance(value, dict):
+        yield value
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from mappings(inner)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_schema_is_valid_and_describes_every_key(name: str) -> None:
+    schema = file_schema(name)
+    Draft202012Validator.check_schema(schema)
+    entries = [schema, *schema["$defs"].values()]
+    assert all(entry["additionalProperties"] is False for entry in entries)
+    assert all(entry["description"] for entry in entries)
+    keys = [(key, value) for entry in entries for key, value in entry["properties"].items()]
+    assert [key for key, value in keys if "description" not in value and "$ref" not in value] == []
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.parent.name)
+def test_shipped_files_are_valid_and_a_key_too_many_is_not_anywhere(file: Path) -> None:
+    validator, content = VALIDATORS[file.stem], read_document(file).data
+    assert [error.message for error in validator.iter_errors(content)] == []
+    for place in range(sum(1 for _ in mappings(content))):
+        changed = copy.deepcopy(content)
+        list(mappings(changed))[place]["nonsense"] = {}
+        assert not validator.is_valid(changed)
