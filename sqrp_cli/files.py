@@ -106,25 +106,29 @@ def write_atomically(path: Path, content: str | bytes, *, executable: bool = Fal
     where the file cannot be written.
     """
     check_writable(path)
-    if _is_special(path):
-        with suppress(BrokenPipeError), path.open("ab") as special:  # after what has gone the same way before
-            special.write(content.encode() if isinstance(content, str) else content)
-        return
-    path = path.resolve()
+    data = content.encode() if isinstance(content, str) else content
     try:
-        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content.encode() if isinstance(content, str) else content)
-                file.flush()
-                os.fsync(file.fileno())
-            mask = os.umask(0)
-            os.umask(mask)
-            Path(name).chmod((0o777 if executable else 0o666) & ~mask)
-            Path(name).replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        if _is_special(path):
+            with suppress(BrokenPipeError), path.open("ab") as special:  # after what has gone the same way before
+                special.write(data)
+        else:
+            _replace(path.resolve(), data, executable=executable)
     except OSError as error:
         message = f"this file cannot be written: {error.strerror or error}"
         raise InputError(Problem("cannot-write", message, Place(path))) from error
+
+
+def _replace(path: Path, content: bytes, *, executable: bool) -> None:
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        mask = os.umask(0)
+        os.umask(mask)
+        Path(name).chmod((0o777 if executable else 0o666) & ~mask)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

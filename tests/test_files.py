@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.errors import InputError
+from sqrp_cli.errors import InputError, Place
 from sqrp_cli.files import alone, check_distinct, check_writable, write_atomically
 
 
@@ -112,3 +112,11 @@ def test_what_is_written_to_an_open_stream_comes_after_what_is_in_its_file(tmp_p
     with path.open("a") as stream:
         write_atomically(Path(f"/proc/self/fd/{stream.fileno()}"), "after\n")
     assert path.read_text() == "before\nafter\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
+def test_a_device_that_takes_no_more_is_named() -> None:
+    with pytest.raises(InputError, match="No space left on device") as caught:
+        write_atomically(Path("/dev/full"), "content")
+    (problem,) = caught.value.problems
+    assert problem.place == Place(Path("/dev/full"))

@@ -34,8 +34,11 @@ class Entry(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _only_declared_keys(cls, data: Any) -> Any:  # noqa: ANN401 - runs before validation
+        valid = [field.alias or name for name, field in cls.model_fields.items()]
+        if not isinstance(data, dict | cls):
+            needed = [field.alias or name for name, field in cls.model_fields.items() if field.is_required()]
+            raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or valid})
         if isinstance(data, dict):
-            valid = [field.alias or name for name, field in cls.model_fields.items()]
             unknown = {str(key): expected_names(str(key), valid) for key in data if key not in valid}
             if unknown:
                 raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
@@ -73,13 +76,23 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
 Text = Annotated[str, StringConstraints(min_length=1)]
 
 
+_TURN = 6.2832
+"""Radians in a turn, and a little more. An angle beyond that without a unit was meant in degrees."""
+
+
 def quantity(*dimensions: Dimension) -> Callable[[Any], float]:
-    """A validator that accepts a number in SI units, or text with a unit of one of the dimensions."""
+    """A validator that accepts a number in SI units, or text with a unit of one of the dimensions.
+
+    What is nothing but an angle needs a unit if it is more than a turn.
+    """
 
     def validate(value: object) -> float:
         read = read_quantity(value)
         if read is None or (read.dimension is not None and read.dimension not in dimensions):
             message = f"found {describe(value)}, expected {expected_quantity(*dimensions)}"
+            raise PydanticCustomError("wrong-unit", "{message}", {"message": message})
+        if read.dimension is None and dimensions == (units.ANGLE,) and abs(read.value) > _TURN:
+            message = f"found {describe(value)}, which would be radians; expected {expected_quantity(*dimensions)}"
             raise PydanticCustomError("wrong-unit", "{message}", {"message": message})
         return read.value
 

@@ -7,7 +7,12 @@ from collections.abc import Iterator
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.held import grasping_skills
 from sqrp_cli.knowledge.lint_actions import formulas_against_the_action, impossible_preconditions
-from sqrp_cli.knowledge.lint_formulas import contradictions, fault_boxes_that_move, predicates_of
+from sqrp_cli.knowledge.lint_formulas import (
+    contradictions,
+    fault_boxes_that_move,
+    faults_of_the_plan,
+    predicates_of,
+)
 from sqrp_cli.knowledge.lint_scene import blind_cameras, floating_objects, overlapping_objects, too_small_boxes
 from sqrp_cli.knowledge.skill import Reference, Skill
 from sqrp_cli.knowledge.workspace import Workspace
@@ -16,17 +21,18 @@ from sqrp_cli.knowledge.workspace import Workspace
 def lint(workspace: Workspace) -> tuple[Problem, ...]:
     """Every finding, first those of the skills, then those of cameras and objects; none if the workspace is fine.
 
-    Codes: literal-without-target, box-moves-with-lost-object, contradictory-formulas, contradictory-precondition,
-    against-the-precondition, against-the-effect, too-few-cameras, too-small-for-every-camera,
-    unused-parameter, held-against-the-facts, camera-inside-object, camera-sees-nothing, overlapping-objects,
-    floating-object, beside-support. Intervals that end before they start and frames that do not exist are refused when
-    the workspace is read.
+    Codes: literal-without-target, box-moves-with-lost-object, contradictory-formulas, fault-of-the-plan,
+    contradictory-precondition, against-the-precondition, against-the-effect, too-few-cameras,
+    too-small-for-every-camera, unused-parameter, held-against-the-facts, camera-inside-object, camera-sees-nothing,
+    overlapping-objects, floating-object, beside-support. Intervals that end before they start and frames that do
+    not exist are refused when the workspace is read.
     """
     findings: list[Problem] = []
     for skill in workspace.skills.values():
         findings += _without_target(skill)
         findings += fault_boxes_that_move(skill)
         findings += contradictions(skill)
+        findings += faults_of_the_plan(skill)
         findings += impossible_preconditions(skill)
         findings += formulas_against_the_action(skill)
         findings += _too_few_cameras(workspace, skill)

@@ -10,6 +10,8 @@ from sqrp_cli.knowledge.skill import Grasp, Requirement, Skill
 from sqrp_cli.logic.mtl import (
     Always,
     And,
+    ArgumentLists,
+    Eventually,
     Formula,
     Implies,
     Instant,
@@ -20,6 +22,7 @@ from sqrp_cli.logic.mtl import (
     argument_lists,
     children,
 )
+from sqrp_cli.logic.truth import Truth
 
 Claim = tuple[str, tuple[str, ...] | None]
 """A predicate with the arguments that it has in the skill."""
@@ -84,19 +87,63 @@ def _contradiction(skill: Skill, requirement: Requirement, other: Requirement, c
     return Problem("contradictory-formulas", message, requirement.place, mend=mend)
 
 
+def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
+    """Faults that are seen whenever all goes well: in some primitive action, the formulas demand what they look for."""
+    lists, names = argument_lists(skill.action), [primitive.name for primitive in skill.primitives]
+    plain = [(requirement, claim) for requirement in skill.requirements for claim in demands(skill, requirement)]
+    for fault in skill.requirements:
+        if fault.name is None or not isinstance(fault.formula, Eventually):
+            continue
+        for index, name in enumerate(names):
+            asked = [(other, yes, no) for other, (interval, yes, no) in plain if _throughout(interval, index, names)]
+            yes = set[Claim]().union(*(yes for _, yes, _ in asked))
+            no = set[Claim]().union(*(no for _, _, no in asked))
+            if not _throughout(fault.formula.interval, index, names) or yes & no:
+                continue
+            if _truth(fault.formula.operand, yes, no, lists) == Truth.TRUE:
+                message = (
+                    f"skill `{skill.name}`: the fault `{fault.name}` is seen whenever all goes well: in `{name}`, "
+                    f"{' and '.join(f'`{other.formula}`' for other, _, _ in asked)} "
+                    f"demand{'s' if len(asked) == 1 else ''} what it looks for"
+                )
+                mend = "correct the literals or the interval of one of them"
+                yield Problem("fault-of-the-plan", message, fault.place, mend=mend)
+                break
+
+
+def _throughout(interval: Interval, index: int, primitives: list[str]) -> bool:
+    """Whether an interval surely covers a primitive action, however long the primitive actions take."""
+    start, end = interval.start, interval.end
+    begun = boundary(start, primitives) <= index and start.offset <= 0
+    return begun and boundary(end, primitives) > index and end.offset >= 0
+
+
+def _truth(formula: Formula, yes: set[Claim], no: set[Claim], lists: ArgumentLists) -> Truth:
+    """The value of a formula without temporal operators where some claims are true and others false."""
+    parts = [_truth(part, yes, no, lists) for part in children(formula)]
+    match formula:
+        case Predicate():
+            claim = _claim(formula, lists)
+            return Truth.TRUE if claim in yes else Truth.FALSE if claim in no else Truth.UNKNOWN
+        case Not():
+            return ~parts[0]
+        case And():
+            return min(parts)
+        case Or():
+            return max(parts)
+        case Implies():
+            return max(~parts[0], parts[1])
+    return Truth.UNKNOWN
+
+
 def demands(skill: Skill, requirement: Requirement) -> Iterator[tuple[Interval, set[Claim], set[Claim]]]:
     """The `always` operators that must hold, each with the claims that it makes true and false."""
     lists = argument_lists(skill.action)
 
-    def claim(predicate: Predicate) -> Claim:
-        known = lists.get(predicate.name, ())
-        arguments = known[0] if predicate.arguments is None and len(known) == 1 else predicate.arguments
-        return predicate.name, arguments
-
     def demanded(formula: Formula, truth: bool) -> Iterator[tuple[Claim, bool]]:
         match formula:
             case Predicate():
-                yield claim(formula), truth
+                yield _claim(formula, lists), truth
             case Not(operand):
                 yield from demanded(operand, not truth)
             case And(operands) if truth:
@@ -121,6 +168,11 @@ def demands(skill: Skill, requirement: Requirement) -> Iterator[tuple[Interval, 
     for operator in operators(requirement.formula):
         literals = list(demanded(operator.operand, True))
         yield operator.interval, {c for c, truth in literals if truth}, {c for c, truth in literals if not truth}
+
+
+def _claim(predicate: Predicate, lists: ArgumentLists) -> Claim:
+    known = lists.get(predicate.name, ())
+    return predicate.name, known[0] if predicate.arguments is None and len(known) == 1 else predicate.arguments
 
 
 def _before(first: Instant, second: Instant, primitives: list[str]) -> bool:

@@ -73,6 +73,9 @@ def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
         owner = f"`{dotted(path)}`" if path else "the file"
         return [Problem("missing-key", f"{owner} lacks the key `{absent}`", document.key_place(path))]
     found = describe(details["input"])
+    if kind == "no-mapping":
+        keys = ", ".join(f"`{key}`" for key in context["keys"])
+        return [document.problem("wrong-type", path, f"found {found}, expected a mapping with {keys}")]
     if kind == "too_long":
         found = f"{len(details['input']):,} entries"
     or_mapping = " or a mapping" if "<else>" in details["loc"] else ""

@@ -52,7 +52,7 @@ class Task:
 def read_task(text: str, workspace: Workspace) -> Task:
     """The candidates of a task such as `pickup red screw`, `place g1 tray` or `pickup object=g1 speed=0.5`.
 
-    The first word is a skill. `name=value` sets a parameter, and `name=a,b` tries several values of a motion parameter.
+    The first word is a skill. `name=value` sets a parameter, and `name=a,b` tries several values or objects for it.
     Every other word is the name, the type, the colour or an attribute of an object; with several parameters, the words
     are for the parameters in order, each for one. Raises InputError where nothing matches.
     """
@@ -183,10 +183,7 @@ def _object_choices(
     }
     for name, value in settings.items():
         if name in fitting:
-            if value not in fitting[name]:
-                message = f"`{value}` cannot be the {name} of `{skill.name}`; {expected_names(value, fitting[name])}"
-                raise InputError(Problem("unknown-object", message))
-            fitting[name] = [value]
+            fitting[name] = _named(value.split(","), name, fitting[name], skill)
     open_names = [parameter.name for parameter in parameters if parameter.name not in settings]
     matches = [
         chosen
@@ -197,6 +194,17 @@ def _object_choices(
         raise InputError(Problem("no-match", _no_match(skill, workspace, fitting, filters)))
     found = dict(zip(open_names, matches[0], strict=True))
     return [found.get(parameter.name, fitting[parameter.name]) for parameter in parameters]
+
+
+def _named(names: Sequence[str], parameter: str, fitting: Sequence[str], skill: Skill) -> list[str]:
+    """Objects that a task names for a parameter, each of which must fit it."""
+    for index, name in enumerate(names):
+        if name not in fitting:
+            message = f"`{name}` cannot be the {parameter} of `{skill.name}`; {expected_names(name, fitting)}"
+            raise InputError(Problem("unknown-object", message))
+        if name in names[:index]:
+            raise InputError(Problem("repeated-value", f"`{parameter}={','.join(names)}`: `{name}` is named twice"))
+    return list(names)
 
 
 def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:

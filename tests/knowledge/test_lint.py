@@ -54,6 +54,21 @@ def test_formulas_that_can_all_hold_are_no_contradiction(edit: dict[str, str], d
     assert "contradictory-formulas" not in [finding.code for finding in findings]
 
 
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "eventually[a3.start, a3.end] (hold)",  # nothing is demanded there
+        "eventually[a4.start + 0.1, a4.end] (hold)",  # not decided by the order of the primitive actions
+        "eventually[a4.start, a4.end] (hold and on_table)",
+        "eventually[a4.start, a4.end] (hold -> on_table)",
+        "always[a4.start, a4.end] (not hold)",
+    ],
+)
+def test_faults_that_a_motion_as_planned_does_not_show_are_none_of_the_plan(fault: str, damaged: Damage) -> None:
+    edit = {"eventually[a4.start, a4.end] (not hold and on_table)": fault}
+    assert lint(load_workspace(damaged({"file": "pickup/skill.yaml", "replace": edit}))) == ()
+
+
 def test_objects_that_touch_or_sink_by_less_than_a_millimetre_are_apart(damaged: Damage) -> None:
     edit = {"position: [0.4, 0, 2 cm]": "position: [0.4, 0, 1.95 cm]"}
     assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()

@@ -49,6 +49,7 @@ def test_without_a_filter_every_object_of_the_right_type_is_a_candidate(workspac
 
 def test_a_parameter_can_be_named(workspace: Workspace) -> None:
     assert objects("pickup object=g3", workspace) == ["g3"]
+    assert objects("pickup object=g3,r1,g1", workspace) == ["g3", "r1", "g1"]
 
 
 def test_a_motion_parameter_is_set_with_its_unit(workspace: Workspace) -> None:
