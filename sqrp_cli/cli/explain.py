@@ -88,9 +88,9 @@ def command(
         fields = header(session.workspace, task)
         say_raw(as_text({**fields, "candidates": documents} if all_candidates else {**fields, **documents[0]}))
     elif all_candidates:
-        print_comparison(explained)
+        print_comparison(explained, sampling)
     else:
-        print_study(session.cell, *explained[0])
+        print_study(session.cell, *explained[0], sampling)
     if images is not None:
         studies = [found for _, found in explained if found is not None]
         _write_images(session.cell, studies, images, several=all_candidates)

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from sqrp_cli.cli.accuracy import accuracy
 from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say
 from sqrp_cli.cli.documents import percentiles
 from sqrp_cli.cli.session import Session
@@ -13,7 +14,6 @@ from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.faults import FaultMetrics
 from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
 from sqrp_cli.programming.robustness import DRAWS
-from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.task import Candidate, in_words
 from sqrp_cli.programming.verdict import NOTHING_MISSING
 
@@ -187,27 +187,3 @@ def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
         if pattern.format(scale * own) != pattern.format(scale * other):
             return f"next comes {rival} with {label} {pattern.format(scale * other)}"
     return f"{rival} is as good"
-
-
-def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
-    """One sentence about how finely motions were sampled, and what that leaves open."""
-    error = max(ranked.assessment.error or 0.0 for ranked in feasible)
-    gap = max(ranked.assessment.largest_gap or 0.0 for ranked in feasible)
-    within = f"Q is within {_two_digits(min(max(100 * error, 0.001), 100.0))} points"
-    match sampling:
-        case Adaptive():
-            missed = f", save for events shorter than {_two_digits(gap)} s" if gap else ""
-            return f"Sampled every {1000 * MAX_MOTION:.0f} mm of motion or closer: {within}{missed}."
-        case FixedCount(samples):
-            how = f"Sampled {samples} times per primitive"
-        case FixedStep(dt):
-            # Whatever the step, there are samples where something begins or ends; a long one gives no others.
-            longest = max(ranked.assessment.time or 0.0 for ranked in feasible)
-            how = f"Sampled every {dt:g} s and" if dt < longest else "Sampled only"
-            how += " where a primitive or formula begins or ends"
-    # The bound is that of the changes that were found: such samples may be so far apart that others are missed.
-    return f"{how}, up to {_two_digits(gap)} s apart: {within} if coverage changes at most once between two samples."
-
-
-def _two_digits(value: float) -> str:
-    return f"{value:.2g}" if value < 10 else f"{value:.0f}"

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli import __version__
+from sqrp_cli.cli.accuracy import accuracy
 from sqrp_cli.cli.console import note, progress
 from sqrp_cli.cli.documents import candidate_document
-from sqrp_cli.cli.rank_table import accuracy, differing_parameters, summary
+from sqrp_cli.cli.rank_table import differing_parameters, summary
 from sqrp_cli.cli.scene_document import scene_document
 from sqrp_cli.cli.session import Session, explain
 from sqrp_cli.cli.study_document import study_document

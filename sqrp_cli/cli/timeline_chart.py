@@ -7,12 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sqrp_cli.cli.accuracy import accuracy
 from sqrp_cli.cli.console import Column, Styled, joined, plain, print_table, say, terminal_width
 from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.explanation import CauseTotal, cause_totals, first_failures
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.robustness import without_each_camera
+from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.sensing.cause import Cause
 
 MOST_SIGNS = 50
@@ -46,8 +48,11 @@ NOT_ASKED = ("·", "dim")
 LEGEND = "█ covered  h hidden  o out of image  f too far  n too near  a angle  s too small  - not covered  · not asked"
 
 
-def print_study(cell: Cell, ranked: Ranked, study: Study | None) -> None:
-    """The timeline of a candidate, the totals of its causes and the verdict; the reasons of an infeasible one."""
+def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampling) -> None:
+    """The timeline of a candidate, the totals of its causes, the verdict and how exact that is.
+
+    Of an infeasible one the reasons.
+    """
     assessment = ranked.assessment
     if study is None:
         say(f"{assessment.candidate.name} is infeasible:")
@@ -79,9 +84,10 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None) -> None:
             ((str(t.atom), t.camera, f"{t.duration:.2f}", _because(t)) for t in totals),
         )
     say(f"\n{assessment.verdict}")
+    say(plain(accuracy(sampling, [ranked]), "dim"))
 
 
-def print_comparison(explained: Sequence[tuple[Ranked, Study | None]]) -> None:
+def print_comparison(explained: Sequence[tuple[Ranked, Study | None]], sampling: Sampling) -> None:
     """Every candidate's coverage on one scale of time, a row each, and the verdicts."""
     longest = max((study.motion.time for _, study in explained if study is not None), default=0.0)
     say(plain(" " * LABEL + _axis(longest)))
@@ -102,6 +108,8 @@ def print_comparison(explained: Sequence[tuple[Ranked, Study | None]]) -> None:
     for ranked, study in explained:
         if study is not None:
             say(f"\n{ranked.assessment.candidate.name}: {ranked.assessment.verdict}")
+    if feasible := [ranked for ranked, study in explained if study is not None]:
+        say(plain(f"\n{accuracy(sampling, feasible)}", "dim"))
 
 
 def _label(name: str) -> str:
