@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, cross
+from sqrp_cli.geometry import Array
 from sqrp_cli.programming.ranges import ranges
 
 ROWS, COLUMNS = 64, 32
@@ -51,16 +51,6 @@ def turns(image: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Hits:
-    """Where rays meet triangles, by index, and the depth [m] of each place; shape (n,) each."""
-
-    triangle: NDArray[np.int64]
-    row: NDArray[np.int64]
-    column: NDArray[np.int64]
-    depth: Array
-
-
-@dataclass(frozen=True, eq=False)
 class RayGrid:
     """The rays to the boxes of h view hulls.
 
@@ -75,11 +65,6 @@ class RayGrid:
     def over(cls, low: Array, high: Array) -> RayGrid:
         """The grid over rectangles of the plane z = 1 from `low` to `high`, shape (2, h) each."""
         return cls(low, (high - low) / _COUNTS)
-
-    def rays(self, hull: NDArray[np.int64], row: NDArray[np.int64], column: NDArray[np.int64]) -> tuple[Array, Array]:
-        """U and v of rays."""
-        (low_u, low_v), (step_u, step_v) = self.low[:, hull], self.step[:, hull]
-        return low_u + step_u * (column + SHIFT[row]), low_v + step_v * (row + 0.5)
 
     def maps(self, hull: NDArray[np.int64], X_CP: Array) -> Array:
         """From frames P (n) to column (without shift) and row, both times depth, and depth, shape (3, 4, n)."""
@@ -99,36 +84,26 @@ class RayGrid:
             may &= (corners[axis] >= low[axis] * depth).any(axis=0) & (corners[axis] <= high[axis] * depth).any(axis=0)
         return may
 
-    def hits(self, hull: NDArray[np.int64], corners: Array) -> Hits:
-        """Every ray that meets one of n triangles.
+    def inside(self, hull: NDArray[np.int64], v: Array, functions: Array) -> tuple[NDArray[np.int64], ...]:
+        """The rays at which all functions of a shape are positive: column, index of the shape and row of each.
 
-        By homogeneous edge functions a u + b v + c, all positive inside (Olano and Greer 1997); along a row each of
-        them bounds u on one side. corners: shape (3, 3, n), coordinate first; they may lie behind the camera.
+        hull: to whose box the rays of each of n shapes run, shape (n,). v: least and greatest of each, shape (2, n).
+        functions: a, b and c of a u + b v + c, shape (f, 3, n). Along a row each of them bounds u on one side.
         """
-        edges = np.stack([cross(corners[:, k].T, corners[:, (k + 1) % 3].T).T for k in range(3)])
-        volume = np.einsum("in,in->n", corners[:, 2], edges[0])
-        edges, volume = edges * np.where(volume < 0, -1.0, 1.0), np.abs(volume)
-        ahead = (corners[2] > 0).all(axis=0)
-        low, step = self.low[1, hull], self.step[1, hull]
-        v = (corners[1] / np.where(ahead, corners[2], 1.0) - low) / step - 0.5
-        first, last = first_row(v.min(axis=0)), first_row(v.max(axis=0))
-        triangle, row = ranges(np.where(ahead, first, 0), np.where(ahead, last, ROWS))
+        shape, row = ranges(*first_row((v - self.low[1, hull]) / self.step[1, hull] - 0.5))
+        (left, top), (across, down) = self.low[:, hull[shape]], self.step[:, hull[shape]]
+        at = top + down * (row + 0.5)
         low, high = np.full(len(row), -np.inf), np.full(len(row), np.inf)
-        _, v = self.rays(hull[triangle], row, row)
-        for a, b, c in edges[:, :, triangle]:
+        for function in functions:
+            a, b, c = function.take(shape, axis=1)
+            rest = b * at + c
             with np.errstate(divide="ignore", invalid="ignore"):
-                bound = -(b * v + c) / a
+                bound = -rest / a
             low, high = np.where(a > 0, np.fmax(low, bound), low), np.where(a < 0, np.fmin(high, bound), high)
-            high[(a == 0) & (b * v + c < 0)] = -np.inf
-        (start, _), (step, _) = self.low[:, hull[triangle]], self.step[:, hull[triangle]]
-        low, high = ((bound - start) / step - SHIFT[row] for bound in (low, high))
+            high[(a == 0) & (rest < 0)] = -np.inf
+        low, high = ((bound - left) / across - SHIFT[row] for bound in (low, high))
         within, column = ranges(np.ceil(np.clip(low, 0.0, COLUMNS)), np.ceil(np.clip(high, 0.0, COLUMNS)))
-        triangle, row = triangle[within], row[within]
-        u, v = self.rays(hull[triangle], row, column)
-        a, b, c = edges.sum(axis=0)[:, triangle]
-        total = a * u + b * v + c
-        hit = (total > 0) & (volume[triangle] > 0)
-        return Hits(triangle[hit], row[hit], column[hit], volume[triangle[hit]] / total[hit])
+        return column, shape[within], row[within]
 
 
 def first_row(v: Array) -> NDArray[np.int64]:

@@ -9,10 +9,16 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, cross
+from sqrp_cli.geometry import Array, cross, norms
 from sqrp_cli.programming.solids import Solid
 
 Indices = NDArray[np.int64]
+
+_MOST_TRIED = 1_000_000
+"""Most products of numbers of vertices and triangles for which it is tried whether a surface is convex."""
+
+_FLAT = 1e-9
+"""How far vertices may lie in front of triangles of a convex surface [m]: so far places are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +44,16 @@ class Surface:
     def ends(self) -> Indices:
         """The vertices of each edge, shape (2, E)."""
         return np.stack([self.start, self.end])
+
+    @cached_property
+    def is_convex(self) -> bool:
+        """Whether no vertex lies in front of any triangle; no for surfaces too large to try that."""
+        if len(self.vertices) * len(self.triangles) > _MOST_TRIED or np.any(self.right == len(self.triangles)):
+            return False
+        a, b, c = self.vertices[self.triangles].swapaxes(0, 1)
+        normals = cross(b - a, c - a)
+        beyond = normals @ self.vertices.T - np.einsum("fi,fi->f", normals, a)[:, None]
+        return bool((beyond <= _FLAT * norms(normals)[:, None]).all())
 
     @cached_property
     def coordinates(self) -> Array:

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, transform
+from sqrp_cli.geometry import BOX_SIGNS, Array, cross, inverse, transform
 from sqrp_cli.programming.ranges import begins_run
 from sqrp_cli.programming.sensing.outline import AHEAD, Bends, Outline, beyond_sides, facing, signs
 from sqrp_cli.programming.sensing.ray_grid import RayGrid, turns
@@ -86,8 +86,12 @@ def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs
             of = rows[doubtful]
             points_B = transform(view.X_BW[at[of]] @ X_WP[of], surface.vertices)
             before, beyond = view.places(at[of], points_B).of(surface.triangles)
+            through = ~before & ~beyond
+            if surface.is_convex:  # what is met at its back was met at its front, unless the camera is inside
+                front = turned[:-1, doubtful].T > 0
+                through &= front | ~front.any(axis=1, keepdims=True)
             turned[:-1, doubtful] *= before.T
-            row, triangle = np.nonzero(~before & ~beyond)
+            row, triangle = np.nonzero(through)
             corners_B = np.moveaxis(points_B[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
             column, hit, grid_row = view.blocked(at[of[row]], corners_B)
             marked.append((column, line[of[row[hit]]], grid_row))
@@ -168,23 +172,38 @@ class _View:
         nearer = ahead & (depth < self.nearest[hull, None])
         return _Places((nearer, ahead & ~np.logical_or.reduce(beyond)), (~ahead, *beyond))
 
-    def blocked(self, hull: Indices, corners_B: Array) -> tuple[Indices, Indices, Indices]:
+    def blocked(self, hull: Indices, corners_B: Array) -> tuple[Indices, ...]:
         """The rays that n triangles block before the far sides: column, index of the triangle and row of each.
+
+        By homogeneous edge functions a u + b v + c, all positive inside (Olano and Greer 1997).
 
         hull: in which view each triangle is looked at, shape (n,). corners_B: shape (3, 3, n), coordinate first.
         """
         R, t = self.X_CB[hull, :3, :3], self.X_CB[hull, :3, 3]
         corners = np.einsum("nij,jkn->ikn", R, corners_B) + t.T[:, None]
         touching = np.flatnonzero(self.grid.may_hold(hull, corners))
-        hits = self.grid.hits(hull[touching], corners[:, :, touching])
-        triangle = touching[hits.triangle]
-        hull = hull[triangle]
-        u, v = self.grid.rays(hull, hits.row, hits.column)
-        ray_C = np.stack([u, v, np.ones(len(u))], axis=-1)
-        point_B = self.eyes[hull] + hits.depth[:, None] * (ray_C[:, None] @ self.X_CB[hull, :3, :3])[:, 0]
-        low, high = self._far_sides(hull)
-        blocks = ((point_B > low) & (point_B < high)).all(axis=1)
-        return hits.column[blocks], triangle[blocks], hits.row[blocks]
+        hull, corners = hull[touching], corners[:, :, touching]
+        edges = np.stack([cross(corners[:, k].T, corners[:, (k + 1) % 3].T).T for k in range(3)])
+        volume = np.einsum("in,in->n", corners[:, 2], edges[0])
+        edges, volume = edges * np.where(volume < 0, -1.0, 1.0), np.abs(volume)
+        ahead = (corners[2] > 0).all(axis=0)
+        v = corners[1] / np.where(ahead, corners[2], 1.0)
+        v = np.where(ahead, (v.min(axis=0), v.max(axis=0)), [[-np.inf], [np.inf]])
+        v = np.where(volume > 0, v, 0.0)  # what is seen edge-on blocks nothing
+        column, hit, row = self.grid.inside(hull, v, np.concatenate([edges, self._before(hull, edges, volume)]))
+        return column, touching[hit], row
+
+    def _before(self, hull: Indices, edges: Array, volume: Array) -> Array:
+        """Where the planes of n triangles are met before the far sides: functions a u + b v + c, positive there.
+
+        The depth at which a ray meets a plane is `volume`, shape (n,), divided by the sum of the edge functions, shape
+        (3, 3, n). Shape (6, 3, n); the functions of sides that are no far ones are positive everywhere.
+        """
+        eyes, low, high = self.eyes[hull].T[:, None], self.low[hull].T[:, None], self.high[hull].T[:, None]
+        total, along = edges.sum(axis=0), volume * self.X_CB[hull, :3, :3].transpose(2, 1, 0)
+        everywhere = np.array([[0.0], [0.0], [1.0]])
+        before_low = np.where(eyes > low, (eyes - low) * total + along, everywhere)
+        return np.concatenate([before_low, np.where(eyes < high, (high - eyes) * total - along, everywhere)])
 
     def _far_sides(self, hull: Indices) -> tuple[Array, Array]:
         """Where the boxes' far faces lie on their axes, shape (k, 3) each.

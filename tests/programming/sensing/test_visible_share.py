@@ -103,6 +103,18 @@ def test_closed_boxes_that_overlap_block_what_single_rays_say(seed: int) -> None
     assert share(solids, X_WC, X_WB, size) == pytest.approx(traced(solids, X_WC, X_WB, size), abs=CLOSE)
 
 
+@pytest.mark.parametrize("inside_out", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_a_closed_box_around_the_camera_blocks_what_single_rays_say(seed: int, *, inside_out: bool) -> None:
+    generator = np.random.default_rng(200 + seed)
+    X_WC, X_WB, size = view(generator)
+    apart = np.linalg.norm(X_WB[:3, 3] - X_WC[:3, 3]) + generator.uniform(-0.5, 0.5) * size.min()
+    X_WO = X_WC @ pose(quaternion_to_matrix([*generator.normal(scale=0.2, size=3), 1.0]))
+    triangles = BOX_TRIANGLES[:, ::-1] if inside_out else BOX_TRIANGLES
+    solid = solid_of(transform(X_WO, apart * BOX_SIGNS), triangles)
+    assert share([solid], X_WC, X_WB, size) == pytest.approx(traced([solid], X_WC, X_WB, size), abs=CLOSE)
+
+
 def test_an_open_shell_blocks_from_both_sides() -> None:
     X_WC, X_WB, size = look_at([0.0, -1.0, 0.0], [0.0, 0.0, 0.0]), pose(), np.full(3, 0.1)
     sheet = np.array([[-0.2, -0.3, 0.0], [0.2, -0.3, 0.0], [0.2, -0.3, 0.2], [-0.2, -0.3, 0.2]])
