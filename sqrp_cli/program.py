@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.entries import Entry
+from sqrp_cli.knowledge.units import read_quantity
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.trajectory import Trajectory
@@ -188,6 +189,19 @@ class Step(Entry):
         """The skill and the objects that it was done with, such as `pickup g2`: a task of just this."""
         objects = (value for value in self.parameters.values() if value in self.before.objects)
         return " ".join([self.skill, *map(str, objects)])
+
+    @property
+    def own_task(self) -> str:
+        """The short task, with what the task said of the motion: of several values the one that was chosen."""
+        settings = [word.split("=", 1) for word in self.task.split() if "=" in word]
+        chosen = [
+            f"{name}={text}"
+            for name, texts in settings
+            for text in texts.split(",")
+            if name in self.parameters and self.parameters[name] not in self.before.objects
+            if (text if (read := read_quantity(text)) is None else read.value) == self.parameters[name]
+        ]
+        return " ".join([self.short_task, *chosen])
 
     @property
     def held_after(self) -> tuple[str | None, ...]:

@@ -106,7 +106,7 @@ def stale(program: Program, path: Path, workspace: Workspace) -> Problem:
 
 def _again(program: Program, path: Path) -> str:
     """The commands that make a program anew."""
-    tasks, workspace = [step.short_task for step in program.steps] or ["TASK"], workspace_path(program, path).parent
+    tasks, workspace = [step.own_task for step in program.steps] or ["TASK"], workspace_path(program, path).parent
     again = (f"sqrp rank {_quoted(workspace)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
     return " && ".join([f"rm {_quoted(path)}", *again])
 

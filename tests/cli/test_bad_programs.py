@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import random
 import re
+import shlex
 import shutil
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,26 @@ def test_an_edited_program_is_refused_with_what_makes_it_anew(sqrp, laying, soun
         assert "this program is not as sqrp wrote it" in outcome.err
         assert f"to mend it: rm {path} && sqrp rank {laying} 'pickup g2' --program {path}" in outcome.err
     path.unlink()
+
+
+def test_what_makes_an_edited_program_anew_makes_the_same(sqrp, laying):
+    path, task = laying / "fast.yaml", "pickup object=g1,g2 speed=0.5,60% lift=5cm,80mm elbow=any"
+    sqrp("rank", laying, task, "--program", path, "--choose", "g2 lift=80mm speed=0.6")
+    written = path.read_text(encoding="utf-8")
+    path.write_text(re.sub(r"q_avg: [\d.]+", "q_avg: 0.99", written), encoding="utf-8")
+    refused = sqrp("program", path).err
+    _, _, *command = shlex.split(refused.split("to mend it: ")[1].split(" && ")[1])
+    assert command[1] == "pickup g2 speed=60% lift=80mm elbow=any"
+    path.unlink()
+    assert sqrp("rank", *command).code == 0
+    assert _without_tasks(path.read_text(encoding="utf-8")) == _without_tasks(written)
+    path.unlink()
+
+
+def _without_tasks(program: str) -> list[dict[str, Any]]:
+    """The steps of a program, save for the words in which their tasks were given."""
+    steps = yaml.load(program, Loader=yaml.CSafeLoader)["steps"]
+    return [{key: value for key, value in step.items() if key != "task"} for step in steps]
 
 
 def test_an_edited_program_is_refused_though_its_workspace_is_not_there(sqrp, sound, tmp_path):
