@@ -15,22 +15,20 @@ class Finding:
     """What is known of an atom.
 
     truth: UNKNOWN where too few cameras can judge it, or as many contradict. votes: of each camera that can judge it.
+    conflict: whether images that were taken at the same time contradict each other.
     """
 
     truth: Truth
     votes: Mapping[str, Truth]
-
-    @property
-    def conflict(self) -> bool:
-        """Whether cameras contradict each other."""
-        return len(set(self.votes.values())) > 1
+    conflict: bool
 
 
 def fuse(atom: str, target: ProgramTarget, sightings: Iterable[Sighting]) -> Finding:
     """The finding on an atom: the value that most cameras give, if they are as many as the target asks for."""
-    votes = {sighting.camera: sighting.truth(atom) for sighting in sightings}
-    votes = {camera: vote for camera, vote in votes.items() if vote != Truth.UNKNOWN}
+    judged = [(sighting, vote) for sighting in sightings if (vote := sighting.truth(atom)) != Truth.UNKNOWN]
+    votes = {sighting.camera: vote for sighting, vote in judged}
+    conflict = len({(sighting.t, vote) for sighting, vote in judged}) > len({sighting.t for sighting, _ in judged})
     yes, no = (sum(vote == value for vote in votes.values()) for value in (Truth.TRUE, Truth.FALSE))
     if max(yes, no) < target.cameras or yes == no:
-        return Finding(Truth.UNKNOWN, votes)
-    return Finding(Truth.TRUE if yes > no else Truth.FALSE, votes)
+        return Finding(Truth.UNKNOWN, votes, conflict)
+    return Finding(Truth.TRUE if yes > no else Truth.FALSE, votes, conflict)

@@ -13,9 +13,9 @@ from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Sighting
 from tests.runtime.steps import box
 
 
-def sighting(camera: str, *evidence: Evidence, frozen: bool = False) -> Sighting:
+def sighting(camera: str, *evidence: Evidence, frozen: bool = False, t: float = 0.0) -> Sighting:
     boxes = tuple(BoxSight("box", found, 1.0, np.zeros((0, 2))) for found in evidence)
-    return Sighting(camera, 0.0, frozen, {"held": boxes})
+    return Sighting(camera, t, frozen, {"held": boxes})
 
 
 def fused(cameras: int, *sightings: Sighting) -> Truth:
@@ -39,7 +39,10 @@ def test_most_cameras_decide_if_they_are_as_many_as_needed(votes: list[Evidence]
     assert (found == Truth.FALSE) == (no >= needed and no > yes)
 
 
-def test_cameras_that_contradict_each_other_are_a_conflict() -> None:
+def test_cameras_that_contradict_each_other_at_the_same_time_are_a_conflict() -> None:
     target = ProgramTarget(cameras=1, boxes=(box(),), seen={})
     assert fuse("held", target, [sighting("a", Evidence.SEEN), sighting("b", Evidence.ABSENT)]).conflict
     assert not fuse("held", target, [sighting("a", Evidence.SEEN), sighting("b", Evidence.BLIND)]).conflict
+    later = fuse("held", target, [sighting("a", Evidence.SEEN), sighting("b", Evidence.ABSENT, t=0.1)])
+    assert not later.conflict
+    assert later.votes == {"a": Truth.TRUE, "b": Truth.FALSE}
