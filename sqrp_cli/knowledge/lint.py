@@ -13,6 +13,7 @@ from sqrp_cli.knowledge.lint_formulas import (
     faults_of_the_plan,
     predicates_of,
 )
+from sqrp_cli.knowledge.lint_lenses import implausible_lenses
 from sqrp_cli.knowledge.lint_scene import blind_cameras, floating_objects, overlapping_objects, too_small_boxes
 from sqrp_cli.knowledge.skill import Reference, Skill
 from sqrp_cli.knowledge.workspace import Workspace
@@ -23,9 +24,9 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
 
     Codes: literal-without-target, box-moves-with-lost-object, contradictory-formulas, fault-of-the-plan,
     contradictory-precondition, against-the-precondition, against-the-effect, too-few-cameras,
-    too-small-for-every-camera, unused-parameter, held-against-the-facts, camera-inside-object, camera-sees-nothing,
-    overlapping-objects, floating-object, beside-support. Intervals that end before they start and frames that do
-    not exist are refused when the workspace is read.
+    too-small-for-every-camera, unused-parameter, held-against-the-facts, implausible-lens, camera-inside-object,
+    camera-sees-nothing, overlapping-objects, floating-object, beside-support. Intervals that end before they start
+    and frames that do not exist are refused when the workspace is read.
     """
     findings: list[Problem] = []
     for skill in workspace.skills.values():
@@ -39,6 +40,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
         findings += too_small_boxes(workspace, skill)
         findings += _unused_parameters(skill)
     findings += _held_against_the_facts(workspace)
+    findings += implausible_lenses(workspace)
     findings += blind_cameras(workspace)
     findings += overlapping_objects(workspace)
     findings += floating_objects(workspace)

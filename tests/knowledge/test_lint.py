@@ -82,3 +82,16 @@ def test_objects_that_float_by_less_than_five_millimetres_stand(damaged: Damage)
 def test_an_object_inside_a_hollow_one_does_not_overlap_it(damaged: Damage) -> None:
     edit = {"position: [0.4, 0, 2 cm]": "position: [0.7, -0.2, 3 cm]"}
     assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients"),
+    [
+        ("plumb_bob", [-0.41, 0.19, 0.001, 0.0002, -0.04]),  # a webcam
+        ("rational_polynomial", [8.2, 4.9, 0.0, 0.0, 0.2, 8.5, 7.6, 1.3]),  # a wide lens
+        ("equidistant", [-0.02, 0.003, -0.002, 0.0003]),  # a fisheye
+    ],
+)
+def test_lenses_as_calibrations_find_them_are_plausible(model: str, coefficients: list[float], damaged: Damage) -> None:
+    edit = {"fx: 300": f"fx: 300, distortion: {{model: {model}, coefficients: {coefficients}}}"}
+    assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
