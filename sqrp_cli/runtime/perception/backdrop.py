@@ -23,10 +23,15 @@ class Backdrop:
     For a camera that moves there is no such picture: colours of what surrounds the robot stand for it.
     """
 
-    def __init__(self, image: Image, robot: Mask, things: Mask, *, moving: bool) -> None:
-        """robot, things: what the robot and the watched objects cover in the first image."""
-        self._palette = _palette(image[robot])
-        self._surroundings = _palette(image[~(robot | things)]) if moving else None
+    def __init__(self, image: Image, robot: Mask, things: Mask, movables: Mask, *, moving: bool) -> None:
+        """robot, things, movables: what the robot, watched and movable objects cover in the first image.
+
+        Objects may stand before the robot: their colours are not the robot's. What looks like the watched one in one
+        place must not count as surroundings in another.
+        """
+        objects = things | movables
+        self._palette = _palette(image[robot & ~dilated(objects, 2)])
+        self._surroundings = _palette(image[~(robot | objects)]) if moving else None
         self._unknown = dilated(robot | things, 3)
         self._picture = image if moving else inpainted(image, self._unknown)
 

@@ -61,10 +61,8 @@ class Watcher:
         """The background, with what this image adds to what is known of it."""
         if self._backdrop is None:
             moving = self._camera.frame != "world"
-            things = glance.things_mask()
-            if moving:  # what looks like the thing in one place must not count as background in another
-                things |= glance.movables_mask()
-            self._backdrop = Backdrop(glance.image, glance.robot_mask(), things, moving=moving)
+            masks = (glance.robot_mask(), glance.things_mask(), glance.movables_mask())
+            self._backdrop = Backdrop(glance.image, *masks, moving=moving)
         elif not self._backdrop.is_complete:
             self._backdrop.learn(glance.image, glance.covered(3))
         return self._backdrop
