@@ -11,11 +11,13 @@ from sqrp_cli.cli.options import Json, Report, Seed
 from sqrp_cli.cli.run_once import Kept, run_once
 from sqrp_cli.cli.run_replay import run_replay
 from sqrp_cli.cli.slip_sweep import sweep_slips
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.program import Program
     from sqrp_cli.runtime.simulated_run import Simulation
 
 NAME = "run"
@@ -120,4 +122,21 @@ def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
     check_simulator()
     from sqrp_cli.runtime.simulated_run import Simulation
 
+    _warn_of_contradictions(program, workspace, path)
     return Simulation(program, workspace, LazyReplanner(workspace), seed)
+
+
+def _warn_of_contradictions(program: Program, workspace: Workspace, path: Path) -> None:
+    """Tell of formulas about which monitors can say nothing, as the motion itself contradicts them."""
+    from sqrp_cli.cli.console import print_problems
+    from sqrp_cli.cli.run_view import short_times
+    from sqrp_cli.runtime.plan_check import contradictions
+    from sqrp_cli.runtime.twin import Twin
+
+    mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
+    print_problems(
+        [
+            Problem("against-the-plan", short_times(text), Place(path), severity="warning", mend=mend)
+            for text in contradictions(program, Twin.load(workspace.robot))
+        ]
+    )

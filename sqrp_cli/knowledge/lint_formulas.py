@@ -88,21 +88,27 @@ def _contradiction(skill: Skill, requirement: Requirement, other: Requirement, c
 
 
 def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
-    """Faults that are seen whenever all goes well: in some primitive action, the formulas demand what they look for."""
+    """Faults that are seen whenever all goes well, since the formulas demand what they look for.
+
+    They do so throughout the fault's interval or, of an `eventually`, in some primitive action; only what the order of
+    the primitive actions decides is reported.
+    """
     lists, names = argument_lists(skill.action), [primitive.name for primitive in skill.primitives]
     plain = [(requirement, claim) for requirement in skill.requirements for claim in demands(skill, requirement)]
     for fault in skill.requirements:
-        if fault.name is None or not isinstance(fault.formula, Eventually):
+        if fault.name is None or not isinstance(fault.formula, Always | Eventually):
             continue
-        for index, name in enumerate(names):
-            asked = [(other, yes, no) for other, (interval, yes, no) in plain if _throughout(interval, index, names)]
+        whole, stretches = fault.formula.interval, [fault.formula.interval]
+        if isinstance(fault.formula, Eventually):
+            actions = [Interval(Instant(name, "start"), Instant(name, "end")) for name in names]
+            stretches += [action for action in actions if _is_within(action, whole, names)]
+        for stretch in stretches:
+            asked = [(other, yes, no) for other, (span, yes, no) in plain if _is_within(stretch, span, names)]
             yes = set[Claim]().union(*(yes for _, yes, _ in asked))
             no = set[Claim]().union(*(no for _, _, no in asked))
-            if not _throughout(fault.formula.interval, index, names) or yes & no:
-                continue
-            if _truth(fault.formula.operand, yes, no, lists) == Truth.TRUE:
+            if not yes & no and _truth(fault.formula.operand, yes, no, lists) == Truth.TRUE:
                 message = (
-                    f"skill `{skill.name}`: the fault `{fault.name}` is seen whenever all goes well: in `{name}`, "
+                    f"skill `{skill.name}`: the fault `{fault.name}` is seen whenever all goes well: over {stretch}, "
                     f"{' and '.join(f'`{other.formula}`' for other, _, _ in asked)} "
                     f"demand{'s' if len(asked) == 1 else ''} what it looks for"
                 )
@@ -111,11 +117,13 @@ def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
                 break
 
 
-def _throughout(interval: Interval, index: int, primitives: list[str]) -> bool:
-    """Whether an interval surely covers a primitive action, however long the primitive actions take."""
-    start, end = interval.start, interval.end
-    begun = boundary(start, primitives) <= index and start.offset <= 0
-    return begun and boundary(end, primitives) > index and end.offset >= 0
+def _is_within(inner: Interval, outer: Interval, primitives: list[str]) -> bool:
+    """Whether an interval surely lies within another, however long the primitive actions take."""
+    return _is_not_after(outer.start, inner.start, primitives) and _is_not_after(inner.end, outer.end, primitives)
+
+
+def _is_not_after(first: Instant, second: Instant, primitives: list[str]) -> bool:
+    return boundary(first, primitives) <= boundary(second, primitives) and first.offset <= second.offset
 
 
 def _truth(formula: Formula, yes: set[Claim], no: set[Claim], lists: ArgumentLists) -> Truth:

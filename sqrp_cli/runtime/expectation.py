@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,6 +73,12 @@ class Expectation:
         self.step = step
         self._t = np.arange(0.0, step.time + SPACING, SPACING)
         self._X_WO, self._holds = self._simulate(joints, twin)
+
+    @property
+    def times(self) -> Sequence[float]:
+        """The instants at which the nominal motion is looked at, from 0 on [s]; the last may lie after its end."""
+        found: list[float] = self._t.tolist()
+        return found
 
     def holds(self, atom: str, t: float) -> bool:
         """Whether an atom holds at time t [s] of the step."""

@@ -58,7 +58,8 @@ def test_formulas_that_can_all_hold_are_no_contradiction(edit: dict[str, str], d
     "fault",
     [
         "eventually[a3.start, a3.end] (hold)",  # nothing is demanded there
-        "eventually[a4.start + 0.1, a4.end] (hold)",  # not decided by the order of the primitive actions
+        "eventually[a3.start, a4.start + 0.1] (hold)",  # not decided by the order of the primitive actions
+        "always[a3.start, a5.end] (hold)",
         "eventually[a4.start, a4.end] (hold and on_table)",
         "eventually[a4.start, a4.end] (hold -> on_table)",
         "always[a4.start, a4.end] (not hold)",

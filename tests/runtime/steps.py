@@ -23,6 +23,7 @@ class FixedExpectation:
 
     def __init__(self, step: Step, changes: dict[str, list[tuple[float, bool]]]) -> None:
         self.step, self._changes = step, changes
+        self.times = np.arange(0.0, step.time + 0.02, 0.02).tolist()
 
     def holds(self, atom: str, t: float) -> bool:
         return [value for start, value in self._changes[atom] if start <= t + 1e-9][-1]
