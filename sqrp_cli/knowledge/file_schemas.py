@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from pydantic.json_schema import GenerateJsonSchema
+
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.entries import Entry
 from sqrp_cli.knowledge.skill_file import SkillFile
+from sqrp_cli.knowledge.units import Quantity
 from sqrp_cli.knowledge.workspace_file import WorkspaceFile
 
 FILES: Mapping[str, type[Entry]] = {"workspace": WorkspaceFile, "skill": SkillFile}
@@ -19,4 +22,12 @@ def file_schema(name: str) -> dict[str, Any]:
     if name not in FILES:
         problem = Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, FILES)}")
         raise InputError(problem)
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **FILES[name].model_json_schema()}
+    schema = FILES[name].model_json_schema(schema_generator=_Generator)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+
+class _Generator(GenerateJsonSchema):
+    """Shows quantities as people write them."""
+
+    def encode_default(self, dft: Any) -> Any:  # noqa: ANN401 - any default
+        return dft.value if isinstance(dft, Quantity) else super().encode_default(dft)

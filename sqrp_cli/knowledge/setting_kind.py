@@ -35,6 +35,8 @@ class Kind:
         if self.dimension is None or value.dimension not in (None, self.dimension):
             found = value.dimension.name if value.dimension else f"`{value.value:g}`"
             return "wrong-unit", f"found {found}, expected {self._expected()}"
+        if value.dimension is None and self.dimension is units.ANGLE and not self.least <= value.value <= self.most:
+            return "wrong-unit", f"found {value.value:g}, which would be radians; expected {self._expected()}"
         if value.value < self.least:
             return "wrong-value", f"found {value.value:g}, expected a value of at least {self.least:g}"
         if value.value > self.most:

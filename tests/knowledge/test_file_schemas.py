@@ -35,6 +35,9 @@ def test_a_schema_is_valid_and_describes_every_key(name: str) -> None:
     assert all(entry["description"] for entry in entries)
     keys = [(key, value) for entry in entries for key, value in entry["properties"].items()]
     assert [key for key, value in keys if "description" not in value and "$ref" not in value] == []
+    defaults = [(key, value) for key, value in keys if value.get("default") is not None]
+    validator = VALIDATORS[name]
+    assert [key for key, value in defaults if not validator.evolve(schema=value).is_valid(value["default"])] == []
 
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.parent.name)
