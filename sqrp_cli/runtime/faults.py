@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from sqrp_cli.errors import MOST_NAMES, InputError, Problem, expected_names
+from sqrp_cli.errors import MOST_NAMES, InputError, Problem, expected_names, nearest
 from sqrp_cli.knowledge.units import TIME, expected_quantity, read_quantity
 from sqrp_cli.program import ProgramPrimitive, Step
 from sqrp_cli.program_check import SAME_TIME
@@ -114,6 +114,8 @@ def parse_fault(text: str, steps: Sequence[Step], cameras: Collection[str], rng:
     told, places = _read_step("--fault", text, steps)
     head = _kind(told.bare)
     if head not in _FORMS:
+        if any(head == entry.fault for step in steps for entry in step.formulas):
+            raise told.refused(f"`{head}` is what monitors look for, and cannot be made to happen as such")
         raise told.refused(f"there is no fault `{head}`; {expected_names(head, _FORMS)}")
     rest, number = told.bare[len(head) :], places[0].number
     match head:
@@ -268,7 +270,8 @@ def _time(told: _Told, words: str) -> float:
 
 def _camera(told: _Told, name: str, cameras: Collection[str]) -> str:
     if name not in cameras:
-        raise told.refused(f"there is no camera `{name}`; {expected_names(name, cameras)}")
+        instead = told.text.replace(name, nearest(name, cameras) or min(cameras, default="CAMERA"))
+        raise told.refused(f"there is no camera `{name}`; {expected_names(name, cameras)}", f"write {instead}")
     return name
 
 

@@ -17,6 +17,7 @@ STEP = SimpleNamespace(
         SimpleNamespace(name="a3", action="Grasp", held=None, start=1.0, end=2.0),
         SimpleNamespace(name="a4", action="StraightMove", held="g", start=2.0, end=5.0),
     ],
+    formulas=[SimpleNamespace(fault=None), SimpleNamespace(fault="dropped")],
     short_task="pickup g",
 )
 PLACE = SimpleNamespace(
@@ -26,6 +27,7 @@ PLACE = SimpleNamespace(
         SimpleNamespace(name="a4", action="StraightMove", held=None, start=2.5, end=3.0),
         SimpleNamespace(name="back", action="JointMove", held=None, start=3.0, end=4.0),
     ],
+    formulas=[],
     short_task="place r table",
 )
 CAMERAS = ("cam1", "cam2")
@@ -106,6 +108,9 @@ def test_what_holds_nothing_at_all_can_only_lose_a_camera() -> None:
         ("miss-pick@2", "just `miss-pick`"),
         ("", "there is no fault"),
         ("nan", "there is no fault"),
+        ("dropped@a4", "`dropped` is what monitors look for, and cannot be made to happen"),
+        ("camera-loss:cam7@1", "write camera-loss:cam2@1"),
+        ("latency:can2=0.5", "write latency:cam2=0.5"),
     ],
 )
 def test_a_bad_fault_is_refused_with_what_was_expected(text: str, said: str) -> None:
