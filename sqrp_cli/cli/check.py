@@ -159,6 +159,8 @@ def _print(workspace: Path, task: str | None, checked: _Checked) -> None:
             f"{len(problems)} warning{'s' if len(problems) > 1 else ''}" if problems else "nothing to complain about"
         )
         say(f"{checked.name} is valid: {findings}.")
+        if any(problem.code == "no-skills" for problem in problems):
+            return
         say_command("Try:", f"sqrp rank {shlex.quote(str(workspace))} TASK")
         return
     feasible = sum(feasibility.feasible for feasibility in found)

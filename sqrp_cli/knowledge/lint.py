@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sqrp_cli.errors import Problem
+from sqrp_cli.errors import Place, Problem
 from sqrp_cli.knowledge.held import grasping_skills
 from sqrp_cli.knowledge.lint_actions import formulas_against_the_action, impossible_preconditions
 from sqrp_cli.knowledge.lint_formulas import (
@@ -22,13 +22,13 @@ from sqrp_cli.knowledge.workspace import Workspace
 def lint(workspace: Workspace) -> tuple[Problem, ...]:
     """Every finding, first those of the skills, then those of cameras and objects; none if the workspace is fine.
 
-    Codes: literal-without-target, box-moves-with-lost-object, contradictory-formulas, fault-of-the-plan,
+    Codes: no-skills, literal-without-target, box-moves-with-lost-object, contradictory-formulas, fault-of-the-plan,
     contradictory-precondition, against-the-precondition, against-the-effect, too-few-cameras,
     too-small-for-every-camera, unused-parameter, held-against-the-facts, implausible-lens, camera-inside-object,
     camera-sees-nothing, overlapping-objects, floating-object, beside-support. Intervals that end before they start
     and frames that do not exist are refused when the workspace is read.
     """
-    findings: list[Problem] = []
+    findings: list[Problem] = list(_without_skills(workspace))
     for skill in workspace.skills.values():
         findings += _without_target(skill)
         findings += fault_boxes_that_move(skill)
@@ -45,6 +45,13 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     findings += overlapping_objects(workspace)
     findings += floating_objects(workspace)
     return tuple(findings)
+
+
+def _without_skills(workspace: Workspace) -> Iterator[Problem]:
+    if not workspace.skills:
+        message, mend = "the workspace has no skills, so nothing can be done in it", "name their folders under `skills`"
+        place = workspace.places.get("skills", Place(workspace.path))
+        yield Problem("no-skills", message, place, severity="warning", mend=mend)
 
 
 def _without_target(skill: Skill) -> Iterator[Problem]:

@@ -36,7 +36,7 @@ from sqrp_cli.knowledge.skill import (
 from sqrp_cli.knowledge.skill_file import BoxEntry, FormulaEntry, PrimitiveEntry, SkillFile, WaypointEntry
 from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_bytes, read_document
 from sqrp_cli.knowledge.validation import validate
-from sqrp_cli.logic.mtl import Formula, check_formula, parse_formula
+from sqrp_cli.logic.mtl import Always, Eventually, Formula, check_formula, children, parse_formula
 from sqrp_cli.logic.pddl import Action, Domain, parse_domain
 
 SKILL_FILE = "skill.yaml"
@@ -230,11 +230,24 @@ class _SkillReader:
             response = Response(entry.response)
         else:
             if entry.response.when is not None:
-                condition = self._formula(entry.response.when, (*path, "response", "when"))
+                condition = self._condition(entry.response.when, (*path, "response", "when"))
             response = Response("retry", entry.response.retry, condition)
         if formula is None:
             return None
         return Requirement(name, formula, response, entry.settle, self.document.value_place(text_path))
+
+    def _condition(self, text: str, path: KeyPath) -> Formula | None:
+        """A formula about what is seen now."""
+        condition = self._formula(text, path)
+        parts = [] if condition is None else [condition]
+        while parts:
+            part = parts.pop()
+            if isinstance(part, Always | Eventually):
+                message = f"`{part}` is about a stretch of time; expected what must be seen now, such as `obj_on_table`"
+                self._report("temporal-condition", path, message)
+                return None
+            parts += children(part)
+        return condition
 
     def _formula(self, text: str, path: KeyPath) -> Formula | None:
         place = self.document.value_place(path)
