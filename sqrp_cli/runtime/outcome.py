@@ -134,7 +134,7 @@ class Disagreement:
 
     t: of the step [s]. predicted: whether the camera was predicted to see the atom. seen: what the image gave, true the
     value. share: of the boxes that could be judged in the image. because: why it was not seen if it was predicted to
-    be: mask border, lighting or detector limit (see `perception.sighting.Weakness`).
+    be: mask border, same colour behind, lighting or detector limit (see `perception.sighting.Weakness`).
     """
 
     step: int

@@ -30,11 +30,13 @@ class Evidence(StrEnum):
 class Weakness(StrEnum):
     """Why an image does not show what it was predicted to show.
 
-    MASK: the outlines of robot and objects, which are a little too wide, leave too little of it. LIGHTING: what is seen
-    has the colour neither of the thing nor of the background. DETECTOR: the image shows it, if not to the detector.
+    MASK: the outlines of robot and objects, which are a little too wide, leave too little of it. BACKGROUND: what is
+    behind it has its colour, so that the image would look the same without it. LIGHTING: what is seen has the colour
+    neither of the thing nor of the background. DETECTOR: the image shows it, if not to the detector.
     """
 
     MASK = "mask border"
+    BACKGROUND = "same colour behind"
     LIGHTING = "lighting"
     DETECTOR = "detector limit"
 

@@ -46,15 +46,17 @@ class _Place:
     """A box in which an object may be, with what the image shows there.
 
     figure: that the object would have there. share: of its silhouette that was judged, without what parts that the box
-    encloses hide of it. hidden: share of it that is taken to be behind the robot or another object. filled: as how
-    much of the object's silhouette has its colour, without what has that colour anyway behind it; wherever in the box,
-    as its parts may be thin and it may have tipped. shift: of the patch of colour from where it would be if the object
-    were there [pixels]; None without a patch.
+    encloses hide of it. hidden: share of it that is taken to be behind the robot or another object. alike: share of it
+    that shows its colour before a background of that colour. filled: as how much of the object's silhouette has its
+    colour, without what has that colour anyway behind it; wherever in the box, as its parts may be thin and it may have
+    tipped. shift: of the patch of colour from where it would be if the object were there [pixels]; None without a
+    patch.
     """
 
     figure: Figure | None
     share: float
     hidden: float
+    alike: float
     filled: float
     shift: Array | None
 
@@ -70,15 +72,19 @@ class _Place:
         because = Weakness.DETECTOR
         border = 0.0 if self.figure is None else BORDER / max(self.figure.area**0.5, 1.0)
         if self.share < np.clip(min_visible - border, LEAST_SHARE, MOST_SHARE):
-            unlike = 1.0 - self.share - self.hidden
-            evidence, because = Evidence.BLIND, Weakness.MASK if self.hidden >= unlike else Weakness.LIGHTING
+            missing = {
+                Weakness.MASK: self.hidden,
+                Weakness.BACKGROUND: self.alike,
+                Weakness.LIGHTING: 1.0 - self.share - self.hidden - self.alike,
+            }
+            evidence, because = Evidence.BLIND, max(missing, key=missing.__getitem__)
         if self.figure is None or self.figure.area < LEAST_PIXELS**2:
             evidence, because = Evidence.BLIND, Weakness.DETECTOR
         outline = NO_OUTLINE if self.figure is None else self.figure.box.polygon
         return BoxSight(box.name, evidence, self.share, outline, because)
 
 
-_NOWHERE = _Place(None, 0.0, 0.0, 0.0, None)
+_NOWHERE = _Place(None, 0.0, 0.0, 0.0, 0.0, None)
 
 
 class ThingSearch:
@@ -126,7 +132,7 @@ class ThingSearch:
         margin = max(6, round(0.6 * box_outline.area**0.5))
         crop = self._glance.crop(box_outline.polygon, margin)
         if crop is None or figure.area <= 0.0:
-            return _Place(figure, 0.0, 0.0, 0.0, None)
+            return _Place(figure, 0.0, 0.0, 0.0, 0.0, None)
         shape, origin = extent(crop)
         colored, robot = self._colored[crop], self._glance.robot
         inside, silhouette = figure.outline(shape, origin), figure.mask(shape, origin)
@@ -138,11 +144,13 @@ class ThingSearch:
         behind = robot.mask(shape, origin, box_outline.depth, behind=True)
         background |= behind & self._backdrop.robot_colored(self._glance.image, crop)
         # Where the background has the object's own colour, the image cannot tell the one from the other.
-        telling = ~front & ~(background & colored)
+        same = background & colored
+        telling = ~front & ~same
         decided = silhouette & telling
         hidden = min(float((silhouette & front).sum()) / figure.area, 1.0)
+        alike = float((silhouette & ~front & same).sum()) / figure.area
         if not decided.any():
-            return _Place(figure, 0.0, hidden, 0.0, None)
+            return _Place(figure, 0.0, hidden, alike, 0.0, None)
         judged = decided & (own | background)
         # What else hides, the enclosed parts do not hide from being asked.
         askable = max(figure.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
@@ -150,7 +158,7 @@ class ThingSearch:
         patch = dilated(inside, margin // 2) & ~front & own
         shift = middle(patch) - middle(decided) if patch.any() else None
         filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
-        return _Place(figure, share, hidden, filled, shift)
+        return _Place(figure, share, hidden, alike, filled, shift)
 
     def _in_front(self, X_WO: Array, depth: float, crop: Crop, without: Collection[str]) -> Mask:
         """What of the robot, without some links, and of other objects is before the object at a pose, in a crop.

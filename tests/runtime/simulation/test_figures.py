@@ -20,7 +20,7 @@ from sqrp_cli.knowledge.scene import Box, Mesh, Part, SceneObject
 from sqrp_cli.program import ProgramBox, ProgramTarget, pose_rows
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.outlines import View
-from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Posture, Watchlist
+from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Posture, Watchlist, Weakness
 from sqrp_cli.runtime.perception.vision import color_mask, dilated
 from sqrp_cli.runtime.perception.watcher import Watcher
 from sqrp_cli.runtime.surface import Surface
@@ -125,6 +125,15 @@ def test_what_is_there_is_seen_and_what_is_gone_is_not(stage: Stage, eye: Camera
     there, gone = looked(stage, eye, {"part": here}, {"part": AWAY}, believed=here)
     assert (there.evidence, gone.evidence) == (Evidence.SEEN, Evidence.ABSENT)
     assert min(there.share, gone.share) > 0.7
+
+
+@pytest.mark.parametrize("eye", EYES, ids=lambda eye: eye.name)
+def test_a_background_of_its_colour_does_not_prove_that_it_is_gone(eye: Camera) -> None:
+    with staged([replace(GROUND, color="green"), CUBE, SCREEN], EYES) as stage:
+        stage.put("screen", AWAY)
+        here = pose(rpy_to_matrix((0.0, 0.0, 0.4)), (4.0, 0.0, 0.02))
+        _, gone = looked(stage, eye, {"part": here}, {"part": AWAY}, believed=here)
+    assert (gone.evidence, gone.because) == (Evidence.BLIND, Weakness.BACKGROUND)
 
 
 def test_what_has_tipped_over_is_still_there(stage: Stage) -> None:
