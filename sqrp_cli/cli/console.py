@@ -23,6 +23,9 @@ BAR_WIDTH = 8
 Styled = str | Text
 """Text with or without a style."""
 
+PROGRESS_WIDTH = 20
+"""Cells of the bar of progress."""
+
 LEAST_WIDTH = 20
 """Columns that lines are written for where the terminal has fewer."""
 
@@ -241,13 +244,17 @@ def progress(title: str, total: int | None) -> Iterator[Step]:
     """
     console = diagnostics()
     columns = [
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=20),
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=PROGRESS_WIDTH),
         MofNCompleteColumn(),
         TimeRemainingColumn(compact=True),
     ]
+    # What comes after the title is cut off first where a line is too long, but matters more.
+    rest = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- ")
+    shown = Text(title)
+    shown.truncate(max(console.width - rest - 1, LEAST_WIDTH), overflow="ellipsis")
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
-        task = bars.add_task(title, total=total)
+        task = bars.add_task(shown.plain, total=total)
         yield lambda count=1: bars.advance(task, count)
 
 

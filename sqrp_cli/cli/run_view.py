@@ -139,7 +139,10 @@ def _print_unseen(report: RunReport) -> None:
         if step.end is not None and step.unseen:
             end = "the motion" if len(report.steps) == 1 else f"step {number}"
             atoms = listed([f"{atom} ({_last(t)})" for atom, t in step.unseen.items()])
-            say(f"At the end of {end} no image shows {atoms}: a fault since then goes unnoticed.", "yellow")
+            say(
+                f"At the end of {end} no image shows {atoms}: a fault after that would not be noticed by then.",
+                "yellow",
+            )
 
 
 def _last(t: float | None) -> str:

@@ -76,10 +76,6 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
 Text = Annotated[str, StringConstraints(min_length=1)]
 
 
-_TURN = 6.2832
-"""Radians in a turn, and a little more. An angle beyond that without a unit was meant in degrees."""
-
-
 def quantity(*dimensions: Dimension) -> Callable[[Any], float]:
     """A validator that accepts a number in SI units, or text with a unit of one of the dimensions.
 
@@ -91,7 +87,7 @@ def quantity(*dimensions: Dimension) -> Callable[[Any], float]:
         if read is None or (read.dimension is not None and read.dimension not in dimensions):
             message = f"found {describe(value)}, expected {expected_quantity(*dimensions)}"
             raise PydanticCustomError("wrong-unit", "{message}", {"message": message})
-        if read.dimension is None and dimensions == (units.ANGLE,) and abs(read.value) > _TURN:
+        if read.dimension is None and dimensions == (units.ANGLE,) and abs(read.value) > units.TURN:
             message = f"found {describe(value)}, which would be radians; expected {expected_quantity(*dimensions)}"
             raise PydanticCustomError("wrong-unit", "{message}", {"message": message})
         return read.value

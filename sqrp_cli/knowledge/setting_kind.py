@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi
 
 import numpy as np
 
@@ -49,7 +48,7 @@ class Kind:
         return "one of " + ", ".join(f"`{word}`" for word in self.words)
 
 
-YAW = Kind(units.ANGLE, least=-2 * pi, most=2 * pi)  # a larger number was meant in degrees
+YAW = Kind(units.ANGLE, least=-units.TURN, most=units.TURN)
 SIDE = Kind(words=SIDES)
 ELBOW = Kind(words=("any", "up", "down"))
 SHOULDER = Kind(words=("any", "left", "right"))

@@ -10,6 +10,9 @@ from math import pi
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(\S.*?)?\s*")
 
+TURN = 6.2832
+"""Radians in a turn, and a little more. An angle beyond that without a unit was meant in degrees."""
+
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 _ANGLES = {"rad": 1.0, "deg": pi / 180, "°": pi / 180}
 

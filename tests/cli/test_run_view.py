@@ -85,6 +85,6 @@ def test_what_no_image_shows_at_the_end_is_said_of_steps_that_are_done(capsys: p
     ]
     print_run("cell", RunReport("stopped", "dropped", 9.6, steps))
     told = "At the end of step 1 no image shows hold(g) (last at 8.10 s) and obj_on_table(g) (never before)"
-    assert f"{told}: a fault since then goes unnoticed." in " ".join(capsys.readouterr().out.split())
+    assert f"{told}: a fault after that would not be noticed by then." in " ".join(capsys.readouterr().out.split())
     print_run("cell", RunReport("done", None, 9.6, [StepRecord("place", {}, "place g", 0.0, 9.6)]))
     assert "no image" not in capsys.readouterr().out

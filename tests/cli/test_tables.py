@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import io
 import os
 import pty
 import re
@@ -12,6 +13,9 @@ import unicodedata
 from pathlib import Path
 
 import pytest
+from rich.console import Console
+
+from sqrp_cli.cli import console
 
 OUTPUTS = [
     ("rank", "{tabletop}", "pickup green"),
@@ -283,6 +287,18 @@ def test_progress_never_reaches_a_file(sqrp_process, tabletop):
     assert outcome.err == ""
     assert outcome.out.count("Assessing") == 0
     assert Path(tabletop).name in outcome.out
+
+
+def test_progress_shows_how_much_is_done_and_time_left_however_long_the_task(monkeypatch):
+    shown = io.StringIO()
+    terminal = Console(file=shown, force_terminal=True, width=80, color_system=None)
+    monkeypatch.setattr(console, "diagnostics", lambda: terminal)
+    with console.progress(f"Assessing pickup {'approach_yaw=0,45deg,90deg ' * 5}", 1600) as advance:
+        advance(1599)
+    text = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", shown.getvalue())
+    lines = [line.rstrip() for line in re.split(r"[\r\n]+", text) if line.strip()]
+    assert re.fullmatch(r"Assessing pickup approach_yaw=.*… \S+ 1599/1600 [-\d:]+", lines[-1])
+    assert all(len(line) <= 80 for line in lines)
 
 
 @pytest.fixture(scope="module")

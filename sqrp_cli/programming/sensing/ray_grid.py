@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.ranges import ranges
+from sqrp_cli.programming.sensing.sight_lines import Indices
 
 ROWS, COLUMNS = 64, 32
 """Rays across the bounding rectangle of a box's image."""
@@ -66,13 +67,13 @@ class RayGrid:
         """The grid over rectangles of the plane z = 1 from `low` to `high`, shape (2, h) each."""
         return cls(low, (high - low) / _COUNTS)
 
-    def maps(self, hull: NDArray[np.int64], X_CP: Array) -> Array:
+    def maps(self, hull: Indices, X_CP: Array) -> Array:
         """From frames P (n) to column (without shift) and row, both times depth, and depth, shape (3, 4, n)."""
         x, y, depth = X_CP[:, :3].transpose(1, 2, 0)
         (low_u, low_v), (step_u, step_v) = self.low[:, hull], self.step[:, hull]
         return np.stack([(x - low_u * depth) / step_u, (y - low_v * depth) / step_v - 0.5 * depth, depth])
 
-    def may_hold(self, hull: NDArray[np.int64], corners: Array) -> NDArray[np.bool_]:
+    def may_hold(self, hull: Indices, corners: Array) -> NDArray[np.bool_]:
         """Whether shapes may reach into the pyramid of the grid's rays, shape (n,); a no is certain.
 
         corners: shape (3, k, n), coordinate first; they may lie behind the camera.
@@ -84,7 +85,7 @@ class RayGrid:
             may &= (corners[axis] >= low[axis] * depth).any(axis=0) & (corners[axis] <= high[axis] * depth).any(axis=0)
         return may
 
-    def inside(self, hull: NDArray[np.int64], v: Array, functions: Array) -> tuple[NDArray[np.int64], ...]:
+    def inside(self, hull: Indices, v: Array, functions: Array) -> tuple[Indices, Indices, Indices]:
         """The rays at which all functions of a shape are positive: column, index of the shape and row of each.
 
         hull: to whose box the rays of each of n shapes run, shape (n,). v: least and greatest of each, shape (2, n).
@@ -106,10 +107,10 @@ class RayGrid:
         return column, shape[within], row[within]
 
 
-def first_row(v: Array) -> NDArray[np.int64]:
+def first_row(v: Array) -> Indices:
     """The first row of rays at or beyond v, counted in rows.
 
     An edge crosses the rows from that of its one end, included, to that of the other, not included.
     """
-    rows: NDArray[np.int64] = np.ceil(np.minimum(np.maximum(v, 0.0), ROWS)).astype(np.int64)
+    rows: Indices = np.ceil(np.minimum(np.maximum(v, 0.0), ROWS)).astype(np.int64)
     return rows

@@ -172,7 +172,7 @@ class _View:
         nearer = ahead & (depth < self.nearest[hull, None])
         return _Places((nearer, ahead & ~np.logical_or.reduce(beyond)), (~ahead, *beyond))
 
-    def blocked(self, hull: Indices, corners_B: Array) -> tuple[Indices, ...]:
+    def blocked(self, hull: Indices, corners_B: Array) -> tuple[Indices, Indices, Indices]:
         """The rays that n triangles block before the far sides: column, index of the triangle and row of each.
 
         By homogeneous edge functions a u + b v + c, all positive inside (Olano and Greer 1997).
