@@ -15,6 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from sqrp_cli.geometry import Array, read_only
 
+NO_SLOPE = 1e-11
+"""Highest coefficients of a path's slope that are left out where its zeros are sought [rad or m]: rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class PiecewiseCubic:
@@ -136,6 +139,26 @@ class Path:
         width = self.breaks[1:] - self.breaks[:-1]
         bounds: Array = np.abs(self._derived(order)).sum(axis=0) * (2.0 / width[:, None]) ** order
         return bounds
+
+    def range_bounds(self) -> tuple[Array, Array]:
+        """Bounds of the least and the greatest positions over the whole path, shape (n,) each; exact for lines."""
+        width = np.abs(self.coefficients[:, 1:]).sum(axis=1)
+        middle = self.coefficients[:, 0]
+        return (middle - width).min(axis=0), (middle + width).max(axis=0)
+
+    def extremes(self, joint: int) -> tuple[float, float]:
+        """The least and the greatest position of one joint over the whole path [rad or m], exact up to rounding.
+
+        They are at the ends of a piece or where its derivative is zero: the eigenvalues of the colleague matrix.
+        """
+        chebyshev = np.polynomial.chebyshev
+        found = []
+        for piece in self.coefficients[:, :, joint]:
+            slopes = chebyshev.chebtrim(chebyshev.chebder(piece), NO_SLOPE)
+            flat = np.clip(np.real(chebyshev.chebroots(slopes)), -1.0, 1.0) if len(slopes) > 1 else ()
+            found.append(chebyshev.chebval(np.array([-1.0, 1.0, *flat]), piece))
+        positions = np.concatenate(found)
+        return float(positions.min()), float(positions.max())
 
     def _derived(self, order: int) -> Array:
         """Chebyshev coefficients of the derivative of an order with respect to x in [-1, 1], shape (..., p, n)."""

@@ -119,3 +119,23 @@ def spherical_wrist_arm(folder: Path, upper: float, fore: float) -> Path:
         joint("j6", "l5", "l6", "revolute", "0 0 0", "0 0 1", limit),
         joint("j7", "l6", "tip", "fixed", "0 0 0.1", "0 0 1"),
     )
+
+
+def torso_arm(folder: Path, joints: int = 8) -> Path:
+    """An arm with more joints than a pose needs: a torso that lifts by 0 to 0.35 m, and seven joints or more that turn.
+
+    Further ones are at the shoulder. The tool frame is `tip`, 0.12 m beyond the last axis, along it.
+    """
+    torso = '<limit lower="0" upper="0.35" velocity="0.5" effort="1"/>'
+    bend = '<limit lower="-2.1" upper="2.1" velocity="1" effort="1"/>'
+    names = ["base", *(f"l{k}" for k in range(joints - 1)), "hand"]
+    shoulder = [("0 0 0.03", "1 0 0", bend) for _ in range(joints - 8)]
+    axes = [
+        ("0 0 0.3", "0 0 1", torso), ("0 0 0.1", "0 0 1", ""), *shoulder, ("0 0 0.05", "0 1 0", bend),
+        ("0 0 0.15", "0 0 1", ""), ("0 0 0.2", "0 1 0", bend), ("0 0 0.15", "0 0 1", ""), ("0 0 0.2", "0 1 0", bend),
+        ("0 0 0.05", "0 0 1", ""),
+    ]  # fmt: skip
+    chain = [
+        joint(f"j{k}", names[k], names[k + 1], "revolute" if k else "prismatic", *axis) for k, axis in enumerate(axes)
+    ]
+    return written_urdf(folder / f"torso{joints}.urdf", *chain, joint("end", "hand", "tip", "fixed", "0 0 0.12", "0 0 1"))

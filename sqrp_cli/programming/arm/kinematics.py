@@ -24,13 +24,15 @@ from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, read_urdf
 class FingerModel:
     """The fingers of a gripper; without any, f is 0.
 
-    joints: names of those that drive them, f of them. open, closed: their positions [rad or m], (f,). velocity,
-    acceleration, jerk: their limits [rad or m, and s], (f,). links: all that these joints move.
+    joints: names of those that drive them, f of them. open, closed: their positions [rad or m], (f,). lower, upper,
+    velocity, acceleration, jerk: their limits [rad or m, and s], (f,). links: all that these joints move.
     """
 
     joints: tuple[str, ...]
     open: Array
     closed: Array
+    lower: Array
+    upper: Array
     velocity: Array
     acceleration: Array
     jerk: Array
@@ -125,6 +127,12 @@ class RobotModel:
     def joints(self) -> tuple[str, ...]:
         """The joints that are driven: those of the arm, then those of the fingers; n + f of them."""
         return (*self.arm, *self.fingers.joints)
+
+    @cached_property
+    def position_limits(self) -> tuple[Array, Array]:
+        """Lower and upper position limits of the driven joints [rad or m], shape (n + f,) each."""
+        fingers = self.fingers
+        return np.concatenate([self.lower, fingers.lower]), np.concatenate([self.upper, fingers.upper])
 
     @property
     def hand_links(self) -> frozenset[str]:
@@ -334,6 +342,8 @@ def _fingers(robot: Robot, tree: JointTree) -> FingerModel:
         joints=names,
         open=read_only([opened[name] for name in names]),
         closed=read_only([closed[name] for name in names]),
+        lower=read_only([limit.lower for limit in limits]),
+        upper=read_only([limit.upper for limit in limits]),
         velocity=read_only([limit.velocity for limit in limits]),
         acceleration=read_only([limit.acceleration for limit in limits]),
         jerk=read_only([limit.jerk for limit in limits]),

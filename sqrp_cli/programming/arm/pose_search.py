@@ -7,6 +7,7 @@ Methods for non-linear least squares problems, 2004, section 3.2, with a fixed s
 from __future__ import annotations
 
 from functools import cache
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,16 @@ STALLED = 1e6
 
 NEWTON_STEPS = 8
 """Steps of Newton's method at most; it squares the error of an isolated solution at each."""
+
+
+class Kinematics(Protocol):
+    """What moves a tool frame; `RobotModel` is one."""
+
+    def tool_poses(self, q: Array) -> Array:
+        """World poses X_WT of the tool frame, shape (m, 4, 4), at m positions of shape (m, n)."""
+
+    def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
+        """The same with their Jacobians, shape (m, 6, n)."""
 
 
 def pose_errors(X_WT: Array, X_target: Array) -> Array:
@@ -98,7 +109,7 @@ def descend(
 
 
 def newton(
-    model: RobotModel, X_target: Array, q: Array, tolerance: float, moving: NDArray[np.bool_] | None = None
+    model: Kinematics, X_target: Array, q: Array, tolerance: float, moving: NDArray[np.bool_] | None = None
 ) -> tuple[Array, Array]:
     """Where Newton's method leads from each of m joint positions, shape (m, n), with the least motion of the joints.
 

@@ -65,8 +65,14 @@ class PastLimit:
     turns: bool
 
     def __str__(self) -> str:
-        amount = f"{np.degrees(self.excess):.3g} deg" if self.turns else _metres(self.excess)
+        amount = f"{np.degrees(self.excess):.3g} deg" if self.turns else _precise_metres(self.excess)
         return f"joint `{self.joint}` {amount} past its limit"
+
+    @classmethod
+    def worst(cls, model: RobotModel, excess: Array) -> PastLimit:
+        """Of the joint that exceeds its limit most; excess: of each, shape (n,)."""
+        joint = int(excess.argmax())
+        return cls(model.arm[joint], float(excess[joint]), bool(model.turns[joint]))
 
 
 Unreachable = OutOfReach | WrongWayRound | PastLimit
@@ -81,8 +87,7 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
     if branches is not None and len(branches):
         excess = limit_excess(model, closest_turns(model, branches))
         least = excess[excess.sum(axis=1).argmin()]
-        joint = int(least.argmax())
-        return PastLimit(model.arm[joint], float(least[joint]), bool(model.turns[joint]))
+        return PastLimit.worst(model, least)
     return _out_of_reach(model, X_WT)
 
 
@@ -147,6 +152,11 @@ def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> boo
         within=(model.lower, model.upper),
     )
     return bool((np.abs(errors).max(axis=1) < 1e-6).any())
+
+
+def _precise_metres(distance: float) -> str:
+    """A length to the millimetre, or finer if it is shorter."""
+    return f"{round(distance, 3):g} m" if distance >= 0.01 else f"{1e3 * distance:.2g} mm"
 
 
 def _metres(distance: float) -> str:

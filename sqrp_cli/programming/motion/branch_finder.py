@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from math import prod
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill import StraightMove
@@ -15,13 +17,20 @@ from sqrp_cli.programming.arm.known_solutions import known_solutions
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.programming.motion.placed_scene import PlacedScene
+from sqrp_cli.programming.motion.position_limits import whole_turns
 from sqrp_cli.programming.motion.sections import Branch, Failures, Section
 from sqrp_cli.programming.motion.side_by_side import side_by_side
-from sqrp_cli.programming.motion.straight_line import LIMIT_SAMPLES, LIMIT_SLACK, ToolLine, follow, limit_reason
+from sqrp_cli.programming.motion.straight_line import LIMIT_SAMPLES, ToolLine, follow_within_limits, limit_reason
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path, time_paths
 from sqrp_cli.trajectory import Path, Trajectory
 
 _LIMIT_SAMPLES = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
+
+WIDE = 4 * np.pi + 1e-6
+"""A joint that turns further than this between its limits goes no further than one without limits [rad]."""
+
+MOST_TURNS = 4096
+"""Combinations of whole turns of the joints that are tried for each branch."""
 
 _Begun = tuple[Array, tuple[Trajectory, ...]]
 """Where a branch begins, shape (n,), and the trajectories of its first primitives."""
@@ -90,19 +99,22 @@ class BranchFinder:
             if not q:
                 break
             if primitive.kind is StraightMove:
-                moves = self._straight_moves(index, primitive, np.stack(q))
+                may_turn = self._model.turns & (not section.is_fixed)
+                moves = self._straight_moves(index, primitive, np.stack(q), may_turn)
             else:
                 moves = [Trajectory.standstill(at, primitive.hold) for at in q]
             begun = [(q0, (*done, move)) for (q0, done), move in zip(begun, moves, strict=True) if move is not None]
         return begun
 
-    def _straight_moves(self, index: int, primitive: GroundPrimitive, q: Array) -> list[Trajectory | None]:
+    def _straight_moves(
+        self, index: int, primitive: GroundPrimitive, q: Array, may_turn: NDArray[np.bool_]
+    ) -> list[Trajectory | None]:
         """Straight moves from joint positions (b, n) at the primitive's speed, or slower where joints cannot keep up.
 
         A line on which the tool only turns has no speed; the joints alone limit it.
         """
         line = ToolLine(primitive.X_start, primitive.X_end)
-        followed = follow(self._model, q, line)
+        followed = follow_within_limits(self._model, q, line, may_turn)
         for path in followed:
             if isinstance(path, Infeasible):
                 for reason in path.reasons:
@@ -130,21 +142,17 @@ class BranchFinder:
     def _turns(self, section: Section, branches: Sequence[_Begun]) -> list[Array]:
         """Of each branch, offsets by whole turns that keep it within the joints' limits, (k, n).
 
-        Only 0 where the section's end is given.
+        Only 0 where the section's end is given, and of joints that slide.
 
         A joint without limits goes at most one turn beyond where it is at the start and at home.
         """
-        low, high = _passed(branches)
-        lower, upper = self._near_limits
-        fewest = np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi))
-        most = np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
-        if section.is_fixed:
-            fewest, most = np.maximum(fewest, 0.0), np.minimum(most, 0.0)
-        fewest[:, ~self._model.turns], most[:, ~self._model.turns] = 0.0, 0.0
+        fewest, most = whole_turns(*_passed(branches, self._near_limits), *self._near_limits)
+        still = ~self._model.turns | section.is_fixed
+        fewest[:, still], most[:, still] = np.maximum(fewest[:, still], 0.0), np.minimum(most[:, still], 0.0)
         turns: list[Array] = []
         for (_, trajectories), least, greatest in zip(branches, fewest.tolist(), most.tolist(), strict=True):
             counts = [range(int(first), int(last) + 1) for first, last in zip(least, greatest, strict=True)]
-            turns.append(2 * np.pi * np.array(list(product(*counts)), dtype=float).reshape(-1, len(counts)))
+            turns.append(2 * np.pi * _combinations(counts))
             if not len(turns[-1]):
                 self._note_limit(section, trajectories)
         return turns
@@ -158,20 +166,44 @@ class BranchFinder:
                 break
 
 
-def _passed(branches: Sequence[_Begun]) -> tuple[Array, Array]:
-    """The least and the greatest joint positions of each branch, shape (b, n)."""
+def _combinations(counts: Sequence[range]) -> Array:
+    """All combinations of whole turns of n joints, shape (k, n), k at most `MOST_TURNS`.
+
+    Of arms with so many joints that there would be more, the last of them turn the least.
+    """
+    chosen, number = [], prod(map(len, counts))
+    for turns in reversed(counts):
+        nearest = turns if number <= MOST_TURNS else sorted(turns, key=abs)[:1]
+        number = number // max(len(turns), 1) * len(nearest)
+        chosen.append(nearest)
+    return np.array(list(product(*reversed(chosen))), dtype=float).reshape(-1, len(counts))
+
+
+def _passed(branches: Sequence[_Begun], limits: tuple[Array, Array]) -> tuple[Array, Array]:
+    """The least and the greatest joint positions of each branch, shape (b, n).
+
+    Sampled, but exact where what is between samples could decide how many whole turns keep the limits, (n,) each.
+    """
     low = np.stack([q for q, _ in branches])
-    high = low.copy()
+    high, unknown = low.copy(), np.zeros_like(low)
     for trajectories in zip(*(trajectories for _, trajectories in branches), strict=True):
         for rows, path in side_by_side([trajectory.path for trajectory in trajectories]):
             if path.coefficients.shape[1] > 1:
                 q = path.positions(_LIMIT_SAMPLES).reshape(len(_LIMIT_SAMPLES), len(rows), -1)
                 low[rows], high[rows] = np.minimum(low[rows], q.min(axis=0)), np.maximum(high[rows], q.max(axis=0))
+                curvature = path.derivative_bounds(2).max(axis=0).reshape(len(rows), -1)
+                unknown[rows] = np.maximum(unknown[rows], curvature / (8 * (LIMIT_SAMPLES - 1) ** 2))
+    sampled, widest = whole_turns(low, high, *limits), whole_turns(low - unknown, high + unknown, *limits)
+    for row, joint in np.argwhere((sampled[0] != widest[0]) | (sampled[1] != widest[1])).tolist():
+        for trajectory in branches[row][1]:
+            least, greatest = trajectory.path.extremes(joint)
+            low[row, joint], high[row, joint] = min(low[row, joint], least), max(high[row, joint], greatest)
     return low, high
 
 
 def near_limits(model: RobotModel, near: Array) -> tuple[Array, Array]:
-    """The joints' limits, shape (n,) each; where there are none, a turn beyond positions `near`, shape (m, n)."""
-    lower = np.where(np.isinf(model.lower), near.min(axis=0) - 2 * np.pi, model.lower)
-    upper = np.where(np.isinf(model.upper), near.max(axis=0) + 2 * np.pi, model.upper)
+    """The joints' limits, shape (n,) each; where they are none or very wide, a turn beyond positions `near`, (m, n)."""
+    far = model.turns & (model.upper - model.lower > WIDE) | np.isinf(model.lower) | np.isinf(model.upper)
+    lower = np.where(far, np.maximum(model.lower, near.min(axis=0) - 2 * np.pi), model.lower)
+    upper = np.where(far, np.minimum(model.upper, near.max(axis=0) + 2 * np.pi), model.upper)
     return lower, upper

@@ -11,6 +11,7 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDANCY_SAMPLES, REDUNDANCY_SAMPLES
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.branch_finder import BranchFinder
 from sqrp_cli.programming.motion.branch_search import fastest_sequence
@@ -19,11 +20,15 @@ from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives
 from sqrp_cli.programming.motion.joint_moves import JointMoves, Move
+from sqrp_cli.programming.motion.position_limits import worst_past_limit
 from sqrp_cli.programming.motion.sections import Failures, Ways, cut_into_sections
-from sqrp_cli.trajectory import Trajectory
+from sqrp_cli.trajectory import Path, Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
 """Arms with more axes reach a pose in infinitely many ways, of which some are tried."""
+
+MEASURED = 1e-3
+"""How far past a limit a joint may be where a motion begins, as it is measured: it begins at the limit [rad or m]."""
 
 MAX_REASONS = 5
 """Reasons given for an infeasible motion."""
@@ -86,6 +91,10 @@ def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion |
     redundant joints are tried where few do not do. Infeasible names, most useful first, what is out of reach, which
     joint is at its limit, or what hits what and where.
     """
+    use = replace(use, world=_at_limits(scene.model, use.world))
+    begin = np.array([use.world.joints[name] for name in scene.model.joints])
+    if (past := worst_past_limit(scene.model, Path.line(begin, begin))) is not None:
+        return Infeasible((f"{past} before anything moves",))
     grounded = ground_primitives(use, scene)
     if isinstance(grounded, Infeasible):
         return grounded
@@ -95,6 +104,17 @@ def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion |
     if len(scene.model.arm) <= MOST_AXES_WITHOUT_REDUNDANCY or isinstance(motion, Motion) or planner.is_out_of_reach:
         return motion
     return _Planner(scene, grounded, q_start, seed, MORE_REDUNDANCY_SAMPLES).plan()
+
+
+def _at_limits(model: RobotModel, world: World) -> World:
+    """The world with joints that are measured to be just past a limit at that limit."""
+    lower, upper = model.position_limits
+    within = {
+        name: min(max(world.joints[name], low), high)
+        for name, low, high in zip(model.joints, lower.tolist(), upper.tolist(), strict=True)
+        if low - MEASURED <= world.joints[name] <= high + MEASURED
+    }
+    return replace(world, joints={**world.joints, **within})
 
 
 class _Planner:
@@ -128,7 +148,11 @@ class _Planner:
         for through, k, move in zip(ways, chosen, [None, *moves.along(chosen)], strict=True):
             done += [move] if move is not None else []
             done += map(Move, through.trajectories(k))
-        return self._motion(done, ways[-1].q_end[chosen[-1]])
+        motion = self._motion(done, ways[-1].q_end[chosen[-1]])
+        for primitive in motion.primitives:
+            if (past := worst_past_limit(model, primitive.trajectory.path)) is not None:
+                return Infeasible((f"{primitive.name}: {past}",))
+        return motion
 
     @property
     def is_out_of_reach(self) -> bool:

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.arm.pose_search import least_steps, newton, pose_errors
+from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, newton, pose_errors
+from sqrp_cli.programming.arm.reach import PastLimit
 from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.trajectory import Path
 
 TOLERANCE = 1e-6
@@ -33,8 +35,8 @@ FIRST_DEGREE, LAST_DEGREE = 4, 64
 LIMIT_SAMPLES = 101
 """Points along a line at which joint limits are checked, ends included."""
 
-LIMIT_SLACK = 1e-9
-"""By how much joint positions may exceed a limit [rad or m], so that rounding does not matter at the limit."""
+POSE_COORDINATES = 6
+"""Coordinates of a pose: an arm with more joints can hold some of them still on a line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,13 +81,64 @@ def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> Path | Infeas
     The path is one polynomial per joint, met exactly at Chebyshev points and within `TOLERANCE` between them.
     Infeasible where the arm becomes singular or a joint reaches its limit on the way, saying where.
     """
-    (path,) = follow(model, q0[None], line)
+    (path,) = follow_within_limits(model, q0[None], line, np.zeros(len(model.arm), dtype=bool))
     if isinstance(path, Path) and (reason := limit_reason(model, path, line)) is not None:
         return Infeasible((reason,))
     return path
 
 
-def follow(model: RobotModel, q0: Array, line: ToolLine) -> list[Path | Infeasible]:
+def follow_within_limits(
+    model: RobotModel, q0: Array, line: ToolLine, may_turn: NDArray[np.bool_]
+) -> list[Path | Infeasible]:
+    """As `follow`; of an arm with more joints than a pose needs, those that would leave their limits are held still.
+
+    may_turn: joints that may be turned wholly to where they are within their limits, shape (n,). Where holding joints
+    still does not help, the path is the one that moves the joints least, whatever their limits.
+    """
+    followed = follow(model, q0, line)
+    held = np.zeros(q0.shape, dtype=bool)
+    tried, going = list(followed), list(range(len(q0)))
+    for _ in range(len(model.arm) - POSE_COORDINATES + 1):
+        going = [row for row in going if _is_to_be_held(model, tried[row], held[row], may_turn)]
+        for mask in np.unique(held[going], axis=0) if going else ():
+            rows = [row for row in going if (held[row] == mask).all()]
+            paths = follow(HeldJoints(model, mask), q0[rows], line)
+            tried = [paths[rows.index(row)] if row in rows else path for row, path in enumerate(tried)]
+    return [
+        trial if isinstance(trial, Path) and not past_limits(model, trial, may_turn).any() else path
+        for trial, path in zip(tried, followed, strict=True)
+    ]
+
+
+def _is_to_be_held(
+    model: RobotModel, path: Path | Infeasible, held: NDArray[np.bool_], may_turn: NDArray[np.bool_]
+) -> bool:
+    """Whether a path leaves limits that further joints, held still, might keep; `held`, shape (n,), then has them."""
+    outside = past_limits(model, path, may_turn) > 0.0 if isinstance(path, Path) else np.zeros_like(held)
+    if not outside.any() or (outside & held).any() or (outside | held).sum() > len(held) - POSE_COORDINATES:
+        return False
+    held |= outside
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class HeldJoints:
+    """An arm of which some joints are held still: held, shape (n,). See `RobotModel` for what it can be asked."""
+
+    model: RobotModel
+    held: NDArray[np.bool_]
+
+    def tool_poses(self, q: Array) -> Array:
+        """As of the arm."""
+        return self.model.tool_poses(q)
+
+    def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
+        """As of the arm, but that moving the joints that are held does not move the tool."""
+        X_WT, J = self.model.tool_poses_and_jacobians(q)
+        return X_WT, np.where(self.held, 0.0, J)
+
+
+def follow(model: Kinematics, q0: Array, line: ToolLine) -> list[Path | Infeasible]:
     """As `straight_line` from each of b joint positions, shape (b, n), whatever the joints' limits.
 
     All branches are followed at once; the points of each degree are among those of twice the degree: those in between
@@ -94,14 +147,14 @@ def follow(model: RobotModel, q0: Array, line: ToolLine) -> list[Path | Infeasib
     return _through(model, line, _first_points(model, line, q0))
 
 
-def _through(model: RobotModel, line: ToolLine, points: Sequence[Array | Infeasible]) -> list[Path | Infeasible]:
+def _through(model: Kinematics, line: ToolLine, points: Sequence[Array | Infeasible]) -> list[Path | Infeasible]:
     """For each branch, the path through its points on the line, shape (degree + 1, n), or why it has none."""
     met = [q for q in points if not isinstance(q, Infeasible)]
     fitted = iter(_fitted(model, line, np.stack(met)) if met else ())
     return [q if isinstance(q, Infeasible) else next(fitted) for q in points]
 
 
-def _fitted(model: RobotModel, line: ToolLine, q: Array) -> list[Path | Infeasible]:
+def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[Path | Infeasible]:
     """For each branch, the path through q (b, degree + 1, n), of that degree if it fits in between, or a higher one."""
     degree = q.shape[1] - 1
     between = _points(2 * degree)[1::2]
@@ -122,7 +175,7 @@ def _fitted(model: RobotModel, line: ToolLine, q: Array) -> list[Path | Infeasib
     return paths
 
 
-def _first_points(model: RobotModel, line: ToolLine, q0: Array) -> list[Array | Infeasible]:
+def _first_points(model: Kinematics, line: ToolLine, q0: Array) -> list[Array | Infeasible]:
     """For each branch that begins at q0 (b, n), its points at the Chebyshev points of the first degree.
 
     Newton's method starts on the tangent; where that leads too far away, the line is followed from point to point.
@@ -143,7 +196,7 @@ def _first_points(model: RobotModel, line: ToolLine, q0: Array) -> list[Array | 
     return _unless_stuck(line, q, stuck)
 
 
-def _refined_points(model: RobotModel, line: ToolLine, q: Array, guesses: Array) -> list[Array | Infeasible]:
+def _refined_points(model: Kinematics, line: ToolLine, q: Array, guesses: Array) -> list[Array | Infeasible]:
     """For each branch with points q (b, degree + 1, n) and guesses in between (b, degree, n), the points of both."""
     count, degree, n = guesses.shape
     s, between = _points(degree), _points(2 * degree)[1::2]
@@ -169,17 +222,21 @@ def _unless_stuck(line: ToolLine, points: Array, stuck: Array) -> list[Array | I
 
 def limit_reason(model: RobotModel, path: Path, line: ToolLine) -> str | None:
     """Why a path along the line is outside the joints' limits, or None when it keeps them."""
+    excess = past_limits(model, path)
+    if not excess.any():
+        return None
     s = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
     q = path.positions(s)
-    outside = (q < model.lower - LIMIT_SLACK) | (q > model.upper + LIMIT_SLACK)
+    outside = ((q < model.lower - LIMIT_SLACK) | (q > model.upper + LIMIT_SLACK)) & (excess > 0.0)
     if not outside.any():
-        return None
+        return str(PastLimit.worst(model, excess))
     first = int(outside.any(axis=1).argmax())
-    joint = model.arm[int(outside[first].argmax())]
-    return f"the arm reaches its limit of `{joint}` after {line.progress(float(s[first]))} of the straight line"
+    joint = int(outside[first].argmax())
+    past = PastLimit(model.arm[joint], float(excess[joint]), bool(model.turns[joint]))
+    return f"{past}, which it reaches after {line.progress(float(s[first]))} of the straight line"
 
 
-def _advance(model: RobotModel, line: ToolLine, q: Array, s: Array, to: Array) -> tuple[Array, Array]:
+def _advance(model: Kinematics, line: ToolLine, q: Array, s: Array, to: Array) -> tuple[Array, Array]:
     """Joint positions that meet the line at `to`, each on the branch of a row of q that meets it at `s`.
 
     Shapes: q (m, n), s and to (m,). Returns them, shape (m, n), and where the arm cannot go on, infinite where it can,
@@ -199,7 +256,7 @@ def _advance(model: RobotModel, line: ToolLine, q: Array, s: Array, to: Array) -
     return reached, stuck
 
 
-def _meet(model: RobotModel, guesses: Array, X_WT: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Joint positions near guesses (m, n) that bring the tool to poses (m, 4, 4), and which of them do, (m,)."""
     q, errors = newton(model, X_WT, guesses, NEWTON_TOLERANCE)
     return q, (errors <= NEWTON_TOLERANCE) & (np.abs(q - guesses).max(axis=1, initial=0.0) <= LARGEST_STEP)

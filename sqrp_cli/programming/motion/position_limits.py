@@ -1,0 +1,55 @@
+"""By how much motions leave the position limits of the joints, exactly: between samples too."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.reach import PastLimit
+from sqrp_cli.trajectory import Path
+
+LIMIT_SLACK = 1e-9
+"""By how much joint positions may exceed a limit [rad or m], so that rounding does not matter at the limit."""
+
+
+def past_limits(model: RobotModel, path: Path, may_turn: NDArray[np.bool_] | None = None) -> Array:
+    """By how much a path of the arm's joints leaves their limits at worst [rad or m], shape (n,); 0 within the slack.
+
+    may_turn: joints for which whole turns do not count that bring them within their limits, shape (n,); none by
+    default.
+    """
+    return outside(path, model.lower, model.upper, may_turn)
+
+
+def whole_turns(low: Array, high: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
+    """The fewest and the most whole turns that keep joints within limits whose positions span from low to high.
+
+    Shapes that broadcast; signed, and fewest above most where none do.
+    """
+    return np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi)), np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
+
+
+def outside(path: Path, lower: Array, upper: Array, may_turn: NDArray[np.bool_] | None = None) -> Array:
+    """As `past_limits`, of any joints with limits of shape (n,); positions are looked at closely where it matters."""
+    low, high = path.range_bounds()
+    excess = np.zeros(len(lower))
+    for joint in np.flatnonzero((low < lower - LIMIT_SLACK) | (high > upper + LIMIT_SLACK)).tolist():
+        least, greatest = path.extremes(joint)
+        past = float(max(lower[joint] - least, greatest - upper[joint]))
+        if past > LIMIT_SLACK and may_turn is not None and may_turn[joint]:
+            fewest, most = whole_turns(np.array(least), np.array(greatest), lower[joint], upper[joint])
+            past = past if fewest > most else 0.0
+        excess[joint] = past if past > LIMIT_SLACK else 0.0
+    return excess
+
+
+def worst_past_limit(model: RobotModel, path: Path) -> PastLimit | None:
+    """The joint that leaves its limits most on a path of the driven joints, n + f of them; None if none does."""
+    excess = outside(path, *model.position_limits)
+    if not excess.any():
+        return None
+    joint = int(excess.argmax())
+    turns = model.tree.joints[[other.name for other in model.tree.joints].index(model.joints[joint])].type != "prismatic"
+    return PastLimit(model.joints[joint], float(excess[joint]), turns)
