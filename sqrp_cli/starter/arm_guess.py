@@ -65,8 +65,12 @@ def _telling(link: str) -> int:
 
 
 def _moves_gripper(joint: UrdfJoint, tree: _Tree, leads: set[str]) -> bool:
-    """Whether a joint belongs to a gripper: by its name, because others follow it, or as one of several fingers."""
-    if _GRIPPER_JOINT.search(joint.name) or joint.mimic is not None or joint.name in leads:
+    """Whether a joint belongs to a gripper: by its name, because others follow it, or as one of several fingers.
+
+    What follows a joint that carries others which move by themselves is a rod of a parallel linkage.
+    """
+    leads_fingers = joint.name in leads and not tree.carries_independent(joint)
+    if _GRIPPER_JOINT.search(joint.name) or joint.mimic is not None or leads_fingers:
         return True
     siblings = tree.movable_on(tree.rigid_root(joint.parent))
     return len(siblings) > 1 and all(tree.depth_beyond(other) <= LONGEST_FINGER for other in siblings)
@@ -123,6 +127,11 @@ class _Tree:
     def depth_beyond(self, joint: UrdfJoint) -> int:
         """The most movable joints in a row from a joint outwards, itself included."""
         return 1 + max((self.depth_beyond(other) for other in self.movable_on(joint.child)), default=0)
+
+    def carries_independent(self, joint: UrdfJoint) -> bool:
+        """Whether a joint beyond this one moves by itself."""
+        beyond = {*self.beyond(joint.child)}
+        return any(other.mimic is None for other in self.urdf.movable_joints if other.parent in beyond)
 
     def beyond(self, link: str) -> tuple[str, ...]:
         """Every link that moves with `link`, itself first."""

@@ -113,9 +113,10 @@ def _redundancy(model: RobotModel, seed: int, samples: int) -> tuple[NDArray[np.
     held[FIRST_HELD : FIRST_HELD + n - 6] = n > 6
     if not held.any():
         return held, model.home[None]
-    middle = 0.5 * (model.lower + model.upper)
-    reach = np.minimum(0.5 * (model.upper - model.lower), np.where(model.turns, np.pi, 1.0))
-    middle = np.where(np.isfinite(middle), middle, model.home)
+    bounded = np.isfinite(model.lower) & np.isfinite(model.upper)
+    lower, upper = (np.where(bounded, limit, model.home) for limit in (model.lower, model.upper))
+    farthest = np.where(model.turns, np.pi, 1.0)
+    middle, reach = 0.5 * (lower + upper), np.where(bounded, np.minimum(0.5 * (upper - lower), farthest), farthest)
     count = samples - 1
     strata = np.random.default_rng(seed).permuted(np.tile(np.arange(count), (n, 1)), axis=1).T
     share = (strata + np.random.default_rng(seed + 1).random((count, n))) / count

@@ -223,10 +223,10 @@ class RobotModel:
         return self._tree
 
     @property
-    def followers(self) -> tuple[str, ...]:
+    def followers(self) -> tuple[UrdfJoint, ...]:
         """The joints that mimic one of the arm's."""
         led = np.flatnonzero((self._couplings.ratios[:, : len(self.arm)] != 0.0).any(axis=1))
-        return tuple(joint.name for joint in (self._tree.joints[row] for row in led) if joint.mimic is not None)
+        return tuple(joint for joint in (self._tree.joints[row] for row in led) if joint.mimic is not None)
 
     @property
     def joints_move_alone(self) -> bool:

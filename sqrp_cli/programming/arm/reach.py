@@ -94,7 +94,7 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
 def closest_turns(model: RobotModel, q: Array) -> Array:
     """Positions (m, n) with each turning joint outside its limits turned wholly to where it exceeds them least."""
     bounded = model.turns & np.isfinite(model.lower) & np.isfinite(model.upper)
-    middle = np.where(bounded, 0.5 * (np.nan_to_num(model.lower) + np.nan_to_num(model.upper)), 0.0)
+    middle = 0.5 * (np.where(bounded, model.lower, 0.0) + np.where(bounded, model.upper, 0.0))
     turned = q + 2 * np.pi * np.round((middle - q) / (2 * np.pi))
     outside = (q < model.lower) | (q > model.upper)
     closest: Array = np.where(bounded & outside, turned, q)

@@ -12,6 +12,9 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 ROUNDS = 100
 """Rounds in which the points on the axes are moved to where the chain of them is short."""
 
+LEAST_DISTANCE = 1e-9
+"""Added to distances from axes, so that they have shares where all are zero [m]."""
+
 
 def beyond_reach(model: RobotModel, X_WT: Array) -> float:
     """How far [m] a tool pose X_WT, shape (4, 4), lies outside of a sphere that no pose of its orientation can leave.
@@ -45,10 +48,9 @@ def _bound(model: RobotModel) -> tuple[Array, float, Array] | None:
         for k in range(n):
             neighbours = points[[i for i in (k - 1, k + 1) if 0 <= i < n]] - points[k]
             heights = neighbours @ axes[k]
-            distances = np.linalg.norm(neighbours - heights[:, None] * axes[k], axis=1)
-            shares = (
-                distances[::-1] / distances.sum() if len(heights) == 2 and distances.sum() > 1e-9 else 1 / len(heights)
-            )
+            # With both neighbours on the axis, as where axes meet in one point, any place between them does.
+            distances = np.linalg.norm(neighbours - heights[:, None] * axes[k], axis=1) + LEAST_DISTANCE
+            shares = distances[::-1] / distances.sum()
             points[k] += (heights * shares).sum() * axes[k]
     radius = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
     X_TW = inverse(model.tool_pose(model.home))

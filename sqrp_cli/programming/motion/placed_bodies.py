@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.joint_tree import Mount
-from sqrp_cli.programming.motion.collision_body import Body, Placement, placement_at
+from sqrp_cli.programming.motion.collision_body import SPHERES, Body, Placement, placement_at
 
 Indices = NDArray[np.intp]
 
@@ -39,20 +39,24 @@ class PlacedBodies:
 
     @staticmethod
     def of(places: Sequence[tuple[Body, int, Mount]]) -> PlacedBodies:
-        """Of each body, how many of the arm's joints move it and what it is fixed to; of at least one."""
-        bodies, depth, mounts = zip(*places, strict=True)
-        X_FP = np.array([mount.X_JL for mount in mounts])
+        """Of each body, how many of the arm's joints move it and what it is fixed to."""
+        bodies, depth, mounts = zip(*places, strict=True) if places else ((), (), ())
+
+        def rows(values: Iterable[Array], *shape: int) -> Array:
+            return np.array(list(values)).reshape(len(bodies), *shape)
+
+        X_FP = rows((mount.X_JL for mount in mounts), 4, 4)
         return PlacedBodies(
             bodies=bodies,
-            frame=np.array([mount.joint for mount in mounts]),
-            depth=np.array(depth),
-            X_FG=X_FP @ np.array([body.X_PG for body in bodies]),
-            center=transform(X_FP, np.array([body.center for body in bodies])[:, None])[:, 0],
-            radius=np.array([body.radius for body in bodies]),
-            centers=transform(X_FP, np.array([body.centers for body in bodies])),
-            radii=np.array([body.radii for body in bodies]),
-            X_FB=X_FP @ np.array([body.X_PB for body in bodies]),
-            half=np.array([body.half for body in bodies]),
+            frame=np.array([mount.joint for mount in mounts], dtype=np.intp),
+            depth=np.array(depth, dtype=np.intp),
+            X_FG=X_FP @ rows((body.X_PG for body in bodies), 4, 4),
+            center=transform(X_FP, rows((body.center for body in bodies), 1, 3))[:, 0],
+            radius=rows(body.radius for body in bodies),
+            centers=transform(X_FP, rows((body.centers for body in bodies), SPHERES, 3)),
+            radii=rows((body.radii for body in bodies), SPHERES),
+            X_FB=X_FP @ rows((body.X_PB for body in bodies), 4, 4),
+            half=rows((body.half for body in bodies), 3),
             moving=np.flatnonzero(depth),
         )
 

@@ -61,3 +61,19 @@ def test_nothing_is_proven_of_an_arm_with_a_sliding_joint(tmp_path) -> None:
         joint("turn", "l1", "tip", "continuous", "0 0 0", "0 0 1"),
     )
     assert beyond_reach(RobotModel.load(robot(urdf, "tip")), pose(position=[99.0, 0, 0])) == -np.inf
+
+
+def test_an_arm_of_a_single_joint_reaches_as_far_as_its_tool(tmp_path) -> None:
+    """Its tool turns about an axis, which the sphere of radius 0 stands for: other places have no bound to fail."""
+    urdf = written_urdf(tmp_path / "one.urdf", joint("turn", "base", "tip", "revolute", "0 0 1", "0 0 1"))
+    model = RobotModel.load(robot(urdf, "tip"))
+    assert beyond_reach(model, model.tool_pose(np.array([0.7]))) == pytest.approx(0.0, abs=1e-9)
+    assert beyond_reach(model, pose(position=[0.0, 0.3, 1.4])) == pytest.approx(0.5)
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_arm_whose_axes_all_meet_in_one_point_is_bound_to_it(tmp_path) -> None:
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1")
+    chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}", "revolute", "0 0 0", axis) for k, axis in enumerate(axes)]
+    model = RobotModel.load(robot(written_urdf(tmp_path / "point.urdf", *chain), "l5"))
+    assert beyond_reach(model, pose(position=[0.0, 3.0, 4.0])) == pytest.approx(5.0)
