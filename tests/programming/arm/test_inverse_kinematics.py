@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.programming.arm import analytic_ik, inverse_kinematics
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.reach import OutOfReach
 from tests.programming.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, spherical_wrist_arm, written_urdf
 
 with_eaik = pytest.mark.skipif(not analytic_ik.is_installed(), reason="needs the extra `ik`")
@@ -193,3 +195,21 @@ def test_arms_with_sliding_joints_are_solved(tmp_path):
     ]
     expected[1][3] = 0.8 - expected[1][0] + 1.1
     np.testing.assert_allclose(solutions, expected, atol=1e-9)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("joints", [6, 7, 8])
+@pytest.mark.parametrize("seed", range(3))
+def test_joints_without_limits_are_solved_without_a_warning(tmp_path: Path, joints: int, seed: int) -> None:
+    axes = ("0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0", "0 0 1", "0 1 0")[:joints]
+    chain = [joint(f"j{k}", f"l{k}", f"l{k + 1}", "continuous", "0.02 0 0.25", axis) for k, axis in enumerate(axes)]
+    model = RobotModel.load(robot(written_urdf(tmp_path / "free.urdf", *chain), f"l{joints}"))
+    q = np.random.default_rng(seed).uniform(-2, 2, joints)
+    X_WT = model.tool_pose(q)
+    found = all_solutions(model, X_WT, seed).solutions
+    assert len(found)
+    for solution in found:
+        np.testing.assert_allclose(model.tool_pose(solution), X_WT, atol=1e-9)
+    too_far = all_solutions(model, pose(position=[9.0, 0, 0]), seed)
+    assert isinstance(too_far.reason, OutOfReach)
+    assert not len(too_far.solutions)
