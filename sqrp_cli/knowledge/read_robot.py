@@ -24,6 +24,9 @@ from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
 from sqrp_cli.knowledge.workspace_file import RobotEntry, ToolEntry
 
+MAX_ARM_JOINTS = 20
+"""Most joints that move the tool frame; with each, inverse kinematics and motion take longer."""
+
 DEFAULT_VELOCITY = 1.0
 """Limit of a joint's velocity where neither the workspace nor the URDF states one [rad/s or m/s]."""
 DEFAULT_ACCELERATION = 5.0
@@ -110,6 +113,7 @@ class RobotReader:
 
     def _read_urdf(self, reference: str, path: KeyPath) -> UrdfModel:
         urdf = read_urdf(self._resolve(reference, path))
+        self.warnings += urdf.warnings
         role = ".".join(map(str, path))
         self.digest.add_file(role, urdf.path)
         parts = link_parts(urdf, self.entry.geometry, partial(resolve_mesh, self.roots))
@@ -162,6 +166,9 @@ class RobotReader:
         if not arm:
             message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
             self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
+        if len(arm) > MAX_ARM_JOINTS:
+            message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
+            raise InputError(Problem("too-many-joints", message, arm[MAX_ARM_JOINTS].place))
         return arm
 
     def _home(self, arm: Sequence[UrdfJoint]) -> dict[str, float]:

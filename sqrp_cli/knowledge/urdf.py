@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -28,8 +28,24 @@ MAX_LINKS = 2000
 """Most links of a robot."""
 MAX_JOINTS = 200
 """Most joints of a robot that move."""
+MAX_SHAPES = 500
+"""Most shapes of a robot, collision and visual ones together."""
+MOST_TURNS = 100
+"""Position limits of a turning joint beyond so many turns are meant as none, and taken as so many."""
 MODELS_KEPT = 8
 """Robots that are not read again."""
+
+NAMED = 5
+"""Links or joints that a warning names."""
+
+LEAST_MOMENT = 1e-9
+"""Moments of inertia below this are rounding [kg m^2]."""
+
+ROUNDING = 1e-4
+"""Share of the largest principal moment by which another may be below 0, as exported moments are rounded."""
+
+TRIANGLE_ROUNDING = 0.05
+"""Share by which a principal moment may be above the sum of the others, likewise."""
 
 _JOINT_TYPES: tuple[JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
 _OTHER_JOINT_TYPES = ("floating", "planar")
@@ -127,13 +143,17 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfModel:
-    """A robot description: a tree of links. `links` in file order, `joints` from the root outwards, parents first."""
+    """A robot description: a tree of links. `links` in file order, `joints` from the root outwards, parents first.
+
+    warnings: of what can be, but is hardly meant.
+    """
 
     name: str
     path: Path
     links: Mapping[str, UrdfLink]
     joints: Mapping[str, UrdfJoint]
     root: str
+    warnings: tuple[Problem, ...] = ()
 
     @property
     def movable_joints(self) -> tuple[UrdfJoint, ...]:
@@ -146,7 +166,8 @@ def read_urdf(path: Path) -> UrdfModel:
 
     Raises InputError, with file and line, for XML that cannot be read (see `read_xml`), missing or malformed values, a
     repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type that is not
-    supported (floating, planar), and links that do not form one tree.
+    supported (floating, planar), a mass or moment of inertia below 0, more links, joints or shapes than can be computed
+    with, and links that do not form one tree.
     """
     content = read_bytes(path, MAX_BYTES)
     key = (content, path.stem)
@@ -179,22 +200,92 @@ def _copied(model: UrdfModel, path: Path) -> UrdfModel:
         for name, link in model.links.items()
     }
     joints = {name: replace(joint, place=at(joint.place)) for name, joint in model.joints.items()}
-    return replace(model, path=path, links=links, joints=joints)
+    warnings = tuple(replace(warning, place=at(warning.place)) for warning in model.warnings if warning.place)
+    return replace(model, path=path, links=links, joints=joints, warnings=warnings)
 
 
 def _model(path: Path, robot: Element) -> UrdfModel:
+    _check_size(robot)
     links = _unique(_link(element) for element in robot.all("link"))
     if not links:
         raise robot.error("no-links", "the robot has no <link>")
     joints = _unique(_joint(element) for element in robot.all("joint"))
     for joint in joints.values():
         _check_references(joint, links, joints)
-    if len(links) > MAX_LINKS or sum(joint.movable for joint in joints.values()) > MAX_JOINTS:
-        message = f"the robot has {len(links):,} links and {len(joints):,} joints"
+    root = _root(links, joints, robot.place)
+    ordered = _outwards(root, joints)
+    joints, warnings = _with_meant_limits(ordered)
+    warnings += [*doubtful_inertias(links, joints)]
+    return UrdfModel(robot.attributes.get("name", path.stem), path, links, joints, root, tuple(warnings))
+
+
+def _check_size(robot: Element) -> None:
+    """Raises InputError for more links, joints that move or shapes than can be computed with, before any is read."""
+    links = [*robot.all("link")]
+    joints = sum(joint.attributes.get("type", "").strip() != "fixed" for joint in robot.all("joint"))
+    if len(links) > MAX_LINKS or joints > MAX_JOINTS:
+        message = f"the robot has {len(links):,} links and {joints:,} joints that move"
         message += f", expected at most {MAX_LINKS:,} links and {MAX_JOINTS} joints that move"
         raise robot.error("too-many-links", message)
-    root = _root(links, joints, robot.place)
-    return UrdfModel(robot.attributes.get("name", path.stem), path, links, _outwards(root, joints), root)
+    shapes = [shape for link in links for shape in link.children if shape.tag in ("collision", "visual")]
+    if len(shapes) > MAX_SHAPES:
+        message = (
+            f"this is shape {MAX_SHAPES + 1:,} of {len(shapes):,}, expected at most {MAX_SHAPES:,} <collision> and "
+        )
+        message += "<visual> of a robot together"
+        mend = "join them into meshes, or state what stands around the robot as objects of the workspace"
+        raise InputError(Problem("too-many-shapes", message, shapes[MAX_SHAPES].place, mend=mend))
+
+
+def _with_meant_limits(joints: Mapping[str, UrdfJoint]) -> tuple[dict[str, UrdfJoint], list[Problem]]:
+    """The joints with limits of no more than `MOST_TURNS`, and warnings about those that had more, or leave no motion.
+
+    So many turns are as good as no limit, and numbers keep their precision.
+    """
+    most = 2 * math.pi * MOST_TURNS
+    turning = [joint for joint in joints.values() if joint.type == "revolute"]
+    endless = [joint for joint in turning if max(-joint.lower, joint.upper) > most]
+    blocked = [joint for joint in joints.values() if joint.movable and joint.lower == joint.upper and not joint.mimic]
+    clipped = {j.name: replace(j, lower=max(j.lower, -most), upper=min(j.upper, most)) for j in endless}
+    told = f"position limits of {MOST_TURNS} turns ({most:.0f} rad) or more, which are taken as {MOST_TURNS} turns"
+    warnings = [
+        *_warning("no-limit", "joint", endless, told, 'a joint without limits has the type "continuous"'),
+        *_warning("no-motion", "joint", blocked, "a `lower` that is its `upper` limit, and cannot move",
+                  'state both limits, or make it a joint of the type "fixed"'),
+    ]  # fmt: skip
+    return {**joints, **clipped}, warnings
+
+
+def _warning(code: str, kind: str, found: Sequence[_Named], told: str, mend: str) -> Iterator[Problem]:
+    """One warning that names all of the links or joints it is about, at the first of them; none if there are none."""
+    if found:
+        names = ", ".join(f"`{item.name}`" for item in found[:NAMED])
+        more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
+        message = f"{kind}{'s' * (len(found) > 1)} {names}{more} {'have' if len(found) > 1 else 'has'} {told}"
+        yield Problem(code, message, found[0].place, severity="warning", mend=mend)
+
+
+def doubtful_inertias(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> Iterator[Problem]:
+    """Warnings about links with a mass of 0 that move and are solid, and about moments that no mass could have.
+
+    Of the principal moments of any body, none is above the sum of the others (the triangle rule).
+    """
+    moved: set[str] = set()
+    for joint in joints.values():
+        if joint.movable or joint.parent in moved:
+            moved.add(joint.child)
+    stated = [(link, link.inertial) for link in links.values() if link.inertial is not None]
+    weightless = [link for link, inertial in stated if inertial.mass == 0 and link.collision and link.name in moved]
+    impossible = [link for link, inertial in stated if _breaks_triangle_rule(inertial)]
+    told = "a mass of 0 kg in spite of moving and being solid, and is simulated with 500 kg/m^3"
+    yield from _warning("no-mass", "link", weightless, told, "state the mass, usually 0.01 kg to 1000 kg")
+    told = "a principal moment of inertia above the sum of the other two, as no body has"
+    yield from _warning("doubtful-inertia", "link", impossible, told, "check units and signs of <inertia>, in kg m^2")
+
+
+def _breaks_triangle_rule(inertial: Inertial) -> bool:
+    least, middle, most = np.linalg.eigvalsh(inertial.inertia).tolist()
+    return bool(most > (1.0 + TRIANGLE_ROUNDING) * (least + middle) + LEAST_MOMENT)
 
 
 def link_parts(model: UrdfModel, geometry: Geometry, resolve: Resolve) -> tuple[Part, ...]:
@@ -261,7 +352,14 @@ def _inertial(link: Element) -> Inertial | None:
         0.0 if moments is None else moments.number(key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
     mass = inertial.need("mass").number("value")
-    return Inertial(mass, _origin(inertial), read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    if mass < 0.0:
+        raise inertial.need("mass").error("wrong-value", f"link `{link.text('name')}` has a mass of {mass:g} kg")
+    inertia = read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    least, *_, most = np.linalg.eigvalsh(inertia)
+    if moments is not None and least < -ROUNDING * max(most, 0.0) - LEAST_MOMENT:
+        message = f"link `{link.text('name')}` has a principal moment of inertia of {least:.3g} kg m^2"
+        raise moments.error("wrong-value", f"{message}, expected none below 0")
+    return Inertial(mass, _origin(inertial), inertia)
 
 
 def _geometry(element: Element) -> LinkGeometry:
@@ -303,7 +401,7 @@ def _joint(element: Element) -> UrdfJoint:
     joint_type = _JOINT_TYPES[_JOINT_TYPES.index(kind)]
     lower, upper, velocity = _limits(element, name, joint_type)
     limit = element.first("limit")
-    effort = None if limit is None else limit.number("effort", 0.0)
+    effort = None if limit is None else _magnitude(limit, "effort")
     return UrdfJoint(
         name=name,
         type=joint_type,
@@ -314,7 +412,7 @@ def _joint(element: Element) -> UrdfJoint:
         lower=lower,
         upper=upper,
         velocity=velocity,
-        effort=effort if effort and effort > 0.0 else None,
+        effort=effort or None,
         mimic=None if joint_type == "fixed" else _mimic(element),
         place=element.place,
     )
@@ -339,16 +437,23 @@ def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, 
         if joint_type == "continuous":
             return -math.inf, math.inf, None
         raise element.error("missing-limit", f"joint `{name}` is {joint_type} but has no <limit>")
-    velocity = limit.number("velocity", 0.0, NO_LIMIT)
-    if velocity < 0.0:
-        raise limit.error("wrong-value", f"`velocity` is {velocity:g}, expected a positive number")
+    velocity = _magnitude(limit, "velocity")
     if joint_type == "continuous":
         return -math.inf, math.inf, velocity or None
-    lower, upper = (limit.number(bound, 0.0, NO_LIMIT) for bound in ("lower", "upper"))
+    most = NO_LIMIT if joint_type == "revolute" else LARGEST_LENGTH
+    lower, upper = (limit.number(bound, 0.0, most) for bound in ("lower", "upper"))
     if lower > upper:
         message = f"joint `{name}` has a lower limit of {lower:g}, above its upper limit of {upper:g}"
         raise limit.error("wrong-value", message)
     return lower, upper, velocity or None
+
+
+def _magnitude(limit: Element, attribute: str) -> float:
+    """A limit that has no sign; 0 if it is not stated."""
+    value = limit.number(attribute, 0.0, NO_LIMIT)
+    if value < 0.0:
+        raise limit.error("wrong-value", f"`{attribute}` is {value:g}, expected a positive number")
+    return value
 
 
 def _mimic(element: Element) -> Mimic | None:
@@ -412,14 +517,18 @@ def _root(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], place:
     if len(roots) > 1:
         message = f"links `{roots[0]}` and `{roots[1]}` are both roots; a joint must connect them"
         raise InputError(Problem("two-roots", message, links[roots[1]].place))
+    rooted: set[str] = set()
     for name in links:
-        walked = [name]
-        while walked[-1] in carriers:
-            walked.append(carriers[walked[-1]].parent)
-            if walked[-1] in walked[:-1]:
-                cycle = walked[walked.index(walked[-1]) :]
+        walked = {name: None}
+        while name in carriers and name not in rooted:
+            name = carriers[name].parent
+            if name in walked:
+                way = [*walked]
+                cycle = [*way[way.index(name) :], name]
                 message = "links form a cycle: " + " -> ".join(f"`{link}`" for link in reversed(cycle))
                 raise InputError(Problem("cycle", message, carriers[cycle[0]].place))
+            walked[name] = None
+        rooted.update(walked)
     if not roots:
         raise InputError(Problem("cycle", "no link is a root", place))
     return roots[0]

@@ -9,6 +9,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.huge_parts import check_cell_size
 from sqrp_cli.programming.mesh_sizes import doubtful_meshes
 from sqrp_cli.programming.motion.collision import CollisionScene
 from sqrp_cli.programming.motion.contact import Pairs
@@ -42,6 +43,7 @@ class Cell:
         """Read the robot and every mesh. Raises InputError for a URDF or mesh that cannot be used."""
         robot = workspace.robot
         model = RobotModel.load(robot)
+        check_cell_size(workspace, model)
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
         parts = [*model.parts, *(part for thing in objects for part in thing.parts)]
         contacts = _self_contacts(workspace, model, seed) if robot.srdf is None else None

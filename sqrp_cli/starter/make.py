@@ -29,6 +29,9 @@ SKILL = "skills/pickup"
 LARGEST_CUBE, SMALLEST_CUBE = 0.05, 0.02
 """Side of a cube [m]; between these a twentieth of the arm's reach."""
 
+LARGEST_TABLE = 100.0
+"""Side of the largest table, for arms on long rails [m]."""
+
 LIFTS = (0.0, 0.15, 0.3, 0.45)
 """Heights of a pedestal that are tried, as shares of the reach: small arms cannot point a tool down from less."""
 
@@ -126,7 +129,7 @@ def _fill(draft: Path, description: Description, *, guessed: bool) -> tuple[Layo
     bare = _load(draft, layout)
     layout = replace(layout, X_LT=search.tool_seat(bare, arm.tip, arm.carried, arm.out))
     reach = search.arm_reach(_load(draft, layout).model)
-    side = round(2.4 * reach, 1)
+    side = min(round(2.4 * reach, 1), LARGEST_TABLE)
     layout = replace(layout, table_side=side, cube_size=_cube_size(reach))
     floor = max(0.0, -round(search.lowest_point(bare), 3))
     tried: list[Layout] = []

@@ -138,4 +138,6 @@ def torso_arm(folder: Path, joints: int = 8) -> Path:
     chain = [
         joint(f"j{k}", names[k], names[k + 1], "revolute" if k else "prismatic", *axis) for k, axis in enumerate(axes)
     ]
-    return written_urdf(folder / f"torso{joints}.urdf", *chain, joint("end", "hand", "tip", "fixed", "0 0 0.12", "0 0 1"))
+    return written_urdf(
+        folder / f"torso{joints}.urdf", *chain, joint("end", "hand", "tip", "fixed", "0 0 0.12", "0 0 1")
+    )

@@ -28,7 +28,9 @@ class MotionBound:
         if model.followers:
             joint = model.followers[0]
             leader = joint.mimic.joint if joint.mimic else ""
-            message = f"joint `{joint.name}` mimics `{leader}`, a joint of the arm, which collision checks do not support"
+            message = (
+                f"joint `{joint.name}` mimics `{leader}`, a joint of the arm, which collision checks do not support"
+            )
             mend = f"if it is a rod of a linkage that does not matter here, make `{joint.name}` a fixed joint in a copy"
             raise InputError(Problem("coupled-arm", message, joint.place, mend=mend))
         tree, n = model.tree, len(model.arm)

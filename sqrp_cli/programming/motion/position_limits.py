@@ -51,5 +51,7 @@ def worst_past_limit(model: RobotModel, path: Path) -> PastLimit | None:
     if not excess.any():
         return None
     joint = int(excess.argmax())
-    turns = model.tree.joints[[other.name for other in model.tree.joints].index(model.joints[joint])].type != "prismatic"
+    turns = (
+        model.tree.joints[[other.name for other in model.tree.joints].index(model.joints[joint])].type != "prismatic"
+    )
     return PastLimit(model.joints[joint], float(excess[joint]), turns)
