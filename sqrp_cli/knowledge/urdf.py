@@ -35,6 +35,9 @@ MOST_TURNS = 100
 MODELS_KEPT = 8
 """Robots that are not read again."""
 
+LONGEST_SLIDE = 100.0
+"""Largest position limit of a joint that slides [m]."""
+
 NAMED = 5
 """Links or joints that a warning names."""
 
@@ -440,7 +443,7 @@ def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, 
     velocity = _magnitude(limit, "velocity")
     if joint_type == "continuous":
         return -math.inf, math.inf, velocity or None
-    most = NO_LIMIT if joint_type == "revolute" else LARGEST_LENGTH
+    most = NO_LIMIT if joint_type == "revolute" else LONGEST_SLIDE
     lower, upper = (limit.number(bound, 0.0, most) for bound in ("lower", "upper"))
     if lower > upper:
         message = f"joint `{name}` has a lower limit of {lower:g}, above its upper limit of {upper:g}"

@@ -40,7 +40,9 @@ def check_cell_size(workspace: Workspace, model: RobotModel) -> None:
         if tree.mounts[part.parent].joint >= 0:
             away = float(np.linalg.norm(load_solid(part).vertices, axis=1).max())
             if away > LARGEST_LINK:
-                message = f"link `{part.parent}` moves, and part `{part.name}` of it reaches {away:.3g} m from its origin"
+                message = (
+                    f"link `{part.parent}` moves, and part `{part.name}` of it reaches {away:.3g} m from its origin"
+                )
                 raise _refusal(message, _place(urdfs, part.parent))
 
 

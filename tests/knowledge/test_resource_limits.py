@@ -13,6 +13,7 @@ import pytest
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.mesh_file import check_mesh
+from sqrp_cli.knowledge.urdf import read_urdf
 
 
 @pytest.fixture(autouse=True)
@@ -175,3 +176,40 @@ def test_pddl_without_end_is_refused(old: str, new: str, cell: Path) -> None:
     assert problem.place is not None
     assert problem.place.file == path
     assert problem.excerpt is None or len(problem.excerpt) < 300
+
+
+def with_links(cell: Path, text: str) -> None:
+    path = cell / "arm.urdf"
+    path.write_text(path.read_text(encoding="utf-8").replace("</robot>", text + "</robot>"), encoding="utf-8")
+
+
+def test_two_thousand_links_in_a_row_are_read_in_a_moment(cell: Path) -> None:
+    """Looking for a circle from each link took time with the cube of their number."""
+    chain = "".join(
+        f'<link name="l{i}"/><joint name="k{i}" type="fixed">'
+        f'<parent link="{f"l{i - 1}" if i else "wrist"}"/><child link="l{i}"/></joint>'
+        for i in range(1950)
+    )
+    with_links(cell, chain)
+    before = time.process_time()
+    assert len(read_urdf(cell / "arm.urdf").links) > 1950
+    assert time.process_time() - before < 5.0
+
+
+def test_a_robot_of_thousands_of_shapes_is_refused_at_the_first_too_many(cell: Path) -> None:
+    before = (cell / "arm.urdf").read_text(encoding="utf-8").count("\n")
+    box = '<collision>\n<geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    with_links(cell, f'<link name="many">{box * 20_000}</link>')
+    problem = refusal(cell)
+    assert problem.code == "too-many-shapes"
+    assert "expected at most 500" in problem.message
+    assert problem.place is not None
+    assert problem.place.file == cell / "arm.urdf"
+    assert problem.place.line is not None
+    assert before + 450 < problem.place.line <= before + 501
+
+
+def test_a_rail_of_a_thousand_kilometres_is_refused(cell: Path) -> None:
+    rail = '<joint name="rail" type="prismatic">{}<parent link="wrist"/><child link="car"/></joint><link name="car"/>'
+    with_links(cell, rail.format('<limit lower="-1e6" upper="1e6"/>'))
+    assert refusal(cell).message == "<limit>: `lower` is `-1e6`, expected at most 100 in size"

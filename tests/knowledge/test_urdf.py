@@ -258,3 +258,87 @@ def test_a_fault_in_an_srdf_is_reported_with_its_line(tmp_path, old, new, code, 
     with pytest.raises(InputError) as caught:
         read_srdf(tmp_path / "arm.srdf", urdf)
     assert (caught.value.problems[0].code, caught.value.problems[0].place.line) == (code, line)
+
+
+def with_inertial(inertial: str, limit: str = 'lower="-1" upper="2" velocity="3" effort="1"') -> str:
+    """The arm with an inertial of its hand, which moves and is solid, and other limits of its joint."""
+    text = ARM.replace('<link name="hand">', f'<link name="hand"><inertial>{inertial}</inertial>', 1)
+    return text.replace('lower="-1" upper="2" velocity="3" effort="1"', limit)
+
+
+def moments(xx: float, yy: float, zz: float, xy: float = 0.0) -> str:
+    return f'<mass value="1"/><inertia ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="0" iyz="0"/>'
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "told"),
+    [
+        (with_inertial('<mass value="-2"/>'), 5, "link `hand` has a mass of -2 kg"),
+        (
+            with_inertial(moments(-0.1, 0.1, 0.1)),
+            5,
+            "principal moment of inertia of -0.1 kg m^2, expected none below 0",
+        ),
+        (with_inertial(moments(0.1, 0.1, 0.1, xy=0.3)), 5, "principal moment of inertia of -0.2 kg m^2"),
+        (with_inertial("", 'lower="-1" upper="2" effort="-5"'), 17, "`effort` is -5, expected a positive number"),
+        (with_inertial("", 'lower="-1" upper="2" velocity="-3"'), 17, "`velocity` is -3, expected a positive number"),
+        (with_inertial("", 'lower="2" upper="-1"'), 17, "lower limit of 2, above its upper limit of -1"),
+    ],
+    ids=["mass", "moment", "product", "effort", "velocity", "limits"],
+)
+def test_what_no_robot_can_have_is_refused_at_its_line(tmp_path, text, line, told):
+    found = problem(tmp_path, text)
+    assert told in found.message
+    assert (found.place.file, found.place.line) == (tmp_path / "arm.urdf", line)
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "told"),
+    [
+        (with_inertial('<mass value="0"/>'), "no-mass", "link `hand` has a mass of 0 kg"),
+        (with_inertial(moments(0.1, 0.1, 0.5)), "doubtful-inertia", "above the sum of the other two"),
+        (with_inertial("", 'velocity="3"'), "no-motion", "joint `turn` has a `lower` that is its `upper` limit"),
+        (with_inertial("", 'lower="-1e6" upper="1e18"'), "no-limit", "taken as 100 turns"),
+    ],
+    ids=["mass", "triangle rule", "no motion", "no limit"],
+)
+def test_what_can_hardly_be_meant_is_a_warning_at_its_line(tmp_path, text, code, told):
+    (warning,) = read_urdf(written(tmp_path, text)).warnings
+    assert (warning.code, warning.severity) == (code, "warning")
+    assert told in warning.message
+    assert warning.mend
+    assert warning.place.line in (5, 12)
+
+
+@pytest.mark.parametrize(
+    "inertial",
+    [
+        moments(0.1, 0.1, 0.2),  # a flat plate meets the triangle rule with equality
+        moments(0.010, 0.010, 0.0205),  # rounded
+        moments(0.0, 1.0, 1.0),  # a thin rod
+        moments(-1e-12, 1e-6, 1e-6),  # rounded
+        '<mass value="1"/>',
+    ],
+)
+def test_rounded_inertias_are_taken_as_they_are(tmp_path, inertial):
+    assert read_urdf(written(tmp_path, with_inertial(inertial))).warnings == ()
+
+
+def test_limits_of_endless_turns_are_those_of_a_hundred(tmp_path):
+    limits = 'lower="-1e6" upper="3" velocity="1"'
+    turn = read_urdf(written(tmp_path, with_inertial("", limits))).joints["turn"]
+    assert (turn.lower, turn.upper) == (pytest.approx(-100 * 2 * math.pi), 3.0)
+
+
+def test_every_robot_of_example_robot_data_is_read():
+    """Those that cannot be are refused for what they are: one mimics an unknown joint, one is no XML."""
+    folder = next(root for root in package_roots() if (root / "example-robot-data").is_dir())
+    files = sorted((folder / "example-robot-data" / "robots").rglob("*.urdf"))
+    refused = {}
+    for file in files:
+        try:
+            read_urdf(file)
+        except InputError as error:
+            refused[file.name] = error.problems[0].code
+    assert len(files) > 60
+    assert refused == {"alex_psyonic_hands.urdf": "unknown-joint", "ur3.urdf": "xml-syntax"}
