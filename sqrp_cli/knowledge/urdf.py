@@ -218,7 +218,7 @@ def _model(path: Path, robot: Element) -> UrdfModel:
     root = _root(links, joints, robot.place)
     ordered = _outwards(root, joints)
     joints, warnings = _with_meant_limits(ordered)
-    warnings += [*doubtful_inertias(links, joints)]
+    warnings += [*_check_inertias(links, joints)]
     return UrdfModel(robot.attributes.get("name", path.stem), path, links, joints, root, tuple(warnings))
 
 
@@ -268,19 +268,31 @@ def _warning(code: str, kind: str, found: Sequence[_Named], told: str, mend: str
         yield Problem(code, message, found[0].place, severity="warning", mend=mend)
 
 
-def doubtful_inertias(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> Iterator[Problem]:
-    """Warnings about links with a mass of 0 that move and are solid, and about moments that no mass could have.
+def _check_inertias(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> Iterator[Problem]:
+    """Warnings about solid bodies that move and have a mass of 0, and about moments that no mass could have.
 
-    Of the principal moments of any body, none is above the sum of the others (the triangle rule).
+    Of the principal moments of any body, none is below 0, which is refused where the link moves, and none is above the
+    sum of the others (the triangle rule). Links that are fixed to each other make one body.
     """
+    body_of = {name: name for name in links}
     moved: set[str] = set()
     for joint in joints.values():
+        body_of[joint.child] = joint.child if joint.movable else body_of[joint.parent]
         if joint.movable or joint.parent in moved:
             moved.add(joint.child)
     stated = [(link, link.inertial) for link in links.values() if link.inertial is not None]
-    weightless = [link for link, inertial in stated if inertial.mass == 0 and link.collision and link.name in moved]
+    heavy = {body_of[link.name] for link, inertial in stated if inertial.mass > 0.0}
+    for link, inertial in stated:
+        least, *_, most = np.linalg.eigvalsh(inertial.inertia).tolist()
+        if link.name in moved and least < -ROUNDING * max(most, 0.0) - LEAST_MOMENT:
+            message = (
+                f"link `{link.name}` has a principal moment of inertia of {least:.3g} kg m^2, expected none below 0"
+            )
+            raise InputError(Problem("wrong-value", message, link.place))
+    solid = [link for link, _ in stated if link.collision and link.name in moved]
+    weightless = [link for link in solid if body_of[link.name] not in heavy]
     impossible = [link for link, inertial in stated if _breaks_triangle_rule(inertial)]
-    told = "a mass of 0 kg in spite of moving and being solid, and is simulated with 500 kg/m^3"
+    told = "a mass of 0 kg in spite of moving and being solid, simulated as 500 kg/m^3"
     yield from _warning("no-mass", "link", weightless, told, "state the mass, usually 0.01 kg to 1000 kg")
     told = "a principal moment of inertia above the sum of the other two, as no body has"
     yield from _warning("doubtful-inertia", "link", impossible, told, "check units and signs of <inertia>, in kg m^2")
@@ -357,12 +369,7 @@ def _inertial(link: Element) -> Inertial | None:
     mass = inertial.need("mass").number("value")
     if mass < 0.0:
         raise inertial.need("mass").error("wrong-value", f"link `{link.text('name')}` has a mass of {mass:g} kg")
-    inertia = read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    least, *_, most = np.linalg.eigvalsh(inertia)
-    if moments is not None and least < -ROUNDING * max(most, 0.0) - LEAST_MOMENT:
-        message = f"link `{link.text('name')}` has a principal moment of inertia of {least:.3g} kg m^2"
-        raise moments.error("wrong-value", f"{message}, expected none below 0")
-    return Inertial(mass, _origin(inertial), inertia)
+    return Inertial(mass, _origin(inertial), read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
 def _geometry(element: Element) -> LinkGeometry:
