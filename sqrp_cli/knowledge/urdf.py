@@ -218,7 +218,7 @@ def _model(path: Path, robot: Element) -> UrdfModel:
     root = _root(links, joints, robot.place)
     ordered = _outwards(root, joints)
     joints, warnings = _with_meant_limits(ordered)
-    warnings += [*_check_inertias(links, joints)]
+    warnings += [*_doubtful_inertias(links, joints)]
     return UrdfModel(robot.attributes.get("name", path.stem), path, links, joints, root, tuple(warnings))
 
 
@@ -268,11 +268,11 @@ def _warning(code: str, kind: str, found: Sequence[_Named], told: str, mend: str
         yield Problem(code, message, found[0].place, severity="warning", mend=mend)
 
 
-def _check_inertias(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> Iterator[Problem]:
+def _doubtful_inertias(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> Iterator[Problem]:
     """Warnings about solid bodies that move and have a mass of 0, and about moments that no mass could have.
 
-    Of the principal moments of any body, none is below 0, which is refused where the link moves, and none is above the
-    sum of the others (the triangle rule). Links that are fixed to each other make one body.
+    Of the principal moments of any body, none is below 0 or above the sum of the others (the triangle rule). Exported
+    products of inertia break that now and then, so that it is no error. Links fixed to each other make one body.
     """
     body_of = {name: name for name in links}
     moved: set[str] = set()
@@ -282,25 +282,19 @@ def _check_inertias(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoin
             moved.add(joint.child)
     stated = [(link, link.inertial) for link in links.values() if link.inertial is not None]
     heavy = {body_of[link.name] for link, inertial in stated if inertial.mass > 0.0}
-    for link, inertial in stated:
-        least, *_, most = np.linalg.eigvalsh(inertial.inertia).tolist()
-        if link.name in moved and least < -ROUNDING * max(most, 0.0) - LEAST_MOMENT:
-            message = (
-                f"link `{link.name}` has a principal moment of inertia of {least:.3g} kg m^2, expected none below 0"
-            )
-            raise InputError(Problem("wrong-value", message, link.place))
     solid = [link for link, _ in stated if link.collision and link.name in moved]
     weightless = [link for link in solid if body_of[link.name] not in heavy]
     impossible = [link for link, inertial in stated if _breaks_triangle_rule(inertial)]
     told = "a mass of 0 kg in spite of moving and being solid, simulated as 500 kg/m^3"
     yield from _warning("no-mass", "link", weightless, told, "state the mass, usually 0.01 kg to 1000 kg")
-    told = "a principal moment of inertia above the sum of the other two, as no body has"
+    told = "a principal moment of inertia below 0 or above the sum of the other two, as no body has"
     yield from _warning("doubtful-inertia", "link", impossible, told, "check units and signs of <inertia>, in kg m^2")
 
 
 def _breaks_triangle_rule(inertial: Inertial) -> bool:
     least, middle, most = np.linalg.eigvalsh(inertial.inertia).tolist()
-    return bool(most > (1.0 + TRIANGLE_ROUNDING) * (least + middle) + LEAST_MOMENT)
+    too_large = most > (1.0 + TRIANGLE_ROUNDING) * (least + middle) + LEAST_MOMENT
+    return bool(too_large or least < -ROUNDING * max(most, 0.0) - LEAST_MOMENT)
 
 
 def link_parts(model: UrdfModel, geometry: Geometry, resolve: Resolve) -> tuple[Part, ...]:
@@ -369,6 +363,11 @@ def _inertial(link: Element) -> Inertial | None:
     mass = inertial.need("mass").number("value")
     if mass < 0.0:
         raise inertial.need("mass").error("wrong-value", f"link `{link.text('name')}` has a mass of {mass:g} kg")
+    if moments is not None and min(xx, yy, zz) < -LEAST_MOMENT:
+        message = (
+            f"link `{link.text('name')}` has a moment of inertia of {min(xx, yy, zz):g} kg m^2, expected none below 0"
+        )
+        raise moments.error("wrong-value", message)
     return Inertial(mass, _origin(inertial), read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
