@@ -8,6 +8,12 @@ LARGEST = 1e6
 LARGEST_LENGTH = 1000.0
 """Largest coordinate, distance and extent [m]."""
 
+LARGEST_ANGLE = 62.84
+"""Largest angle: ten turns and a little [rad]."""
+
+LONGEST = 3600.0
+"""Longest time [s]."""
+
 SMALLEST_SIZE = 1e-6
 """Smallest extent of anything [m]."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import pi
 
@@ -84,6 +85,44 @@ def read_quantity(value: object) -> Quantity | None:
         if unit in dimension.units:
             return Quantity(float(match[1]) * dimension.units[unit], dimension)
     return None
+
+
+_OFTEN_MEANT: Mapping[Dimension, str] = {
+    LENGTH: "mm",
+    TIME: "ms",
+    SPEED: "mm/s",
+    ACCELERATION: "mm/s^2",
+    JERK: "mm/s^3",
+    ANGULAR_SPEED: "deg/s",
+    ANGULAR_ACCELERATION: "deg/s^2",
+    ANGULAR_JERK: "deg/s^3",
+    SHARE: "%",
+}
+"""The unit that a plain number was often meant in, where it is too large in SI units."""
+
+
+def meant_instead(value: object, dimension: Dimension | None, least: float, most: float) -> str | None:
+    """What a plain number beyond `most` was probably meant as, if that lies in the range: "60 mm would be `60 mm`".
+
+    value: as it stands in a file; least, most: the range in SI units. None for text with a unit, which says itself what
+    it means.
+    """
+    unit = _OFTEN_MEANT.get(dimension) if dimension is not None else None
+    read = read_quantity(value)
+    if dimension is None or unit is None or read is None or read.dimension is not None or abs(read.value) <= most:
+        return None
+    converted = read.value * dimension.units[unit]
+    if not least <= converted <= most:
+        return None
+    return f"{read.value:g} {unit} would be `{read.value:g} {unit}` or {converted:.4g}"
+
+
+def in_unit(value: float, dimension: Dimension | None) -> str:
+    """A number in SI units as a message shows it: angles in degrees, others with their unit if it is known."""
+    if dimension is None:
+        return f"{value:g}"
+    unit = "deg" if dimension is ANGLE else next(iter(dimension.units))
+    return f"{value / dimension.units[unit]:.4g} {unit}" if dimension is not SHARE else f"{value:g}"
 
 
 def expected_quantity(*dimensions: Dimension) -> str:
