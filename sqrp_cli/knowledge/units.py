@@ -87,42 +87,58 @@ def read_quantity(value: object) -> Quantity | None:
     return None
 
 
-_OFTEN_MEANT: Mapping[Dimension, str] = {
-    LENGTH: "mm",
-    TIME: "ms",
-    SPEED: "mm/s",
-    ACCELERATION: "mm/s^2",
-    JERK: "mm/s^3",
-    ANGULAR_SPEED: "deg/s",
-    ANGULAR_ACCELERATION: "deg/s^2",
-    ANGULAR_JERK: "deg/s^3",
-    SHARE: "%",
+_OFTEN_MEANT: Mapping[Dimension, tuple[str, str]] = {
+    LENGTH: ("mm", "millimetres"),
+    TIME: ("ms", "milliseconds"),
+    SPEED: ("mm/s", "millimetres"),
+    ACCELERATION: ("mm/s^2", "millimetres"),
+    JERK: ("mm/s^3", "millimetres"),
+    ANGULAR_SPEED: ("deg/s", "degrees"),
+    ANGULAR_ACCELERATION: ("deg/s^2", "degrees"),
+    ANGULAR_JERK: ("deg/s^3", "degrees"),
+    SHARE: ("%", "per cent"),
 }
-"""The unit that a plain number was often meant in, where it is too large in SI units."""
+"""The unit that a plain number was often meant in, where it is too large in SI units, and its name."""
 
 
-def meant_instead(value: object, dimension: Dimension | None, least: float, most: float) -> str | None:
-    """What a plain number beyond `most` was probably meant as, if that lies in the range: "60 mm would be `60 mm`".
+@dataclass(frozen=True)
+class Meant:
+    """What a plain number was probably meant as: `stated` (with its unit), which is `value` in SI units."""
+
+    stated: str
+    name: str
+    value: float
+
+    def __str__(self) -> str:
+        return f"it looks like {self.name}: {self.stated} would be `{self.stated}` or {self.value:.4g}"
+
+
+def meant_instead(value: object, dimension: Dimension | None, least: float, most: float) -> Meant | None:
+    """What a plain number beyond `most` was probably meant as, if that lies in the range.
 
     value: as it stands in a file; least, most: the range in SI units. None for text with a unit, which says itself what
     it means.
     """
-    unit = _OFTEN_MEANT.get(dimension) if dimension is not None else None
     read = read_quantity(value)
-    if dimension is None or unit is None or read is None or read.dimension is not None or abs(read.value) <= most:
+    if (
+        dimension is None
+        or dimension not in _OFTEN_MEANT
+        or read is None
+        or read.dimension is not None
+        or abs(read.value) <= most
+    ):
         return None
-    converted = read.value * dimension.units[unit]
-    if not least <= converted <= most:
-        return None
-    return f"{read.value:g} {unit} would be `{read.value:g} {unit}` or {converted:.4g}"
+    unit, name = _OFTEN_MEANT[dimension]
+    meant = Meant(f"{read.value:g} {unit}", name, read.value * dimension.units[unit])
+    return meant if least <= meant.value <= most else None
 
 
 def in_unit(value: float, dimension: Dimension | None) -> str:
-    """A number in SI units as a message shows it: angles in degrees, others with their unit if it is known."""
-    if dimension is None:
+    """A number in SI units as a message shows it: angles in degrees, shares plain, others in m, s, px and so on."""
+    if dimension is None or dimension is SHARE:
         return f"{value:g}"
     unit = "deg" if dimension is ANGLE else next(iter(dimension.units))
-    return f"{value / dimension.units[unit]:.4g} {unit}" if dimension is not SHARE else f"{value:g}"
+    return f"{value / dimension.units[unit]:.4g} {unit}"
 
 
 def expected_quantity(*dimensions: Dimension) -> str:

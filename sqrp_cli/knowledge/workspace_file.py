@@ -159,7 +159,9 @@ class DetectorEntry(Entry):
 
     kind: DetectorKind = Field(description="What it detects: ArUco markers or colours.")
     distance: Range = Field(description="Nearest and farthest distance from the camera.")
-    max_incidence: Incidence = Field(description="Largest angle between a box's normal and the direction to the camera.")
+    max_incidence: Incidence = Field(
+        description="Largest angle between a box's normal and the direction to the camera."
+    )
     min_pixels: Pixels = Field(description="Least size in the image: square root of the area in pixels.")
     min_visible: VisibleShare = Field(default=1.0, description="Least share of the box that must be seen.")
 
