@@ -38,9 +38,21 @@ class Usual:
 _ANYWHERE = "cells are not larger"
 _ANGLE_WHY = "more is as good as the rest of it after whole turns"
 _TURN = radians(360.0) + 1e-9
-_HOURS = "a motion with less would take hours, and none reaches more"
+_HOURS = "motions with less take hours, and no arm does more"
 _STATED_PLACES = ("objects.*.pose", "cameras.*.pose", "robot.base")
 _INNER_PLACES = ("robot.tool.pose", "robot.tool.frame", "robot.tool.boxes.*.pose", "objects.*.parts.*.pose")
+
+FIELD_OF_VIEW = Usual(
+    "cameras.*.image.horizontal_fov",
+    radians(0.5),
+    radians(170),
+    units.ANGLE,
+    "a wider lens needs `fx` and `distortion: {model: equidistant}`",
+)
+"""Also of the angle that follows from `fx` or a calibration."""
+
+MOST_STRETCHED = 2.0
+"""By which factor the two focal lengths of a camera usually differ at most."""
 
 WORKSPACE = (
     *(
@@ -64,10 +76,7 @@ WORKSPACE = (
     Usual("cameras.*.pose.look_at.*", -200.0, 200.0, units.LENGTH, _ANYWHERE),
     Usual("cameras.*.image.width", 64, 20_000, None, "images are not smaller or larger"),
     Usual("cameras.*.image.height", 64, 20_000, None, "images are not smaller or larger"),
-    Usual(
-        "cameras.*.image.horizontal_fov", radians(0.5), radians(170), units.ANGLE,
-        "a wider lens needs `fx` and `distortion: {model: equidistant}`",
-    ),
+    FIELD_OF_VIEW,
     Usual("cameras.*.near", 1e-3, 10.0, units.LENGTH, "cameras see from nearer on"),
     Usual("cameras.*.far", 0.05, 200.0, units.LENGTH, "cameras see neither that near only nor so far"),
     Usual("cameras.*.rate", 0.1, 2000.0, units.FREQUENCY, "cameras are neither slower nor faster"),

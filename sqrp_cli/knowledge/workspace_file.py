@@ -19,7 +19,6 @@ from sqrp_cli.knowledge.entries import (
     Entry,
     Extents,
     In,
-    Length,
     Name,
     Number,
     Pixels,
