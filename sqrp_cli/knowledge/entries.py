@@ -143,6 +143,9 @@ Share = Annotated[float, In(units.SHARE, 0.0, 1.0)]
 Number = Annotated[float, In(None, -LARGEST, LARGEST)]
 
 
+_A_NUMBER = {"type": "number", "minimum": -LARGEST, "maximum": LARGEST}
+
+
 def _joint_quantity(value: object) -> Quantity:
     read = read_quantity(value)
     if read is None:
@@ -159,7 +162,7 @@ AnyQuantity = Annotated[
     PlainSerializer(lambda quantity: quantity.value),
     WithJsonSchema(
         {
-            "anyOf": [{"type": "number", "minimum": -LARGEST, "maximum": LARGEST}, {"type": "string"}],
+            "anyOf": [_A_NUMBER, {"type": "string"}],
             "description": "A number, or one with its unit.",
         }
     ),
@@ -187,7 +190,7 @@ Scale = Annotated[
     tuple[Number, Number, Number],
     _of_length(3),
     BeforeValidator(lambda value: value if isinstance(value, list) else [value] * 3),
-    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}),
+    WithJsonSchema({"anyOf": [_A_NUMBER, {"type": "array", "items": _A_NUMBER}]}),
 ]
 
 

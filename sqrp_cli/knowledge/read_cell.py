@@ -10,7 +10,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge import packages
-from sqrp_cli.knowledge.calibration import image_intrinsics, read_calibration
+from sqrp_cli.knowledge.calibration import doubtful_projection, image_intrinsics, read_calibration
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.digest import ContentDigest
@@ -95,6 +95,7 @@ class CellReader:
             intrinsics, calibration_document = read_calibration(calibration)
             self.digest.add(f"cameras.{name}.calibration", calibration, calibration_document.content)
             self.warnings.extend(unusual_values(calibration_document, CALIBRATION))
+            self.warnings.extend(doubtful_projection(intrinsics, calibration_document))
         else:
             assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             intrinsics = image_intrinsics(self.document, (*path, "image"), entry.image)

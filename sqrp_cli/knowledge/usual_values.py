@@ -1,4 +1,4 @@
-"""What numbers in files usually are. A number that is possible but beyond that gets a warning, and is used as it stands.
+"""What numbers in files usually are. One that is possible but beyond that gets a warning, and is used as it stands.
 
 The ranges are generous: no cell that works should be warned of.
 """
@@ -70,7 +70,7 @@ WORKSPACE = (
     Usual("robot.tool.boxes.*.size.*", 1e-4, 3.0, units.LENGTH, "tools are not larger"),
     Usual("detectors.*.distance.*", 0.0, 100.0, units.LENGTH, "no detector works further away"),
     Usual("detectors.*.max_incidence", radians(5), radians(90), units.ANGLE, "less is seldom met, more is from behind"),
-    Usual("detectors.*.min_pixels", 1.0, 5000.0, units.PIXELS, "less than a pixel shows nothing, images are not larger"),
+    Usual("detectors.*.min_pixels", 1.0, 5000.0, units.PIXELS, "less shows nothing, images are not larger"),
     Usual("detectors.*.min_visible", 0.02, 1.0, units.SHARE, "shares are only known to 2 points"),
     Usual("cameras.*{frame}.pose.position.*", -3.0, 3.0, units.LENGTH, "no link carries a camera further away"),
     Usual("cameras.*.pose.look_at.*", -200.0, 200.0, units.LENGTH, _ANYWHERE),
@@ -100,8 +100,8 @@ WORKSPACE = (
         for place in (*_STATED_PLACES, *_INNER_PLACES)
     ),
     Usual("objects.*.pose.yaw", -_TURN, _TURN, units.ANGLE, _ANGLE_WHY),
-    Usual("tasks.*.min_q_avg", 1e-3, 1.0, units.SHARE, "every candidate reaches less"),
-    Usual("tasks.*.min_q_eoi", 1e-3, 1.0, units.SHARE, "every candidate reaches less"),
+    Usual("tasks.*.min_q_avg", 1e-3, 1.0, units.SHARE, "every candidate reaches that"),
+    Usual("tasks.*.min_q_eoi", 1e-3, 1.0, units.SHARE, "every candidate reaches that"),
     Usual("tasks.*.max_time", 0.1, 3600.0, units.TIME, "no motion is shorter, and none takes hours"),
     Usual("tasks.*.max_delay", 1e-3, 600.0, units.TIME, "no camera is faster, and no skill so long"),
     Usual("padding", 0.0, 0.5, units.LENGTH, "no motion keeps so far from everything"),
@@ -149,7 +149,7 @@ HAND_EYE = tuple(
 def unusual_values(document: Document, usual: Sequence[Usual]) -> Iterator[Problem]:
     """Warnings about the numbers of a file that are out of the usual ranges, one for each list."""
     told: set[KeyPath] = set()
-    for path, value, row in _rows_that_apply(document, tuple(usual)):
+    for path, value, row in rows_that_apply(document, usual):
         owner = path[:-1] if isinstance(path[-1], int) else path
         doubt = _doubt(document, path, value, row)
         if doubt is not None and owner not in told:
@@ -175,9 +175,9 @@ def _doubt(document: Document, path: KeyPath, value: object, row: Usual) -> Prob
     )
 
 
-def _rows_that_apply(document: Document, usual: tuple[Usual, ...]) -> Iterator[tuple[KeyPath, object, Usual]]:
+def rows_that_apply(document: Document, usual: Sequence[Usual]) -> Iterator[tuple[KeyPath, object, Usual]]:
     """The values that a row is about, each with the first of its rows."""
-    rows = _tree(usual)
+    rows = _tree(tuple(usual))
     found: dict[KeyPath, tuple[object, Usual]] = {}
     for path, value, row in _walk(document.data, rows, ()):
         for used_path, used in _followed(document, path, value):

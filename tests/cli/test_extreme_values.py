@@ -42,7 +42,10 @@ def everything_stated(workspace: dict[str, Any], skill: dict[str, Any]) -> None:
     workspace["padding"] = "1 mm"
     workspace["robot"]["limits"] = {
         "velocity": {f"joint_{number}": 1.0 for number in range(1, 7)},
-        "acceleration": 2, "jerk": 20, "stop_acceleration": 4, "stop_jerk": 40,
+        "acceleration": 2,
+        "jerk": 20,
+        "stop_acceleration": 4,
+        "stop_jerk": 40,
     }
     workspace["robot"]["markers"] = {"wrist_1": {"id": 3, "side": "2 cm"}}
     workspace["tasks"] = [{"task": "pickup red", "min_q_avg": 0.1, "min_q_eoi": 0.1, "max_time": 60, "max_delay": 10}]
