@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from math import pi
+
 LARGEST = 1e6
 """Largest number where nothing else is said, in SI units."""
 
 LARGEST_LENGTH = 1000.0
 """Largest coordinate, distance and extent [m]."""
 
-LARGEST_ANGLE = 62.84
-"""Largest angle: ten turns and a little [rad]."""
+LARGEST_ANGLE = 20 * pi
+"""Largest angle: ten turns [rad]."""
 
 LONGEST = 3600.0
 """Longest time [s]."""

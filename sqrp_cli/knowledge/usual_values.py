@@ -39,6 +39,7 @@ _ANYWHERE = "cells are not larger"
 _ANGLE_WHY = "more is as good as the rest of it after whole turns"
 _TURN = radians(360.0) + 1e-9
 _HOURS = "motions with less take hours, and no arm does more"
+_SHAPES = ("box.*", "sphere", "cylinder.radius", "cylinder.length", "capsule.radius", "capsule.length")
 _STATED_PLACES = ("objects.*.pose", "cameras.*.pose", "robot.base")
 _INNER_PLACES = ("robot.tool.pose", "robot.tool.frame", "robot.tool.boxes.*.pose", "objects.*.parts.*.pose")
 
@@ -87,7 +88,7 @@ WORKSPACE = (
     *(
         Usual(f"objects.*{fixed}.parts.*.{shape}", 5e-5, largest, units.LENGTH, "parts are not larger")
         for fixed, largest in (("{fixed}", 50.0), ("", 5.0))
-        for shape in ("box.*", "sphere", "cylinder.*", "capsule.*")
+        for shape in _SHAPES
     ),
     *(
         Usual(f"objects.*.parts.*.{scale}", -1000.0, 1000.0, None, "meshes in kilometres are rare")

@@ -117,6 +117,14 @@ def entries(schema: dict[str, Any], nodes: list[Any]) -> list[dict[str, Any]]:
     return found
 
 
+def below(node: dict[str, Any], step: str) -> list[Any]:
+    """What a node of a JSON Schema says of a key, or with `*` of every key and item."""
+    if not step.startswith("*"):
+        return [node.get("properties", {}).get(step)]
+    named = node.get("patternProperties", {}).values()
+    return [node.get("additionalProperties"), node.get("items"), *named, *node.get("prefixItems", ())]
+
+
 @pytest.mark.parametrize(("name", "rows"), [("workspace", WORKSPACE), ("skill", SKILL)])
 def test_every_row_is_about_a_field_of_the_schema(name: str, rows: tuple[Usual, ...]) -> None:
     schema = file_schema(name)
@@ -124,14 +132,7 @@ def test_every_row_is_about_a_field_of_the_schema(name: str, rows: tuple[Usual, 
     for row in rows:
         nodes = entries(schema, [schema])
         for step in row.at.split("."):
-            if step.startswith("*"):
-                within = [
-                    [node.get("additionalProperties"), node.get("items"), *node.get("prefixItems", ())]
-                    for node in nodes
-                ]
-                nodes = entries(schema, [inner for inners in within for inner in inners])
-            else:
-                nodes = entries(schema, [node.get("properties", {}).get(step) for node in nodes])
+            nodes = entries(schema, [inner for node in nodes for inner in below(node, step)])
         if not nodes:
             unknown.append(row.at)
     assert unknown == []
