@@ -20,6 +20,7 @@ from sqrp_cli.programming.part_extents import parts_outside_size
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.shape_overlaps import overlapping_shapes
 from sqrp_cli.programming.solids import load_solids
+from sqrp_cli.programming.tool_speed import unreachable_speeds
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,7 @@ class Cell:
                 *parts_outside_size(workspace),
                 *overlapping_shapes(workspace),
                 *cameras_inside(workspace, model, solids),
+                *unreachable_speeds(workspace, model),
                 *_assumed(robot, contacts),
             ),
             seed,
