@@ -75,7 +75,6 @@ def test_limits_however_far_apart_have_a_law_that_keeps_them(v: float, a: float,
         assert reached[order].max() <= limit * (1 + 1e-6) + rounded * growth
 
 
-
 @pytest.mark.parametrize(
     ("distance", "v", "a", "j", "duration"),
     [
