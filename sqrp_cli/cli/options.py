@@ -67,10 +67,10 @@ def open_workspace(path: Path) -> Workspace:
 
     workspace = load_workspace(path)
     problems = (*workspace.warnings, *lint(workspace))
+    print_problems([problem for problem in problems if problem.severity != "error"])
     errors = [problem for problem in problems if problem.severity == "error"]
     if errors:
         raise InputError(*errors)
-    print_problems(problems)
     return workspace
 
 

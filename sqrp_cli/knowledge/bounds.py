@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from math import pi
+
 LARGEST = 1e6
 """Largest number where nothing else is said, in SI units."""
 
 LARGEST_LENGTH = 1000.0
 """Largest coordinate, distance and extent [m]."""
+
+LARGEST_ANGLE = 20 * pi
+"""Largest angle: ten turns [rad]."""
+
+LONGEST = 3600.0
+"""Longest time [s]."""
 
 SMALLEST_SIZE = 1e-6
 """Smallest extent of anything [m]."""

@@ -6,15 +6,16 @@ write, OpenCV's FileStorage with the same keys, and a printed `sensor_msgs/Camer
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from math import tan
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import AliasChoices, BeforeValidator, Field, Tag
 
-from sqrp_cli.errors import InputError, expected_names
+from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera import DISTORTION_LENGTHS, DistortionModel
 from sqrp_cli.knowledge.entries import ForeignEntry, Number, mapping_or_else
@@ -24,6 +25,13 @@ from sqrp_cli.knowledge.workspace_file import DistortionEntry, ImageEntry, Pixel
 
 _OPENCV_MODELS: dict[int, DistortionModel] = {5: "plumb_bob", 8: "rational_polynomial"}
 """The model that a number of coefficients means in a file that names none."""
+
+
+MOST_SCALED = 5.0
+"""By which factor rectifying an image scales its focal lengths at most."""
+
+MOST_MOVED = 0.2
+"""By which share of an image rectifying moves its principal point at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +65,7 @@ _MatrixOrNumbers = Annotated[
     Annotated[_Matrix, Tag("<mapping>")] | Annotated[_Numbers, Tag("<else>")], mapping_or_else()
 ]
 
+_P_KEYS = ("projection_matrix", "P", "p")
 _K_KEYS = ("camera_matrix", "K", "k")
 _D_KEYS = ("distortion_coefficients", "D", "d")
 
@@ -67,6 +76,7 @@ class _CalibrationFile(ForeignEntry):
     camera_matrix: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_K_KEYS))
     distortion_model: str | None = None
     distortion_coefficients: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_D_KEYS))
+    projection_matrix: Any = Field(default=None, validation_alias=AliasChoices(*_P_KEYS))
 
 
 def read_calibration(path: Path) -> tuple[Intrinsics, Document]:
@@ -83,6 +93,47 @@ def read_calibration(path: Path) -> tuple[Intrinsics, Document]:
     model = _model(document, file.distortion_model, D_path, len(coefficients))
     distortion = _distortion(document, D_path, model, coefficients)
     return Intrinsics(file.image_width, file.image_height, matrix, model, distortion), document
+
+
+def doubtful_projection(intrinsics: Intrinsics, document: Document) -> Iterator[Problem]:
+    """A warning about a projection matrix that cannot belong to the camera matrix beside it in a calibration file.
+
+    It is that of the rectified image, which has the same size: `camera_calibration` scales the focal lengths so that
+    more or less of the image is left, and hardly moves its middle.
+    """
+    key = next((key for key in _P_KEYS if key in document.data), None)
+    P = _projection(document.data[key]) if key is not None else None
+    if key is None or P is None:
+        return
+    why = _why_another(P, intrinsics)
+    if why is not None:
+        message = f"{why}; expected that of the rectified image of this camera. It is not used, `camera_matrix` is"
+        problem = document.problem("doubtful-projection", (key,), message, "is the file put together from two cameras?")
+        yield replace(problem, severity="warning")
+
+
+def _projection(entry: object) -> Array | None:
+    """A projection matrix, shape (3, 4); None if it is none, or all zeros, as drivers write what they do not know."""
+    numbers = _flat(entry.get("data") if isinstance(entry, dict) else entry)
+    if not isinstance(numbers, list) or len(numbers) != 12 or not all(isinstance(n, int | float) for n in numbers):
+        return None
+    return np.array(numbers, dtype=float).reshape(3, 4) if any(numbers) else None
+
+
+def _why_another(P: Array, intrinsics: Intrinsics) -> str | None:
+    K = intrinsics.matrix
+    focal, known = P[[0, 1], [0, 1]], K[[0, 1], [0, 1]]
+    if (focal <= 0).any():
+        return f"found focal lengths {focal[0]:g} and {focal[1]:g}, expected positive ones"
+    if not ((focal / known < MOST_SCALED) & (known / focal < MOST_SCALED)).all():
+        return f"found focal lengths {focal[0]:g} and {focal[1]:g}, `camera_matrix` has {known[0]:g} and {known[1]:g}"
+    size = np.array([intrinsics.width, intrinsics.height])
+    if (np.abs(P[:2, 2] - K[:2, 2]) > MOST_MOVED * size).any():
+        return (
+            f"found the principal point ({P[0, 2]:g}, {P[1, 2]:g}), `camera_matrix` has ({K[0, 2]:g}, {K[1, 2]:g}) "
+            f"in an image of {size[0]} x {size[1]} pixels"
+        )
+    return None
 
 
 def _numbers(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Annotated, Any
+from dataclasses import dataclass
+from typing import Annotated, Any, LiteralString
 
 from pydantic import (
     BaseModel,
@@ -11,17 +11,27 @@ from pydantic import (
     ConfigDict,
     Discriminator,
     Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     PlainSerializer,
     StringConstraints,
     WithJsonSchema,
     model_validator,
 )
-from pydantic_core import PydanticCustomError
+from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core.core_schema import no_info_before_validator_function
 
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, rpy_to_matrix
 from sqrp_cli.knowledge import units
-from sqrp_cli.knowledge.bounds import LARGEST, LARGEST_LENGTH, SHORTEST_DIRECTION, SMALLEST_SIZE
+from sqrp_cli.knowledge.bounds import (
+    LARGEST,
+    LARGEST_ANGLE,
+    LARGEST_LENGTH,
+    LONGEST,
+    SHORTEST_DIRECTION,
+    SMALLEST_SIZE,
+)
 from sqrp_cli.knowledge.source import describe
 from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity, read_quantity
 
@@ -76,58 +86,73 @@ Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
 Text = Annotated[str, StringConstraints(min_length=1)]
 
 
-def quantity(*dimensions: Dimension) -> Callable[[Any], float]:
-    """A validator that accepts a number in SI units, or text with a unit of one of the dimensions.
+@dataclass(frozen=True)
+class In:
+    """Marks a number of a file: its dimension, None for a plain number, and what it can be in SI units.
 
-    What is nothing but an angle needs a unit if it is more than a turn.
+    Text with a unit of the dimension is accepted too. What is an angle needs a unit if it is more than a turn.
     """
 
-    def validate(value: object) -> float:
+    dimension: Dimension | None
+    least: float
+    most: float
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_before_validator_function(self.read, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        number = {"type": "number", "minimum": self.least, "maximum": self.most}
+        if self.dimension is None:
+            return number
+        described = f"A number in SI units and radians, or {expected_quantity(self.dimension)}."
+        return {"anyOf": [number, {"type": "string"}], "description": described}
+
+    def read(self, value: object) -> float:
+        """The number that a file states, in SI units. Raises PydanticCustomError if it cannot be."""
         read = read_quantity(value)
-        if read is None or (read.dimension is not None and read.dimension not in dimensions):
-            message = f"found {describe(value)}, expected {expected_quantity(*dimensions)}"
-            raise PydanticCustomError("wrong-unit", "{message}", {"message": message})
-        if read.dimension is None and dimensions == (units.ANGLE,) and abs(read.value) > units.TURN:
-            message = f"found {describe(value)}, which would be radians; expected {expected_quantity(*dimensions)}"
-            raise PydanticCustomError("wrong-unit", "{message}", {"message": message})
+        if read is None or read.dimension not in (None, self.dimension):
+            raise refused("wrong-unit", f"found {describe(value)}, expected {self._expected()}")
+        if read.dimension is None and self.dimension is units.ANGLE and abs(read.value) > units.TURN:
+            found = f"found {describe(value)}, which would be radians"
+            raise refused("wrong-unit", f"{found}; expected {self._expected()}")
+        if not self.least <= read.value <= self.most:
+            raise refused("wrong-value", f"found {describe(value)}, expected {self._bound(value, read.value)}")
         return read.value
 
-    return validate
+    def _expected(self) -> str:
+        return expected_quantity(*((self.dimension,) if self.dimension else ()))
+
+    def _bound(self, value: object, number: float) -> str:
+        word, bound = ("least", self.least) if number < self.least else ("most", self.most)
+        meant = units.meant_instead(value, self.dimension, self.least, self.most)
+        return f"a value of at {word} {units.in_unit(bound, self.dimension)}" + (f"; {meant}" if meant else "")
 
 
-def _schema(*dimensions: Dimension) -> WithJsonSchema:
-    described = f"A number in SI units and radians, or {expected_quantity(*dimensions)}."
-    return WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string"}], "description": described})
+def refused(code: LiteralString, message: str) -> PydanticCustomError:
+    """An error with a message that may hold any characters."""
+    return PydanticCustomError(code, "{message}", {"message": message})
 
 
-_Bounded = Field(ge=-LARGEST, le=LARGEST)
-_BoundedLength = Field(ge=-LARGEST_LENGTH, le=LARGEST_LENGTH)
-_BoundedDistance = Field(ge=0, le=LARGEST_LENGTH)
-_BoundedSize = Field(ge=SMALLEST_SIZE, le=LARGEST_LENGTH)
+Length = Annotated[float, In(units.LENGTH, -LARGEST_LENGTH, LARGEST_LENGTH)]
+Distance = Annotated[float, In(units.LENGTH, 0.0, LARGEST_LENGTH)]
+Size = Annotated[float, In(units.LENGTH, SMALLEST_SIZE, LARGEST_LENGTH)]
+Angle = Annotated[float, In(units.ANGLE, -LARGEST_ANGLE, LARGEST_ANGLE)]
+Time = Annotated[float, In(units.TIME, 0.0, LONGEST)]
+Pixels = Annotated[float, In(units.PIXELS, 0.0, LARGEST)]
+Share = Annotated[float, In(units.SHARE, 0.0, 1.0)]
+Number = Annotated[float, In(None, -LARGEST, LARGEST)]
 
-Length = Annotated[float, BeforeValidator(quantity(units.LENGTH)), _BoundedLength, _schema(units.LENGTH)]
-Angle = Annotated[float, BeforeValidator(quantity(units.ANGLE)), _Bounded, _schema(units.ANGLE)]
-Time = Annotated[float, BeforeValidator(quantity(units.TIME)), Field(ge=0, le=LARGEST), _schema(units.TIME)]
-Frequency = Annotated[
-    float, BeforeValidator(quantity(units.FREQUENCY)), Field(ge=1e-3, le=LARGEST), _schema(units.FREQUENCY)
-]
-Pixels = Annotated[float, BeforeValidator(quantity(units.PIXELS)), Field(ge=0, le=LARGEST), _schema(units.PIXELS)]
-Share = Annotated[float, BeforeValidator(quantity(units.SHARE)), Field(ge=0, le=1), _schema(units.SHARE)]
-Distance = Annotated[float, BeforeValidator(quantity(units.LENGTH)), _BoundedDistance, _schema(units.LENGTH)]
-Size = Annotated[float, BeforeValidator(quantity(units.LENGTH)), _BoundedSize, _schema(units.LENGTH)]
-Number = Annotated[float, BeforeValidator(quantity()), _Bounded, WithJsonSchema({"type": "number"})]
+
+_A_NUMBER = {"type": "number", "minimum": -LARGEST, "maximum": LARGEST}
 
 
 def _joint_quantity(value: object) -> Quantity:
     read = read_quantity(value)
     if read is None:
         expected = "a number, or one with a unit such as `30 deg`, `60 deg/s` or `120 deg/s^2`"
-        raise PydanticCustomError(
-            "wrong-unit", "{message}", {"message": f"found {describe(value)}, expected {expected}"}
-        )
+        raise refused("wrong-unit", f"found {describe(value)}, expected {expected}")
     if abs(read.value) > LARGEST:
-        message = f"found {describe(value)}, expected a number of at most {LARGEST:g} in size"
-        raise PydanticCustomError("wrong-value", "{message}", {"message": message})
+        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {LARGEST:g} in size")
     return read
 
 
@@ -136,7 +161,10 @@ AnyQuantity = Annotated[
     BeforeValidator(_joint_quantity),
     PlainSerializer(lambda quantity: quantity.value),
     WithJsonSchema(
-        {"anyOf": [{"type": "number"}, {"type": "string"}], "description": "A number, or one with its unit."}
+        {
+            "anyOf": [_A_NUMBER, {"type": "string"}],
+            "description": "A number, or one with its unit.",
+        }
     ),
 ]
 """A quantity whose dimension is checked later, against what it is used for."""
@@ -146,8 +174,7 @@ def _of_length(*lengths: int) -> BeforeValidator:
     def validate(value: object) -> object:
         if not isinstance(value, list) or len(value) not in lengths:
             expected = " or ".join(str(length) for length in lengths)
-            message = f"found {describe(value)}, expected a list of {expected} numbers"
-            raise PydanticCustomError("wrong-length", "{message}", {"message": message})
+            raise refused("wrong-length", f"found {describe(value)}, expected a list of {expected} numbers")
         return value
 
     return BeforeValidator(validate)
@@ -163,7 +190,7 @@ Scale = Annotated[
     tuple[Number, Number, Number],
     _of_length(3),
     BeforeValidator(lambda value: value if isinstance(value, list) else [value] * 3),
-    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}),
+    WithJsonSchema({"anyOf": [_A_NUMBER, {"type": "array", "items": _A_NUMBER}]}),
 ]
 
 
@@ -183,8 +210,7 @@ class Pose(Entry):
         if self.quaternion is not None:
             length = sum(value * value for value in self.quaternion) ** 0.5
             if abs(length - 1.0) > 0.01:
-                message = f"`quaternion` has length {length:.3g}, expected 1 (order x, y, z, w)"
-                raise PydanticCustomError("not-a-rotation", "{message}", {"message": message})
+                raise refused("not-a-rotation", f"`quaternion` has length {length:.3g}, expected 1 (order x, y, z, w)")
         return self
 
     def matrix(self) -> Array:

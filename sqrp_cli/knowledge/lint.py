@@ -15,6 +15,12 @@ from sqrp_cli.knowledge.lint_formulas import (
 )
 from sqrp_cli.knowledge.lint_lenses import implausible_lenses
 from sqrp_cli.knowledge.lint_scene import blind_cameras, floating_objects, overlapping_objects, too_small_boxes
+from sqrp_cli.knowledge.lint_values import (
+    detectors_out_of_range,
+    doubtful_images,
+    empty_boxes,
+    thresholds_out_of_reach,
+)
 from sqrp_cli.knowledge.skill import Reference, Skill
 from sqrp_cli.knowledge.workspace import Workspace
 
@@ -24,7 +30,8 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
 
     Codes: no-skills, literal-without-target, box-moves-with-lost-object, contradictory-formulas, fault-of-the-plan,
     contradictory-precondition, against-the-precondition, against-the-effect, too-few-cameras,
-    too-small-for-every-camera, unused-parameter, held-against-the-facts, implausible-lens, camera-inside-object,
+    empty-box, too-small-for-every-camera, unused-parameter, held-against-the-facts, threshold-out-of-reach,
+    detector-out-of-range, principal-point-outside, unusual-focal-lengths, implausible-lens, camera-inside-object,
     camera-sees-nothing, overlapping-objects, floating-object, beside-support. Intervals that end before they start
     and frames that do not exist are refused when the workspace is read.
     """
@@ -37,9 +44,13 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
         findings += impossible_preconditions(skill)
         findings += formulas_against_the_action(skill)
         findings += _too_few_cameras(workspace, skill)
+        findings += empty_boxes(workspace, skill)
         findings += too_small_boxes(workspace, skill)
         findings += _unused_parameters(skill)
     findings += _held_against_the_facts(workspace)
+    findings += thresholds_out_of_reach(workspace)
+    findings += detectors_out_of_range(workspace)
+    findings += doubtful_images(workspace)
     findings += implausible_lenses(workspace)
     findings += blind_cameras(workspace)
     findings += overlapping_objects(workspace)

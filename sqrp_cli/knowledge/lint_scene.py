@@ -31,7 +31,7 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     for target in skill.targets.values():
         for box in target.boxes:
             detector = workspace.detectors[box.detector]
-            looks = list(product(workspace.cameras.values(), _objects_meant(workspace, skill, box)))
+            looks = list(product(workspace.cameras.values(), objects_meant(workspace, skill, box)))
             # Mostly one of the first is large enough, and then the others do not matter.
             if looks and all(_largest_in_image(workspace, box, *look) < detector.min_pixels for look in looks):
                 largest = max(_largest_in_image(workspace, box, *look) for look in looks)
@@ -144,7 +144,7 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
         yield Problem("floating-object", message, place, severity="warning", mend=f"{mend}, or correct `on`")
 
 
-def _objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
+def objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
     """The objects that a box may belong to; only None for a box of its own in a frame without an object."""
     name = box.fits or box.frame.removesuffix(START)
     if name in workspace.objects:
@@ -221,12 +221,12 @@ def _depths_in_image(camera: Camera, X_WC: Array, points: Array) -> Array:
 def _is_inside(thing: SceneObject, point: Array) -> bool:
     """Whether a point in the world (3,) is inside a solid part of an object; meshes are left out."""
     return any(
-        thing.X_WO is not None and _contains(part.shape, transform(inverse(thing.X_WO @ part.X_PG), point[None])[0])
+        thing.X_WO is not None and contains(part.shape, transform(inverse(thing.X_WO @ part.X_PG), point[None])[0])
         for part in thing.parts
     )
 
 
-def _contains(shape: Shape, point: Array) -> bool:
+def contains(shape: Shape, point: Array) -> bool:
     """Whether a point in the shape's frame (3,) is inside it; not known of a mesh, which counts as no."""
     x, y, z = np.abs(point).tolist()
     match shape:

@@ -14,6 +14,7 @@ from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.source import YAML_ENDINGS, Document, nearest_entry, parse_document, read_document
+from sqrp_cli.knowledge.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
@@ -70,9 +71,20 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         digest=digest.hexdigest(),
         files=digest.files,
         values=document.leaves,
-        warnings=(*robot_reader.warnings, *cell.warnings, *taken_as_held),
+        warnings=_each_once(
+            *unusual_values(document, WORKSPACE),
+            *robot_reader.warnings,
+            *cell.warnings,
+            *taken_as_held,
+            *(warning for skill in skills.values() for warning in skill.warnings),
+        ),
         places=document.places,
     )
+
+
+def _each_once(*warnings: Problem) -> tuple[Problem, ...]:
+    """Cameras may share a calibration file."""
+    return tuple(dict.fromkeys(warnings))
 
 
 def workspace_file(path: Path) -> Path:

@@ -10,7 +10,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge import packages
-from sqrp_cli.knowledge.calibration import image_intrinsics, read_calibration
+from sqrp_cli.knowledge.calibration import doubtful_projection, image_intrinsics, read_calibration
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.digest import ContentDigest
@@ -19,6 +19,7 @@ from sqrp_cli.knowledge.held import pose_in_tool
 from sqrp_cli.knowledge.mesh_file import check_mesh
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere, object_types
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted
+from sqrp_cli.knowledge.usual_values import CALIBRATION, HAND_EYE, unusual_values
 from sqrp_cli.knowledge.workspace_file import CameraEntry, HeldEntry, ObjectEntry, PartEntry, WorkspaceFile
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
@@ -93,6 +94,8 @@ class CellReader:
             calibration = packages.resolve(entry.calibration, self.document.path.parent, self.roots, place)
             intrinsics, calibration_document = read_calibration(calibration)
             self.digest.add(f"cameras.{name}.calibration", calibration, calibration_document.content)
+            self.warnings.extend(unusual_values(calibration_document, CALIBRATION))
+            self.warnings.extend(doubtful_projection(intrinsics, calibration_document))
         else:
             assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
             intrinsics = image_intrinsics(self.document, (*path, "image"), entry.image)
@@ -122,6 +125,7 @@ class CellReader:
             file = packages.resolve(entry.hand_eye, self.document.path.parent, self.roots, seen)
             found, document = read_hand_eye(file)
             self.digest.add(".".join(map(str, (*path, "hand_eye"))), document.path, document.content)
+            self.warnings.extend(unusual_values(document, HAND_EYE))
             frame, X_FC, place = entry.frame or found.frame, found.X_FC, found.place
             mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
             if "convention" not in entry.model_fields_set:

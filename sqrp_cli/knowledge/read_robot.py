@@ -253,6 +253,9 @@ class RobotReader:
             dimension = units.LENGTH if joints[name].type == "prismatic" else units.ANGLE
             if quantity.dimension not in (None, dimension):
                 self._wrong_unit(path, quantity, dimension)
+            elif quantity.dimension is None and dimension is units.ANGLE and abs(quantity.value) > units.TURN:
+                message = f"found {quantity.value:g}, which would be radians; expected {expected_quantity(dimension)}"
+                self._report("wrong-unit", path, message)
             positions[name] = quantity.value
         return positions
 

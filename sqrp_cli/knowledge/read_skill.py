@@ -35,6 +35,7 @@ from sqrp_cli.knowledge.skill import (
 )
 from sqrp_cli.knowledge.skill_file import BoxEntry, FormulaEntry, PrimitiveEntry, SkillFile, WaypointEntry
 from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_bytes, read_document
+from sqrp_cli.knowledge.usual_values import SKILL, unusual_values
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.logic.mtl import Always, Eventually, Formula, check_formula, children, parse_formula
 from sqrp_cli.logic.pddl import Action, Domain, parse_domain
@@ -111,6 +112,7 @@ class _SkillReader:
             requirements=self._requirements(),
             targets=self._targets(),
             places=self.document.places,
+            warnings=() if self.problems else tuple(unusual_values(self.document, SKILL)),
         )
         if self.problems:
             raise InputError(*self.problems)

@@ -8,8 +8,8 @@ import numpy as np
 
 from sqrp_cli.errors import nearest
 from sqrp_cli.knowledge import units
-from sqrp_cli.knowledge.bounds import LARGEST, SMALLEST_LIMIT
-from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
+from sqrp_cli.knowledge.bounds import LARGEST, LONGEST, SMALLEST_LIMIT
+from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity, in_unit, meant_instead
 
 SIDES = ("+x", "-x", "+y", "-y", "+z", "-z")
 
@@ -37,10 +37,16 @@ class Kind:
         if value.dimension is None and self.dimension is units.ANGLE and not self.least <= value.value <= self.most:
             return "wrong-unit", f"found {value.value:g}, which would be radians; expected {self._expected()}"
         if value.value < self.least:
-            return "wrong-value", f"found {value.value:g}, expected a value of at least {self.least:g}"
+            return "wrong-value", f"found {value.value:g}, expected a value of at least {self._shown(self.least)}"
         if value.value > self.most:
-            return "wrong-value", f"found {value.value:g}, expected a value of at most {self.most:g}"
+            message = f"found {value.value:g}, expected a value of at most {self._shown(self.most)}"
+            plain = value.value if value.dimension is None else None
+            meant = meant_instead(plain, self.dimension, self.least, self.most)
+            return "wrong-value", message + (f"; {meant}" if meant else "")
         return None
+
+    def _shown(self, bound: float) -> str:
+        return in_unit(bound, self.dimension)
 
     def _expected(self) -> str:
         if self.dimension is not None:
@@ -57,7 +63,7 @@ VIA = Kind(words=("direct", "home"))
 DISTANCE = Kind(units.LENGTH, least=0.0, most=100.0)
 OFFSET_SHARE = Kind(units.SHARE, least=-1.0, most=1.0)
 SPEED_SHARE = Kind(units.SHARE, least=0.001, most=1.0)
-SPEED = Kind(units.SPEED, least=SMALLEST_LIMIT, most=LARGEST)
-ACCELERATION = Kind(units.ACCELERATION, least=SMALLEST_LIMIT, most=LARGEST)
+SPEED = Kind(units.SPEED, least=SMALLEST_LIMIT, most=100.0)
+ACCELERATION = Kind(units.ACCELERATION, least=SMALLEST_LIMIT, most=1e4)
 JERK = Kind(units.JERK, least=SMALLEST_LIMIT, most=LARGEST)
-DURATION = Kind(units.TIME, least=0.0, most=3600.0)
+DURATION = Kind(units.TIME, least=0.0, most=LONGEST)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sqrp_cli.errors import Place
+from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.setting_kind import Kind
 from sqrp_cli.logic.mtl import Formula
@@ -249,6 +249,8 @@ class Skill:
     targets: Mapping[str, TargetSpec]
     places: Mapping[str, Place]
     """Position of every key of skill.yaml, by its dotted path (such as `primitives.0.to`)."""
+    warnings: tuple[Problem, ...]
+    """Findings that do not prevent its use."""
 
     @property
     def retried_faults(self) -> frozenset[str]:

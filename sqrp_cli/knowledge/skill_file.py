@@ -19,6 +19,7 @@ from sqrp_cli.knowledge.entries import (
     Time,
     mapping_or_else,
     one_of,
+    refused,
 )
 from sqrp_cli.knowledge.skill import Reference
 from sqrp_cli.knowledge.source import describe
@@ -33,12 +34,11 @@ def _value(value: object) -> Quantity | str:
     if read is not None and abs(read.value) <= LARGEST:
         return read
     if read is not None:
-        message = f"found {describe(value)}, expected a number of at most {LARGEST:g} in size"
-        raise PydanticCustomError("wrong-value", "{message}", {"message": message})
+        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {LARGEST:g} in size")
     if isinstance(value, str) and value and not any(character.isspace() for character in value):
         return value
-    message = f"found {describe(value)}, expected a number, a number with a unit such as `5 cm`, or a word"
-    raise PydanticCustomError("wrong-unit", "{message}", {"message": message})
+    expected = "a number, a number with a unit such as `5 cm`, or a word"
+    raise refused("wrong-unit", f"found {describe(value)}, expected {expected}")
 
 
 def _setting(value: object) -> Quantity | str | Reference:
@@ -47,7 +47,7 @@ def _setting(value: object) -> Quantity | str | Reference:
     return _value(value)
 
 
-_ANY = {"anyOf": [{"type": "number"}, {"type": "string"}]}
+_ANY = {"anyOf": [{"type": "number", "minimum": -LARGEST, "maximum": LARGEST}, {"type": "string"}]}
 Value = Annotated[Any, BeforeValidator(_value), PlainSerializer(str), WithJsonSchema(_ANY)]
 """A quantity or a word; its dimension is checked against what the parameter is used for."""
 SettingEntry = Annotated[

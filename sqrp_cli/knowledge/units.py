@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import pi
 
@@ -84,6 +85,60 @@ def read_quantity(value: object) -> Quantity | None:
         if unit in dimension.units:
             return Quantity(float(match[1]) * dimension.units[unit], dimension)
     return None
+
+
+_OFTEN_MEANT: Mapping[Dimension, tuple[str, str]] = {
+    LENGTH: ("mm", "millimetres"),
+    TIME: ("ms", "milliseconds"),
+    SPEED: ("mm/s", "millimetres"),
+    ACCELERATION: ("mm/s^2", "millimetres"),
+    JERK: ("mm/s^3", "millimetres"),
+    ANGULAR_SPEED: ("deg/s", "degrees"),
+    ANGULAR_ACCELERATION: ("deg/s^2", "degrees"),
+    ANGULAR_JERK: ("deg/s^3", "degrees"),
+    SHARE: ("%", "per cent"),
+}
+"""The unit that a plain number was often meant in, where it is too large in SI units, and its name."""
+
+
+@dataclass(frozen=True)
+class Meant:
+    """What a plain number was probably meant as: `stated` (with its unit), which is `value` in SI units."""
+
+    stated: str
+    name: str
+    value: float
+
+    def __str__(self) -> str:
+        return f"it looks like {self.name}: {self.stated} would be `{self.stated}` or {self.value:.4g}"
+
+
+def meant_instead(value: object, dimension: Dimension | None, least: float, most: float) -> Meant | None:
+    """What a plain number beyond `most` was probably meant as, if that lies in the range.
+
+    value: as it stands in a file; least, most: the range in SI units. None for text with a unit, which says itself what
+    it means.
+    """
+    read = read_quantity(value)
+    if (
+        dimension is None
+        or dimension not in _OFTEN_MEANT
+        or read is None
+        or read.dimension is not None
+        or abs(read.value) <= most
+    ):
+        return None
+    unit, name = _OFTEN_MEANT[dimension]
+    meant = Meant(f"{read.value:g} {unit}", name, read.value * dimension.units[unit])
+    return meant if least <= meant.value <= most else None
+
+
+def in_unit(value: float, dimension: Dimension | None) -> str:
+    """A number in SI units as a message shows it: angles in degrees, shares plain, others in m, s, px and so on."""
+    if dimension is None or dimension is SHARE:
+        return f"{value:g}"
+    unit = "deg" if dimension is ANGLE else next(iter(dimension.units))
+    return f"{value / dimension.units[unit]:.4g} {unit}"
 
 
 def expected_quantity(*dimensions: Dimension) -> str:

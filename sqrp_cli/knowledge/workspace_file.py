@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from math import pi, radians
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.knowledge.bounds import SMALLEST_SIZE
+from sqrp_cli.knowledge.bounds import LARGEST, SMALLEST_SIZE
 from sqrp_cli.knowledge.camera import DistortionModel
 from sqrp_cli.knowledge.detector import DetectorKind
 from sqrp_cli.knowledge.entries import (
@@ -17,8 +18,7 @@ from sqrp_cli.knowledge.entries import (
     Distance,
     Entry,
     Extents,
-    Frequency,
-    Length,
+    In,
     Name,
     Number,
     Pixels,
@@ -32,8 +32,16 @@ from sqrp_cli.knowledge.entries import (
     mapping_or_else,
 )
 from sqrp_cli.knowledge.scene import Geometry
+from sqrp_cli.knowledge.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME
 
 PixelCount = Annotated[int, Field(strict=True, gt=0, le=100_000)]
+Incidence = Annotated[float, In(ANGLE, radians(0.1), pi)]
+VisibleShare = Annotated[float, In(SHARE, 0.001, 1.0)]
+Frequency = Annotated[float, In(FREQUENCY, 1e-3, LARGEST)]
+FieldOfView = Annotated[float, In(ANGLE, radians(0.01), radians(179.9))]
+FocalLength = Annotated[float, In(PIXELS, 0.1, LARGEST)]
+LongestTime = Annotated[float, In(TIME, 1e-3, LARGEST)]
+Padding = Annotated[float, In(LENGTH, 0.0, 10.0)]
 PerJoint = Annotated[
     Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[AnyQuantity, Tag("<else>")], mapping_or_else()
 ]
@@ -150,9 +158,11 @@ class DetectorEntry(Entry):
 
     kind: DetectorKind = Field(description="What it detects: ArUco markers or colours.")
     distance: Range = Field(description="Nearest and farthest distance from the camera.")
-    max_incidence: Angle = Field(description="Largest angle between a box's normal and the direction to the camera.")
+    max_incidence: Incidence = Field(
+        description="Largest angle between a box's normal and the direction to the camera."
+    )
     min_pixels: Pixels = Field(description="Least size in the image: square root of the area in pixels.")
-    min_visible: Share = Field(default=1.0, gt=0, description="Least share of the box that must be seen.")
+    min_visible: VisibleShare = Field(default=1.0, description="Least share of the box that must be seen.")
 
     @model_validator(mode="after")
     def _range_in_order(self) -> DetectorEntry:
@@ -175,11 +185,11 @@ class ImageEntry(Entry):
 
     width: PixelCount = Field(description="Columns of the image.")
     height: PixelCount = Field(description="Rows of the image.")
-    horizontal_fov: Angle | None = Field(
+    horizontal_fov: FieldOfView | None = Field(
         default=None, description="Angle from the left to the right edge without lens distortion; square pixels."
     )
-    fx: Pixels | None = Field(default=None, ge=0.1, description="Focal length along x.")
-    fy: Pixels | None = Field(default=None, ge=0.1, description="Focal length along y; default fx.")
+    fx: FocalLength | None = Field(default=None, description="Focal length along x.")
+    fy: FocalLength | None = Field(default=None, description="Focal length along y; default fx.")
     cx: Number | None = Field(
         default=None, description="Principal point; default the middle of the image, (width - 1) / 2."
     )
@@ -192,8 +202,6 @@ class ImageEntry(Entry):
     def _one_focal_length(self) -> ImageEntry:
         if (self.horizontal_fov is None) == (self.fx is None):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `horizontal_fov`, `fx`")
-        if self.horizontal_fov is not None and not 0.0 < self.horizontal_fov < 3.14:
-            raise PydanticCustomError("wrong-value", "`horizontal_fov` must lie between 0 and 180 deg")
         if self.horizontal_fov is not None and self.fy is not None:
             raise PydanticCustomError("conflicting-keys", "`fy` goes with `fx`, not with `horizontal_fov`")
         return self
@@ -315,8 +323,8 @@ class TaskEntry(Entry):
     task: Text = Field(description="As on the command line, such as `pickup green`.")
     min_q_avg: Share | None = Field(default=None, description="Least share of the time in which all is seen.")
     min_q_eoi: Share | None = Field(default=None, description="The same of the events of interest.")
-    max_time: Time | None = Field(default=None, description="Longest duration.")
-    max_delay: Time | None = Field(default=None, description="Longest time until a fault is noticed.")
+    max_time: LongestTime | None = Field(default=None, description="Longest duration.")
+    max_delay: LongestTime | None = Field(default=None, description="Longest time until a fault is noticed.")
     feasible: bool | None = Field(default=None, description="Whether a feasible candidate is expected at all.")
     winner: Name | None = Field(default=None, description="The object that the best candidate is expected to use.")
 
@@ -331,4 +339,4 @@ class WorkspaceFile(Entry):
     objects: dict[Name, ObjectEntry] = Field(default={}, max_length=2000, description="Things in the cell by name.")
     state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
     tasks: list[TaskEntry] = Field(default=[], description="Tasks that the cell must support.")
-    padding: Length = Field(default=0.0, ge=0, description="Least distance that motions keep from fixed objects.")
+    padding: Padding = Field(default=0.0, description="Least distance that motions keep from fixed objects.")

@@ -9,6 +9,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.camera_places import cameras_inside
 from sqrp_cli.programming.huge_parts import check_cell_size
 from sqrp_cli.programming.mesh_sizes import doubtful_meshes
 from sqrp_cli.programming.motion.collision import CollisionScene
@@ -20,6 +21,7 @@ from sqrp_cli.programming.part_extents import parts_outside_size
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.shape_overlaps import overlapping_shapes
 from sqrp_cli.programming.solids import load_solids
+from sqrp_cli.programming.tool_speed import unreachable_speeds
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,16 +50,19 @@ class Cell:
         parts = [*model.parts, *(part for thing in objects for part in thing.parts)]
         contacts = _self_contacts(workspace, model, seed) if robot.srdf is None else None
         unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
+        solids = load_solids(parts)
         return cls(
             workspace,
             model,
             CollisionScene(model, objects, unchecked, workspace.padding),
-            Observer(tuple(workspace.cameras.values()), load_solids(parts)),
+            Observer(tuple(workspace.cameras.values()), solids),
             contacts,
             (
                 *doubtful_meshes(workspace, model),
                 *parts_outside_size(workspace),
                 *overlapping_shapes(workspace),
+                *cameras_inside(workspace, model, solids),
+                *unreachable_speeds(workspace, model),
                 *_assumed(robot, contacts),
             ),
             seed,

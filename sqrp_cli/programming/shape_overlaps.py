@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, inverse, pose, transform
-from sqrp_cli.knowledge.lint_scene import MIN_OVERLAP
+from sqrp_cli.knowledge.lint_scene import MIN_OVERLAP, contains
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Sphere
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.motion.collision_body import distance_within, placement_at
@@ -52,9 +52,17 @@ class _Placed:
         """Whether this is a closed mesh that goes around a corner of another part."""
         if not isinstance(self.solid.part.shape, Mesh):
             return False
-        corner = transform(inverse(self.X_WO) @ other.X_WO, other.solid.vertices[:1])[0]
-        around = _turns(self.solid, corner)
-        return abs(around) > 0.5 and abs(around - round(around)) < CLOSED
+        return is_inside(self.solid, transform(inverse(self.X_WO) @ other.X_WO, other.solid.vertices[:1])[0])
+
+
+def is_inside(solid: Solid, point: Array) -> bool:
+    """Whether a point in the frame of a solid's parent (3,) is inside it; never of a mesh that is not closed."""
+    if np.linalg.norm(point - solid.center) > solid.radius:
+        return False
+    if not isinstance(solid.part.shape, Mesh):
+        return contains(solid.part.shape, transform(inverse(solid.part.X_PG), point[None])[0])
+    around = _turns(solid, point)
+    return abs(around) > 0.5 and abs(around - round(around)) < CLOSED
 
 
 def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:

@@ -78,3 +78,53 @@ def test_what_the_robot_hits_at_home_is_a_warning_where_home_stands(
     assert f"warning: {file}:6:3: at home " in checked.err
     assert " hits crate before anything moves, so no task can begin there\n" in checked.err
     assert "1 warning" in checked.out
+
+
+def _new_cell(sqrp: Callable[..., Outcome], folder: Path, old: str, new: str) -> Path:
+    assert sqrp("init", folder / "new").code == 0
+    path = folder / "new" / "workspace.yaml"
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return folder / "new"
+
+
+def test_a_number_that_cannot_be_meant_is_a_warning_with_its_place_and_what_was_meant(
+    sqrp: Callable[..., Outcome], tmp_path: Path
+) -> None:
+    cell = _new_cell(sqrp, tmp_path, "latency: 50 ms", "latency: 50")
+    outcome = sqrp("check", cell, "--json")
+    assert outcome.code == 0
+    (problem,) = outcome.document["problems"]
+    lines = (cell / "workspace.yaml").read_text(encoding="utf-8").splitlines()
+    line = next(number for number, text in enumerate(lines, 1) if text.endswith("latency: 50"))
+    place = {"file": str(cell / "workspace.yaml"), "line": line, "column": lines[line - 1].index("50") + 1}
+    assert problem == {"code": "doubtful-unit", "severity": "warning", **place, "message": problem["message"]}
+    assert "50 ms would be `50 ms` or 0.05" in problem["message"]
+
+
+def test_what_was_probably_meant_is_said_before_the_errors_that_follow_from_it(
+    sqrp: Callable[..., Outcome], tmp_path: Path
+) -> None:
+    cell = _new_cell(sqrp, tmp_path, "size: [0.04, 0.04, 0.04]", "size: [40, 40, 40]")
+    for command in (["check", cell], ["rank", cell, "pickup red"]):
+        outcome = sqrp(*command)
+        assert outcome.code == 2
+        assert outcome.err.startswith("warning: ")
+        assert "40 mm would be `40 mm` or 0.04" in outcome.err.splitlines()[0]
+        assert "\nerror: " in outcome.err
+
+
+def test_a_camera_inside_the_link_that_carries_it_is_a_warning_because_that_hides_everything(
+    sqrp: Callable[..., Outcome], tmp_path: Path
+) -> None:
+    place = "frame: base\n    pose: {position: [0, 0, 0.05], look_at: [1, 0, 0.05]}"
+    place += "\n    image: {width: 640, height: 480, fx: 100}"
+    cell = _new_cell(sqrp, tmp_path, "  cam1:", f"  inner:\n    {place}\n    rate: 10\n  cam1:")
+    (problem,) = sqrp("check", cell, "--json").document["problems"]
+    assert (problem["code"], problem["severity"]) == ("camera-inside-robot", "warning")
+    assert "`inner` is inside link `base`" in problem["message"]
+    samples = sqrp("explain", cell, "pickup red", "--samples", "3", "--json").document["samples"]
+    seen = [literal["cameras"]["inner"] for sample in samples for literal in sample["literals"].values()]
+    assert not any(view["covered"] for view in seen)
+    assert {view["by"] for view in seen if view["cause"] == "hidden"} == {"base"}

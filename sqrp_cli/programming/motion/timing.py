@@ -25,6 +25,10 @@ STANDSTILL = 1e-9
 """A joint line on which no joint moves further than this [rad or m] is no motion."""
 
 
+SHORTEST_RAMP = 1e-7
+"""Least share of the way on which a law speeds up; ruckig resolves none that is much less."""
+
+
 @dataclass(frozen=True, eq=False)
 class MotionLimits:
     """Upper limits of the magnitudes of velocity, acceleration and jerk: scalars, or one value per joint, shape (n,).
@@ -92,12 +96,16 @@ def joint_move(q0: Array, q1: Array, limits: MotionLimits) -> Trajectory:
 def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
     """The fastest law from 0 to 1, at rest at both ends, under scalar limits.
 
-    ruckig's tolerances are absolute, so it is asked in units in which speeding up takes 1 and reaches 1.
+    ruckig's tolerances are absolute, so it is asked in units in which speeding up takes 1 and reaches 1. Where that
+    takes a share of the way below `SHORTEST_RAMP`, it speeds up more gently: the law is longer by as little.
     """
     duration = float(rest_to_rest_duration(1.0, limits))
     velocity, acceleration, jerk = (float(limit) for limit in (limits.velocity, limits.acceleration, limits.jerk))
     ramp = min(_ramp(velocity, acceleration, jerk), 0.5 * duration)
     peak = 1.0 / (duration - ramp)
+    if ramp * peak < SHORTEST_RAMP:
+        ramp = SHORTEST_RAMP / peak
+        acceleration, jerk = 2.0 * peak / ramp, 4.0 * peak / ramp**2
     request = InputParameter(1)
     request.target_position = [1.0 / (ramp * peak)]
     request.max_velocity = [velocity / peak]

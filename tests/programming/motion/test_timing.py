@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -53,6 +55,24 @@ def test_a_law_keeps_its_limits_rises_and_lasts_as_the_closed_form_says(v: float
     assert np.diff(s).min() >= -1e-12
     for values, limit in ((ds, limits.velocity), (dds, limits.acceleration), (ddds, limits.jerk)):
         assert np.abs(values).max() <= limit * (1 + 1e-9)
+
+
+EXTREME = st.floats(-9, 9)
+
+
+@given(EXTREME, EXTREME, EXTREME)
+@settings(max_examples=300)
+def test_limits_however_far_apart_have_a_law_that_keeps_them(v: float, a: float, j: float) -> None:
+    limits = MotionLimits(*(np.array(10.0**x) for x in (v, a, j)))
+    law = rest_to_rest(limits)
+    assert law.duration == pytest.approx(float(rest_to_rest_duration(1.0, limits)), rel=1e-6)
+    instants = np.concatenate([law.breaks[:-1], np.nextafter(law.breaks[1:], 0.0)])
+    reached = np.abs(law.derivatives(instants))
+    assert reached[0].max() == pytest.approx(1.0, rel=1e-6)
+    rounded = 4 * np.spacing(law.duration)  # as instants are, by which the derivative grows by so much of the next
+    every = (limits.velocity, limits.acceleration, limits.jerk, np.array(0.0))
+    for order, (limit, growth) in enumerate(pairwise(every), start=1):
+        assert reached[order].max() <= limit * (1 + 1e-6) + rounded * growth
 
 
 @pytest.mark.parametrize(
