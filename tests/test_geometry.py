@@ -113,11 +113,10 @@ def test_a_camera_that_looks_anywhere_with_anything_upwards_has_a_pose(
 
 @pytest.mark.parametrize("direction", AXES, ids=str)
 def test_a_camera_whose_up_is_where_it_looks_has_the_x_axis_upwards_or_else_the_z_axis(direction: np.ndarray) -> None:
-    upwards = np.array([0.0, 0.0, 1.0]) if direction[0] else np.array([1.0, 0.0, 0.0])
+    eye = np.array([1.0, 2.0, 3.0])
+    upwards = np.array([0.0, 0.0, 1.0] if direction[0] else [1.0, 0.0, 0.0])
     for up in (direction, -direction, 1e-7 * direction, 1e5 * direction):
-        np.testing.assert_allclose(
-            look_at([1.0, 2.0, 3.0], [1.0, 2.0, 3.0] + direction, up)[:3, 1], -upwards, atol=1e-12
-        )
+        np.testing.assert_allclose(look_at(eye, eye + direction, up)[:3, 1], -upwards, atol=1e-12)
 
 
 @pytest.mark.parametrize(

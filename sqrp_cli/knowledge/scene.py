@@ -44,7 +44,7 @@ class Capsule:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A triangle mesh file (STL, OBJ or DAE) with its scale along x, y and z."""
+    """A triangle mesh file (STL, OBJ or DAE) with its scale along x, y and z, from the file's numbers to metres."""
 
     path: Path
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)

@@ -85,8 +85,9 @@ class SightLines:
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
         """Whether camera and box of each hull are somewhere at all, shape (h,)."""
-        cameras: NDArray[np.bool_] = np.isfinite(self.X_WC).all(axis=(1, 2))
-        return cameras & np.isfinite(self.corners).all(axis=(1, 2))
+        finite: NDArray[np.bool_] = np.isfinite(self.X_WC).all(axis=(1, 2))
+        finite &= np.isfinite(self.corners).all(axis=(1, 2))
+        return finite
 
 
 def poses_at(X: Sequence[Array], which: Indices, state: Indices) -> Array:

@@ -24,10 +24,11 @@ from tests.programming.sensing.views import box_part, make_box, make_camera, mak
 
 NAN = float("nan")
 CORNERS = 0.02 * BOX_SIGNS.T + np.array([[0.0], [0.0], [1.0]])
+NO_NORMAL = np.zeros(3)
 LENSES = {"none": (), "plumb_bob": (-0.1, 0, 0, 0, 0), "equidistant": (0.01, 0, 0, 0)}
 
 
-def cause(projection: Projection, corners_C: Array, normal_C: Array = np.zeros(3)) -> Cause:
+def cause(projection: Projection, corners_C: Array, normal_C: Array = NO_NORMAL) -> Cause:
     zero = np.zeros(1, dtype=np.int64)
     found = check_limits([projection], [make_detector()], zero, corners_C[:, :, None, None], normal_C[:, None, None])
     return Cause(int(found.cause[0, 0]))
