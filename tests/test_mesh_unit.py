@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sqrp_cli.cli.scene_document import scene_document
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.load import load_workspace
@@ -25,6 +27,8 @@ from sqrp_cli.report.model import STEP, model_document
 from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation.model import build_model
 from sqrp_cli.runtime.surface import Surface
+
+CASES = Path(__file__).parent / "cases"
 
 CORNERS = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.06, 0], [0, 0, 0.12]])
 """Of a tetrahedron, all extents of which differ [m]."""
@@ -92,7 +96,10 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Wor
     workspace = replace(tabletop, objects={**tabletop.objects, "g1": g1})
     assert list(doubtful_meshes(workspace, RobotModel.load(workspace.robot))) == []
 
-    (drawn,) = (solid for solid in model_document(Cell.load(workspace))["solids"] if solid["parent"] == "g1")
+    cell = Cell.load(workspace)
+    (shown,) = (part for part in scene_document(cell)["opaque"] if part["parent"] == "g1")
+    assert shown["scale"] == [0.0254] * 3
+    (drawn,) = (solid for solid in model_document(cell)["solids"] if solid["parent"] == "g1")
     np.testing.assert_allclose(spans(STEP * np.array(drawn["vertices"]).reshape(-1, 3)), spans(CORNERS), atol=STEP)
 
     model = build_model(workspace, {"g1": pose()})
@@ -105,6 +112,16 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Wor
         vertices = model.mesh_vert[first : first + model.mesh_vertnum[model.geom_dataid[geom]]]
         placed = vertices @ data.geom_xmat[geom].reshape(3, 3).T + data.geom_xpos[geom]
         np.testing.assert_allclose(spans(placed), spans(CORNERS), atol=1e-6)
+
+
+def test_the_unit_of_a_mesh_that_a_workspace_names_counts(tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(CASES / "cell", tmp_path / "cell"))
+    dae(folder / "it.dae", '<unit meter="0.01"/>', 0.01)
+    file = folder / "workspace.yaml"
+    part = "marker: 7, parts: [{mesh: it.dae, scale: [1, 2, 1]}]}"
+    file.write_text(file.read_text(encoding="utf-8").replace("marker: 7}", part), encoding="utf-8")
+    (part,) = load_workspace(folder).objects["red"].parts
+    np.testing.assert_allclose(spans(load_solid(part).vertices), [[0, 0, 0], [0.03, 0.12, 0.12]], atol=1e-6)
 
 
 def test_the_unit_counts_for_links_as_for_objects(tmp_path: Path) -> None:

@@ -85,8 +85,9 @@ class SightLines:
     @cached_property
     def finite(self) -> NDArray[np.bool_]:
         """Whether camera and box of each hull are somewhere at all, shape (h,)."""
-        finite: NDArray[np.bool_] = np.isfinite(self.X_WC).all(axis=(1, 2))
-        finite &= np.isfinite(self.corners).all(axis=(1, 2))
+        finite: NDArray[np.bool_] = np.logical_and.reduce(
+            [np.isfinite(places).all(axis=(1, 2)) for places in (self.X_WC, self.corners)]
+        )
         return finite
 
 
