@@ -15,6 +15,13 @@ BOX_SIGNS: Array = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0)
 """Corners of the box [-1, 1]^3, shape (8, 3), x slowest and z fastest."""
 
 
+_PARALLEL = 1e-9
+"""Sine of the angle below which two directions count as parallel."""
+
+_ORTHONORMAL = 1e-9
+"""How far the products of a rotation's axes may be from those of unit vectors at right angles."""
+
+
 def read_only(array: ArrayLike) -> Array:
     """A float copy of `array` that cannot be written to, for fields of frozen records."""
     copy = np.array(array, dtype=float)
@@ -30,6 +37,33 @@ def pose(rotation: ArrayLike | None = None, position: ArrayLike | None = None) -
     if position is not None:
         X[:3, 3] = position
     return X
+
+
+def check_poses(what: str, *poses: Array | None) -> None:
+    """Raises ValueError unless all of them (..., 4, 4) are poses: finite, with axes of length 1 at right angles.
+
+    what: names the thing whose poses they are. None, for a pose that is not known, passes.
+    """
+    for X in poses:
+        if X is not None and not _are_poses(X):
+            raise ValueError(f"the pose of {what} is none: {X.tolist()}")
+
+
+def _are_poses(X: Array) -> bool:
+    R = X[..., :3, :3]
+    # Comparisons with what is not a number are false, so that it does not pass.
+    off_axes, off_row = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)), np.abs(X[..., 3, :] - [0.0, 0.0, 0.0, 1.0])
+    right_handed = np.einsum("...i,...i", cross(R[..., 0], R[..., 1]), R[..., 2]) > 0.0
+    return bool(
+        np.isfinite(X).all() and (off_axes <= _ORTHONORMAL).all() and (off_row == 0.0).all() and right_handed.all()
+    )
+
+
+def check_finite(what: str, *figures: ArrayLike | None) -> None:
+    """Raises ValueError unless all figures are finite; None, for what is undefined, passes."""
+    for figure in figures:
+        if figure is not None and not np.isfinite(figure).all():
+            raise ValueError(f"a figure of {what} is not finite: {figure}")
 
 
 def inverse(X_AB: Array) -> Array:
@@ -133,17 +167,25 @@ def displacement(position: Array, rotation: Array) -> Array:
 def look_at(eye: ArrayLike, target: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Array:
     """Pose of an optical frame (x right, y down, z forward) at `eye` [m] that looks at `target` [m].
 
-    The image's upward direction is as close to `up` as the viewing direction allows; when the two are parallel, the
-    image's upward direction is the world's x axis.
+    The image's upward direction is as close to `up` as the viewing direction allows; when the two are parallel, it is
+    the world's x axis, or its z axis for a camera that looks along x. Raises ValueError where `eye` and `target`
+    are one point, and for an `up` without length.
     """
     eye = np.asarray(eye, dtype=float)
-    forward = np.asarray(target, dtype=float) - eye
-    forward = forward / np.linalg.norm(forward)
-    right = cross(forward, np.asarray(up, dtype=float))
-    if np.linalg.norm(right) < 1e-9:
-        right = cross(forward, np.array([1.0, 0.0, 0.0]))
-    right = right / np.linalg.norm(right)
+    forward = _unit(np.asarray(target, dtype=float) - eye)
+    ways_up = (_unit(np.asarray(up, dtype=float)), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]))
+    right = next(across for way in ways_up if np.linalg.norm(across := cross(forward, way)) >= _PARALLEL)
+    right = _unit(right - (right @ forward) * forward)  # nearly parallel vectors have an inexact product
     return pose(np.column_stack([right, cross(forward, right), forward]), eye)
+
+
+def _unit(vector: Array) -> Array:
+    """A vector (3,) at length 1. Raises ValueError if it is too short, or not finite, to have a direction."""
+    length = np.linalg.norm(vector)
+    if not 0.0 < length < np.inf:
+        raise ValueError(f"{vector.tolist()} has no direction")
+    direction: Array = vector / length
+    return direction
 
 
 def side_pose(size: tuple[float, float, float], side: str) -> Array:

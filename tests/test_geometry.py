@@ -85,6 +85,48 @@ def test_a_camera_that_looks_straight_down_has_the_worlds_x_axis_upwards() -> No
     np.testing.assert_allclose(X_WC[:3, 1], [-1, 0, 0], atol=1e-12)
 
 
+AXES = [sign * axis for axis in np.eye(3) for sign in (1.0, -1.0)]
+directions = st.one_of(
+    st.sampled_from(AXES),
+    st.tuples(*[st.sampled_from([-1.0, 0.0, 1e-12, 1e-9, 1e-6, 1.0])] * 3).map(np.array),
+    st.tuples(*[st.floats(-1, 1)] * 3).map(np.array),
+).filter(lambda direction: np.abs(direction).max() > 1e-6)
+
+
+@given(coordinates, directions, st.one_of(directions, st.sampled_from([None, -1.0, 1.0, 1e-3])), st.floats(1e-3, 1e3))
+def test_a_camera_that_looks_anywhere_with_anything_upwards_has_a_pose(
+    eye: np.ndarray, direction: np.ndarray, up: np.ndarray | float | None, distance: float
+) -> None:
+    """`up` as a number is a multiple of the direction in which the camera looks."""
+    towards = direction if up is None else up * direction if isinstance(up, float) else up
+    X_WC = look_at(eye, eye + distance * direction, towards)
+    forward = eye + distance * direction - eye
+    np.testing.assert_allclose(X_WC[:3, :3].T @ X_WC[:3, :3], np.eye(3), atol=1e-14)
+    assert np.linalg.det(X_WC[:3, :3]) == pytest.approx(1.0)
+    np.testing.assert_allclose(X_WC[:3, 2], forward / np.linalg.norm(forward), atol=1e-14)
+    np.testing.assert_array_equal(X_WC[:3, 3], eye)
+    across = np.linalg.norm(np.cross(X_WC[:3, 2], towards / np.linalg.norm(towards)))
+    if across > 1e-8:
+        assert X_WC[:3, 0] @ towards == pytest.approx(0.0, abs=1e-7 * np.linalg.norm(towards))
+        assert X_WC[:3, 1] @ towards < 0, "the image's y axis must point away from `up`"
+
+
+@pytest.mark.parametrize("direction", AXES, ids=str)
+def test_a_camera_whose_up_is_where_it_looks_has_the_x_axis_upwards_or_else_the_z_axis(direction: np.ndarray) -> None:
+    eye = np.array([1.0, 2.0, 3.0])
+    upwards = np.array([0.0, 0.0, 1.0] if direction[0] else [1.0, 0.0, 0.0])
+    for up in (direction, -direction, 1e-7 * direction, 1e5 * direction):
+        np.testing.assert_allclose(look_at(eye, eye + direction, up)[:3, 1], -upwards, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("target", "up"), [((1, 2, 3), (0, 0, 1)), ((0, 0, 0), (0, 0, 0)), ((np.nan, 0, 0), (0, 0, 1))]
+)
+def test_there_is_no_pose_without_a_direction(target: tuple[float, ...], up: tuple[float, ...]) -> None:
+    with pytest.raises(ValueError, match="no direction"):
+        look_at((1, 2, 3), target, up)
+
+
 def test_corners_run_with_x_slowest_and_z_fastest() -> None:
     assert BOX_SIGNS[:3].tolist() == [[-1, -1, -1], [-1, -1, 1], [-1, 1, -1]]
     np.testing.assert_allclose(box_corners([2.0, 4.0, 6.0])[[0, 7]], [[-1, -2, -3], [1, 2, 3]])

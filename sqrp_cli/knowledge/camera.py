@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, check_finite, check_poses
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
 
@@ -43,6 +43,12 @@ class Camera:
     far: float
     rate: float
     latency: float
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a pose that is none and for figures that are not finite; `far` may be infinite."""
+        what = f"camera `{self.name}`"
+        check_poses(what, self.X_FC)
+        check_finite(what, self.matrix, self.distortion, self.near, self.rate, self.latency)
 
     @property
     def response(self) -> float:

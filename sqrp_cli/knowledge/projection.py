@@ -43,11 +43,11 @@ class Projection:
     def bent(self, plane: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Where the lens moves points (..., 2) of the plane z = 1, and whether they are within the radius.
 
-        Points beyond the radius stay where they are.
+        Points beyond the radius stay where they are. What is not a number is beyond it.
         """
-        if self.camera.distortion_model == "none":
-            return plane, np.ones(plane.shape[:-1], dtype=bool)
         inside = np.einsum("...i,...i", plane, plane) <= self.radius**2
+        if self.camera.distortion_model == "none":
+            return plane, inside
         return np.where(inside[..., None], _distort(self.camera, plane), plane), inside
 
 

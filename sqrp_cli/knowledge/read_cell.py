@@ -17,7 +17,8 @@ from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.held import pose_in_tool
 from sqrp_cli.knowledge.mesh_file import check_mesh
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere, object_types
+from sqrp_cli.knowledge.mesh_unit import mesh_of
+from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Part, SceneObject, Shape, Sphere, object_types
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted
 from sqrp_cli.knowledge.usual_values import CALIBRATION, HAND_EYE, unusual_values
 from sqrp_cli.knowledge.workspace_file import CameraEntry, HeldEntry, ObjectEntry, PartEntry, WorkspaceFile
@@ -209,10 +210,10 @@ class CellReader:
         try:
             mesh = packages.resolve(entry.mesh, self.document.path.parent, self.roots, place)
             add_mesh(self.digest, ".".join(map(str, path)), mesh, place)
+            return mesh_of(mesh, entry.scale)
         except InputError as error:
             self.problems.extend(error.problems)
             return None
-        return Mesh(mesh, entry.scale)
 
     def _fact(self, path: KeyPath, text: str, domain: Domain | None) -> Atom | None:
         match = _FACT.fullmatch(text)

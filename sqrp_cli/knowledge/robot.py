@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, check_poses
 from sqrp_cli.knowledge.scene import Geometry, Part
 from sqrp_cli.knowledge.urdf import UrdfModel
 
@@ -42,6 +42,10 @@ class Tool:
     link: str
     X_LT: Array
     urdf: Path | None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if `X_LT` is no pose."""
+        check_poses("the tool", self.X_LT)
 
 
 @dataclass(frozen=True)
@@ -94,3 +98,7 @@ class Robot:
     disabled_pairs: frozenset[tuple[str, str]]
     fingers: Fingers | None = None
     markers: Mapping[str, Marker] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if `X_WB` is no pose."""
+        check_poses("the robot's base", self.X_WB)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, check_finite, check_poses
 
 Geometry = Literal["collision", "visual"]
 """Which of the two geometries of a link."""
@@ -44,7 +44,7 @@ class Capsule:
 
 @dataclass(frozen=True)
 class Mesh:
-    """A triangle mesh file (STL, OBJ or DAE) with its scale along x, y and z."""
+    """A triangle mesh file (STL, OBJ or DAE) with its scale along x, y and z, from the file's numbers to metres."""
 
     path: Path
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -65,6 +65,10 @@ class Part:
     parent: str
     shape: Shape
     X_PG: Array
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if `X_PG` is no pose."""
+        check_poses(f"part `{self.name}`", self.X_PG)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +94,11 @@ class SceneObject:
     marker: int | None
     parts: tuple[Part, ...]
     X_TO: Array | None = None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a pose that is none and for a size that is not finite."""
+        check_poses(f"object `{self.name}`", self.X_WO, self.X_TO)
+        check_finite(f"object `{self.name}`", self.size)
 
     @property
     def types(self) -> tuple[str, str]:

@@ -18,7 +18,8 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_SIZE
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Geometry, Mesh, Part, Shape, Sphere
+from sqrp_cli.knowledge.mesh_unit import mesh_of
+from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
 from sqrp_cli.knowledge.source import read_bytes
 from sqrp_cli.knowledge.xml_file import MAX_BYTES, Element, parse_xml
 
@@ -329,7 +330,7 @@ def _resolved(piece: LinkGeometry, urdf: Path, resolve: Resolve) -> Shape:
     if not isinstance(piece.shape, MeshReference):
         return piece.shape
     try:
-        return Mesh(resolve(piece.shape.reference, urdf), piece.shape.scale)
+        return mesh_of(resolve(piece.shape.reference, urdf), piece.shape.scale)
     except InputError as error:
         first = error.problems[0]
         raise InputError(Problem(first.code, first.message, piece.place, mend=first.mend)) from error

@@ -264,7 +264,10 @@ class PartEntry(Entry):
     capsule: RoundEntry | None = Field(
         default=None, description="About its z axis; the length is of the straight part."
     )
-    mesh: Text | None = Field(default=None, description="STL, OBJ or DAE file; relative to this file, or package://.")
+    mesh: Text | None = Field(
+        default=None,
+        description="STL, OBJ or DAE file; relative to this file, or package://. The unit of a DAE counts.",
+    )
     scale: Scale = Field(default=(1.0, 1.0, 1.0), description="Scale of the mesh, one for all axes or one for each.")
     pose: Pose = Field(default=Pose(), description="Pose of the piece in the object's frame.")
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.geometry import check_finite
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula_time import Stretch, merge
 from sqrp_cli.programming.cell import Cell
@@ -53,6 +54,11 @@ class Assessment:
     outside: tuple[tuple[int, int], ...] = ()
     verdict: str = ""
     recalibrated: tuple[Qualities, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a figure is not finite."""
+        figures = self.time, self.q_avg, self.q_eoi, self.t_total, self.t_eoi, self.error, self.largest_gap
+        check_finite("the candidate", *figures)
 
     @property
     def delay_worst(self) -> float | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.robot import Robot
+from sqrp_cli.knowledge.scene import Part
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.camera_places import cameras_inside
@@ -20,7 +21,7 @@ from sqrp_cli.programming.motion.self_contacts import SelfContacts, find_self_co
 from sqrp_cli.programming.part_extents import parts_outside_size
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.shape_overlaps import overlapping_shapes
-from sqrp_cli.programming.solids import load_solids
+from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.programming.tool_speed import unreachable_speeds
 
 
@@ -50,7 +51,7 @@ class Cell:
         parts = [*model.parts, *(part for thing in objects for part in thing.parts)]
         contacts = _self_contacts(workspace, model, seed) if robot.srdf is None else None
         unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
-        solids = load_solids(parts)
+        solids = tuple(load_solid(part, _name(part, model)) for part in parts)
         return cls(
             workspace,
             model,
@@ -90,10 +91,14 @@ class Cell:
         )
 
     def solid_name(self, index: int) -> str:
-        """What output calls a solid: its link for the robot's own parts, else the part."""
-        part = self.observer.solids[index].part
-        of_robot = part.parent in self.model.links and part.parent not in self.model.tool_links
-        return part.parent if of_robot else part.name
+        """What output calls a solid of the observer."""
+        return self.observer.solids[index].name
+
+
+def _name(part: Part, model: RobotModel) -> str:
+    """What output calls a part: its link if it is one of the robot's own, else the part."""
+    of_robot = part.parent in model.links and part.parent not in model.tool_links
+    return part.parent if of_robot else part.name
 
 
 _found_contacts: dict[Hashable, SelfContacts] = {}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, check_finite
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.motion.recovery import Recovery
 from sqrp_cli.programming.ranges import begins_run
@@ -30,6 +30,10 @@ class FaultMetrics:
     blind_longest: float
     unseen: float
     expected_time: float
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a figure is not finite."""
+        check_finite("a fault", *astuple(self))
 
 
 def fault_metrics(

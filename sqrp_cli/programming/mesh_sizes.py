@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from sqrp_cli.errors import Place, Problem
+from sqrp_cli.knowledge.mesh_unit import mesh_unit
 from sqrp_cli.knowledge.scene import Mesh, SceneObject
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -28,7 +29,7 @@ def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem
             size = _size(load_solid(part))
             if size > LARGEST * length or size < SMALLEST * length:
                 told = f"the mesh of link `{part.parent}` measures {_metres(size)}, the arm {_metres(length)}"
-                yield _doubt(told, Place(part.shape.path), size > length, "the <mesh> of the URDF")
+                yield _doubt(told, Place(part.shape.path), part.shape, size > length, "the <mesh> of the URDF")
     for thing in workspace.objects.values():
         for index, part in enumerate(thing.parts):
             if isinstance(part.shape, Mesh):
@@ -37,7 +38,7 @@ def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem
                     size, stated = _size(solid), float(np.linalg.norm(thing.size))
                     place = workspace.places.get(f"objects.{thing.name}.parts.{index}.mesh")
                     told = f"the mesh of `{thing.name}` measures {_metres(size)}, its `size` {_metres(stated)}"
-                    yield _doubt(told, place, size > stated, "this part")
+                    yield _doubt(told, place, part.shape, size > stated, "this part")
 
 
 def scale_is_doubtful(solid: Solid, thing: SceneObject) -> bool:
@@ -46,9 +47,12 @@ def scale_is_doubtful(solid: Solid, thing: SceneObject) -> bool:
     return not 1 / OBJECT_FACTOR <= ratio <= OBJECT_FACTOR
 
 
-def _doubt(told: str, place: Place | None, too_large: bool, where: str) -> Problem:
-    factor = "0.001" if too_large else "1000"
-    mend = f"if its unit is not the metre, give {where} a `scale` of {factor}"
+def _doubt(told: str, place: Place | None, mesh: Mesh, too_large: bool, where: str) -> Problem:
+    factor, unit = "0.001" if too_large else "1000", mesh_unit(mesh.path)
+    if unit == 1.0:
+        mend = f"if its unit is not the metre, give {where} a `scale` of {factor}"
+    else:
+        mend = f"it counts already that the file gives its unit as {unit:g} m: see the `scale` of {where}"
     return Problem("doubtful-mesh-size", f"{told}; its scale may be off by 1000", place, severity="warning", mend=mend)
 
 

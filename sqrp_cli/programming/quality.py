@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sqrp_cli.geometry import check_finite
 from sqrp_cli.programming.timeline import Timeline
 
 
@@ -15,6 +16,10 @@ class Qualities:
 
     q_avg: float | None
     q_eoi: float | None
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a quality is not finite."""
+        check_finite("the quality", self.q_avg, self.q_eoi)
 
     @classmethod
     def of(cls, timeline: Timeline) -> Qualities:

@@ -39,6 +39,7 @@ BOX_TRIANGLES.setflags(write=False)
 class Solid:
     """A part as coal geometry and as triangles.
 
+    name: what output calls it; the pieces of a link have one name.
     geometry: coal's collision geometry, in the shape's frame; place it with X_WP @ part.X_PG.
     vertices: shape (V, 3) [m], in the parent's frame; triangles: shape (F, 3), indices into `vertices`.
     center, radius: a sphere around it, in the parent's frame [m].
@@ -47,6 +48,7 @@ class Solid:
     """
 
     part: Part
+    name: str
     geometry: Any
     vertices: Array
     triangles: NDArray[np.int64]
@@ -63,8 +65,8 @@ class Solid:
         return read_only(columns)
 
 
-def load_solid(part: Part) -> Solid:
-    """Make the solid of a part; meshes are read once per file and scale.
+def load_solid(part: Part, name: str | None = None) -> Solid:
+    """Make the solid of a part, with the part's name or another one; meshes are read once per file and scale.
 
     Raises InputError for a mesh that cannot be read, is empty or reaches too far. Files have passed `check_mesh`.
     """
@@ -75,6 +77,7 @@ def load_solid(part: Part) -> Solid:
     center = corners.mean(axis=0)
     return Solid(
         part=part,
+        name=part.name if name is None else name,
         geometry=geometry,
         vertices=read_only(vertices),
         triangles=triangles,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, check_finite, check_poses
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.logic.literal import Atom
 
@@ -28,6 +28,11 @@ class TargetBox:
     X_FB: Array
     normal: tuple[float, float, float] | None
     encloses: frozenset[str]
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a pose that is none, and for a size or normal that is not finite."""
+        check_poses(f"box `{self.name}`", self.X_FB)
+        check_finite(f"box `{self.name}`", self.size, self.normal)
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,8 +91,21 @@ def test_an_object_inside_a_hollow_one_does_not_overlap_it(damaged: Damage) -> N
         ("plumb_bob", [-0.41, 0.19, 0.001, 0.0002, -0.04]),  # a webcam
         ("rational_polynomial", [8.2, 4.9, 0.0, 0.0, 0.2, 8.5, 7.6, 1.3]),  # a wide lens
         ("equidistant", [-0.02, 0.003, -0.002, 0.0003]),  # a fisheye
+        ("plumb_bob", [0.09, -0.27, -0.0006, -0.0011, 0.1]),  # a depth camera
+        ("plumb_bob", [0.26, -0.92, 0.002, 0.0006, 1.16]),  # another, with a lens that bends out
+        ("plumb_bob", [-0.05, 0.06, -0.0003, -0.0157, 0.0]),  # a sensor that was mounted askew
+        ("rational_polynomial", [0.5158, -2.6649, 0.0006, -0.0003, 1.5525, 0.3965, -2.4878, 1.4793]),
+        ("rational_polynomial", [0.0, 0.0, 0.0, -0.001, 0.0, 0.0, 0.0, 0.0]),
     ],
 )
-def test_lenses_as_calibrations_find_them_are_plausible(model: str, coefficients: list[float], damaged: Damage) -> None:
-    edit = {"fx: 300": f"fx: 300, distortion: {{model: {model}, coefficients: {coefficients}}}"}
-    assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
+@pytest.mark.parametrize("signs", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+@pytest.mark.parametrize("focal", [150, 300, 1200])
+def test_lenses_as_calibrations_find_them_are_plausible(
+    model: str, coefficients: list[float], signs: tuple[int, int], focal: int, damaged: Damage
+) -> None:
+    """Tangential terms, the third and fourth coefficient, of both signs."""
+    if model != "equidistant":
+        coefficients = [*coefficients[:2], signs[0] * coefficients[2], signs[1] * coefficients[3], *coefficients[4:]]
+    edit = {"fx: 300": f"fx: {focal}, distortion: {{model: {model}, coefficients: {coefficients}}}"}
+    found = lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit})))
+    assert [problem for problem in found if problem.code == "implausible-lens"] == []

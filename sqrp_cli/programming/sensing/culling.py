@@ -1,7 +1,8 @@
 """Which solids may reach into which view hulls, by bounds alone: what is left has to be looked at exactly.
 
 First balls around the solids are held against cones around the hulls, for all states at once; then boxes around those
-that remain against ten planes around the hull, and the hull against the boxes.
+that remain against ten planes around the hull, and the hull against the boxes. Each comparison asks whether something
+is beyond a bound, so that what is not a number counts as near.
 """
 
 from __future__ import annotations
@@ -118,7 +119,7 @@ class _Hulls:
         axis = rays.mean(axis=1)
         axis /= _norm(axis)
         depth = _dot(rays, axis[:, None])
-        bounded = depth.min(axis=0) > _LEAST_DEPTH
+        bounded = depth.min(axis=0) > _LEAST_DEPTH  # not so where it is not a number: then anything may be near
         cosine = np.where(bounded, (depth / _norm(rays)).min(axis=0), 0.0)
         sine = np.where(bounded, np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0)), 0.0)
         length = np.where(bounded, depth.max(axis=0), np.inf)
@@ -134,10 +135,10 @@ class _Hulls:
         along = _dot((x, y, z), eye_and_axis[3:])
         aside = np.sqrt(np.maximum(_dot((x, y, z), (x, y, z)) - along * along, 0.0))
         reach = bounds.radii + TOUCH
-        meets: NDArray[np.bool_] = aside * cosine - along * sine <= reach
+        beyond: NDArray[np.bool_] = aside * cosine - along * sine > reach
         # A hull without a cone has an infinite length, and anything may touch it.
-        meets &= ((along >= -reach) & (along <= reach + length)) | np.isinf(length)
-        return meets
+        beyond |= ((along < -reach) | (along > reach + length)) & np.isfinite(length)
+        return ~beyond
 
     def meet_boxes(self, hull: Indices, bounds: _Bounds, solid: Indices, state: Indices) -> Indices:
         """Which hulls (n,) may touch the box around a solid (n,) in a state (n,), by index."""
@@ -145,15 +146,15 @@ class _Hulls:
         planes = self.planes[:, :, hull]
         normals = planes[:, :3].swapaxes(0, 1)
         extent = sum(np.abs(_dot(normals, half_axis)) for half_axis in half_axes)
-        kept = np.flatnonzero((_dot(normals, center) - extent <= planes[:, 3] + TOUCH).all(axis=0))
+        kept = np.flatnonzero(~(_dot(normals, center) - extent > planes[:, 3] + TOUCH).any(axis=0))
         points = self.points[:, :, hull[kept]] - center[:, None, kept]
-        meets = np.ones(len(kept), dtype=bool)
+        beyond = np.zeros(len(kept), dtype=bool)
         for half_axis in half_axes[:, :, kept]:
             # The hull does not reach into the box if all of its points lie beyond the same face.
             along, length = _dot(points, half_axis), _norm(half_axis)
             reach = length * (length + TOUCH)
-            meets &= (along.min(axis=0) <= reach) & (along.max(axis=0) >= -reach)
-        return kept[meets]
+            beyond |= (along.min(axis=0) > reach) | (along.max(axis=0) < -reach)
+        return kept[~beyond]
 
 
 def _planes(eyes: Array, rays: Array, axis: Array, depth: Array) -> Array:

@@ -1,14 +1,22 @@
-"""Which of several solids to name as the one that hides a box."""
+"""Which of several solids to name as the one that hides a box.
+
+Where the whole box must be seen, anything that reaches into its view hull hides it, and the nearest is named. Where a
+share of it does, what hides the largest share is.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
 from sqrp_cli.geometry import Array, cross, inverse, transform
+from sqrp_cli.programming.ranges import begins_run
 from sqrp_cli.programming.sensing.box_bounds import box_is_met
 from sqrp_cli.programming.sensing.facets import Facets
 from sqrp_cli.programming.sensing.nearest_inside import nearest_inside
 from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs, SightLines, SolidPoses
+from sqrp_cli.programming.sensing.visible_share import visible_shares
 
 _PRODUCTS = 50_000
 """Pairs of ray and triangle that are compared at once: about what fits the cache."""
@@ -35,6 +43,31 @@ def find_culprits(lines: SightLines, center: Array, poses: SolidPoses, pairs: Pa
         line, solid = line[missed], solid[missed]
         _name_least(culprits, (line, solid), nearest_inside(lines, poses, (line, solid)))
     return culprits
+
+
+def find_largest(lines: SightLines, poses: SolidPoses, pairs: Pairs, part: Indices) -> Indices:
+    """Index of a solid of the part that hides the largest share of each sight line's box, shape (v,).
+
+    -1 where no pair names the sight line. Each part counts all directions in which it lies before the box's far side,
+    whatever else lies there too, on the rays that decide whether the box is visible. Of equals the first part is named.
+
+    pairs: (sight line, solid) inside the view hulls, ordered by sight line. part: of each solid, by rank, shape (s,).
+    """
+    largest = np.full(len(lines.state), -1, dtype=np.int64)
+    line, solid = pairs
+    largest[line] = solid
+    order = np.lexsort((part[solid], line))
+    line, solid = line[order], solid[order]
+    of_part = part[solid]
+    begins = begins_run(line) | begins_run(of_part)
+    several = np.bincount(line[begins], minlength=len(largest))[line] > 1
+    line, solid, begins = line[several], solid[several], begins[several]
+    # Each part by itself, as if it were alone before the box.
+    of = line[begins]
+    alone = replace(lines, state=lines.state[of], hull=lines.hull[of])
+    _, visible = visible_shares(alone, poses, (np.cumsum(begins) - 1, solid))
+    _name_least(largest, (of, solid[begins]), visible)
+    return largest
 
 
 def _name_least(culprits: Indices, pairs: Pairs, values: Array) -> None:

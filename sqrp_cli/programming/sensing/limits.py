@@ -69,18 +69,19 @@ def check_limits(
         cosine = -(normal_C * center).sum(axis=0) / np.maximum(distance, 1e-12)
         incidence = np.where(normal_C.any(axis=0), np.arccos(np.clip(cosine, -1.0, 1.0)), 0.0)
 
-    fails = [
-        (Cause.TOO_NEAR, ~in_front | (nearest < near), near - nearest),
-        (Cause.TOO_FAR, farthest > far, farthest - far),
-        (Cause.OUT_OF_IMAGE, (outside > 0) | ~inside, np.maximum(outside, 0.0)),
-        (Cause.DETECTOR_NEAR, distance < closest, closest - distance),
-        (Cause.DETECTOR_FAR, distance > remotest, distance - remotest),
-        (Cause.OBLIQUE, incidence > widest, incidence - widest),
-        (Cause.TOO_SMALL, size < smallest, smallest - size),
+    # Each says what is within, so that what is not a number is not.
+    limits = [
+        (Cause.TOO_NEAR, in_front & (nearest >= near), near - nearest),
+        (Cause.TOO_FAR, farthest <= far, farthest - far),
+        (Cause.OUT_OF_IMAGE, inside & (outside <= 0), np.maximum(outside, 0.0)),
+        (Cause.DETECTOR_NEAR, distance >= closest, closest - distance),
+        (Cause.DETECTOR_FAR, distance <= remotest, distance - remotest),
+        (Cause.OBLIQUE, incidence <= widest, incidence - widest),
+        (Cause.TOO_SMALL, size >= smallest, smallest - size),
     ]
     cause, figure = np.full(distance.shape, np.int8(Cause.NONE)), np.zeros(distance.shape)
-    for code, failed, missed in reversed(fails):
-        cause[failed], figure[failed] = code, missed[failed]
+    for code, within, missed in reversed(limits):
+        cause[~within], figure[~within] = code, missed[~within]
     side = np.where(cause == Cause.OUT_OF_IMAGE, beyond.argmax(axis=0), -1).astype(np.int8)
     return LimitVerdicts(cause, side, figure)
 

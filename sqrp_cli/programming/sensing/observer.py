@@ -16,7 +16,7 @@ from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.culling import near_pairs
-from sqrp_cli.programming.sensing.culprit import find_culprits
+from sqrp_cli.programming.sensing.culprit import find_culprits, find_largest
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
 from sqrp_cli.programming.sensing.look import Look, Views
 from sqrp_cli.programming.sensing.occlusion import HullTester
@@ -70,10 +70,13 @@ class Observer:
     cameras: tuple[Camera, ...]
     solids: tuple[Solid, ...]
     _projections: tuple[Projection, ...] = field(init=False)
+    _parts: Indices = field(init=False)
     _tester: HullTester = field(init=False, default_factory=HullTester)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_projections", tuple(Projection.of(camera) for camera in self.cameras))
+        _, parts = np.unique([solid.name for solid in self.solids], return_inverse=True)
+        object.__setattr__(self, "_parts", parts)
 
     def verdicts(
         self, targets: Sequence[Target], states: SceneStates, *, shares: bool = True
@@ -168,10 +171,12 @@ class Observer:
         if shares:
             visible[camera, at] = 1.0
             visible[camera[line], at[line]] = share
-        hidden = np.zeros(len(at), dtype=bool)
+        hidden, whole = np.zeros(len(at), dtype=bool), least >= 1
         hidden[met[0]] = True
-        hidden[line] &= (share < least[line]) | (least[line] >= 1)
-        culprits = find_culprits(lines, look.centers(views), poses, _of_lines(met, hidden))
+        hidden[line] &= (share < least[line]) | whole[line]
+        first = find_culprits(lines, look.centers(views), poses, _of_lines(met, hidden & whole))
+        largest = find_largest(lines, poses, _of_lines(met, hidden & ~whole), self._parts)
+        culprits = np.where(whole, first, largest)
         cause[camera[hidden], at[hidden]], by[camera[hidden], at[hidden]] = Cause.HIDDEN, culprits[hidden]
         found = (values.reshape(cameras, len(boxes), -1).transpose(1, 2, 0) for values in (cause, by, figure, visible))
         return [BoxVerdicts(*entries) for entries in zip(*found, strict=True)]

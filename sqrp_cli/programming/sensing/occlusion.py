@@ -32,7 +32,10 @@ class HullTester:
         self._result = coal.CollisionResult()
 
     def met(self, lines: SightLines, poses: SolidPoses, pairs: Pairs, *, first_only: bool) -> Pairs:
-        """Those of the pairs whose solid reaches into its view hull; only the first of each line if `first_only`."""
+        """Those of the pairs whose solid reaches into its view hull; only the first of each line if `first_only`.
+
+        A hull that is not finite counts as met.
+        """
         found = np.zeros(len(pairs[0]), dtype=bool)
         if not len(found):
             return pairs
@@ -43,7 +46,7 @@ class HullTester:
         for index in np.unique(pairs[1]).tolist():
             X_WG = poses.pose(index) @ poses.solids[index].part.X_PG
             placements[index] = (np.ascontiguousarray(X_WG[:, :3, :3]), np.ascontiguousarray(X_WG[:, :3, 3]))
-        states = lines.state.tolist()
+        states, finite = lines.state.tolist(), lines.finite.tolist()
         current, done, loaded = -1, False, -1
         for row, (line, index) in enumerate(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True)):
             if line != current:
@@ -60,7 +63,7 @@ class HullTester:
                 at = 0 if fixed else states[line]
                 self._placement.setRotation(rotations[at])
                 self._placement.setTranslation(translations[at])
-                hit = self._meets(poses.solids[index])
+                hit = not finite[hull] or self._meets(poses.solids[index])
                 if fixed:
                     still[hull, index] = hit
             found[row] = hit

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from sqrp_cli.geometry import Array, pose
+from sqrp_cli.geometry import Array, check_finite, pose
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.programming.sensing.sight_lines import SolidPoses
 from sqrp_cli.programming.solids import Solid
@@ -24,6 +24,11 @@ class SceneStates:
 
     count: int
     X_WF: Mapping[str, Array]
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a pose is not finite."""
+        for name, X_WF in self.X_WF.items():
+            check_finite(f"the poses of `{name}`", X_WF)
 
     def camera_poses(self, camera: Camera) -> Array:
         """World poses of a camera's optical frame, shape (m or 1, 4, 4)."""

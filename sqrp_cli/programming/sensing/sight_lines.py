@@ -82,6 +82,14 @@ class SightLines:
         corners: Array = corners_B @ self.X_WB[:, :3, :3].swapaxes(1, 2) + self.X_WB[:, None, :3, 3]
         return corners
 
+    @cached_property
+    def finite(self) -> NDArray[np.bool_]:
+        """Whether camera and box of each hull are somewhere at all, shape (h,)."""
+        finite: NDArray[np.bool_] = np.logical_and.reduce(
+            [np.isfinite(places).all(axis=(1, 2)) for places in (self.X_WC, self.corners)]
+        )
+        return finite
+
 
 def poses_at(X: Sequence[Array], which: Indices, state: Indices) -> Array:
     """Poses of things in states, both by index and of shape (n,); shape (n, 4, 4).

@@ -40,8 +40,18 @@ def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> tuple[
     """The sight lines that the pairs name, by index, and the visible shares of their boxes; shape (n,) each.
 
     pairs: (sight line, solid) that may reach into the view hulls; nothing else can block. All corners of the boxes must
-    lie in front of the camera.
+    lie in front of the camera. Of a box or from a camera whose place is not finite nothing is seen.
     """
+    line, solid = pairs
+    named = line[begins_run(line)]
+    finite, shares = lines.finite[lines.hull[named]], np.zeros(len(named))
+    kept = lines.finite[lines.hull[line]]
+    shares[finite] = _measured(lines, poses, (line[kept], solid[kept]))
+    return named, shares
+
+
+def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
+    """The visible shares of the boxes of those sight lines that the pairs name, shape (n,)."""
     line, solid = pairs
     begins = begins_run(line)
     named, number = line[begins], np.cumsum(begins) - 1
@@ -56,7 +66,7 @@ def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> tuple[
         view = _View.of(lines, hull[begins])
         here = (number[within] - start, solid[within])
         shares[chunk] = _shares(view, np.cumsum(begins) - 1, state, poses, here)
-    return named, shares
+    return shares
 
 
 def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs: Pairs) -> Array:

@@ -17,6 +17,7 @@ def solid_of(vertices: Array, triangles: NDArray[np.int64]) -> Solid:
     center = (low + high) / 2
     return Solid(
         part=Part("shape", "world", Box((1.0, 1.0, 1.0)), pose()),
+        name="shape",
         geometry=coal.Box(1.0, 1.0, 1.0),
         vertices=vertices,
         triangles=triangles,
