@@ -34,7 +34,8 @@ from sqrp_cli.knowledge.skill import (
     Waypoint,
 )
 from sqrp_cli.knowledge.skill_file import BoxEntry, FormulaEntry, PrimitiveEntry, SkillFile, WaypointEntry
-from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_bytes, read_document
+from sqrp_cli.knowledge.input_file import read_input
+from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.logic.mtl import Always, Eventually, Formula, check_formula, children, parse_formula
 from sqrp_cli.logic.pddl import Action, Domain, parse_domain
@@ -57,7 +58,7 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
             close = nearest(required, (entry.name for entry in folder.iterdir()))
             message = f"the skill folder {folder} has no `{required}`" + (f"; did you mean `{close}`?" if close else "")
             raise InputError(Problem("missing-file", message, place))
-    document = read_document(folder / SKILL_FILE)
+    document = read_document(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
     domain = _read_domain(folder / f"{folder.name}.pddl", digest)
     digest.add(f"skills.{folder.name}.yaml", document.path, document.content)
     if folder.name not in domain.actions:
@@ -70,7 +71,7 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
 
 
 def _read_domain(path: Path, digest: ContentDigest) -> Domain:
-    content = read_bytes(path, MAX_BYTES)
+    content = read_input(path, MAX_BYTES)
     digest.add(f"skills.{path.stem}.pddl", path, content)
     try:
         text = content.decode("utf-8-sig")

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.source import missing_file
+from sqrp_cli.knowledge.input_file import missing_file
 from sqrp_cli.runtime.log_events import first_words, wrong_field
 from sqrp_cli.runtime.outcome import STATE, Event, RunReport
 

@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
-from sqrp_cli.knowledge.source import Scalar, missing_file
+from sqrp_cli.knowledge.input_file import missing_file
+from sqrp_cli.knowledge.source import Scalar
 from sqrp_cli.programming.coverage import Coverage
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Sampling
