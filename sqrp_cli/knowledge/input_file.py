@@ -10,8 +10,8 @@ import os
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
 
@@ -22,7 +22,7 @@ YAML_ENDINGS = (".yaml", ".yml")
 
 
 @contextmanager
-def open_input(path: Path, limit: int = LARGEST) -> Iterator[BinaryIO]:
+def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
     """A file of at most `limit` bytes, open for reading.
 
     Raises InputError if it is missing (naming the file nearest in spelling), is no regular file on a disk, is larger, or
@@ -47,7 +47,22 @@ def read_input(path: Path, limit: int) -> bytes:
     return content
 
 
-def _check(path: Path, file: BinaryIO, limit: int) -> None:
+def read_text(path: Path, limit: int) -> str:
+    """The text of a UTF-8 file of at most `limit` bytes. Raises as `open_input` and `decoded`."""
+    return decoded(path, read_input(path, limit))
+
+
+def decoded(path: Path, content: bytes) -> str:
+    """UTF-8 text, without a byte order mark. Raises InputError, with the line, for what is none."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        message = f"byte 0x{content[error.start]:02x} is not UTF-8 text"
+        raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
+
+
+def _check(path: Path, file: BufferedReader, limit: int) -> None:
     status = os.fstat(file.fileno())
     if not stat.S_ISREG(status.st_mode):  # another one than a moment ago
         raise InputError(missing_file(path))

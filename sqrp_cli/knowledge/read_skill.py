@@ -34,7 +34,7 @@ from sqrp_cli.knowledge.skill import (
     Waypoint,
 )
 from sqrp_cli.knowledge.skill_file import BoxEntry, FormulaEntry, PrimitiveEntry, SkillFile, WaypointEntry
-from sqrp_cli.knowledge.input_file import read_input
+from sqrp_cli.knowledge.input_file import decoded, read_input
 from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.logic.mtl import Always, Eventually, Formula, check_formula, children, parse_formula
@@ -73,13 +73,7 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
 def _read_domain(path: Path, digest: ContentDigest) -> Domain:
     content = read_input(path, MAX_BYTES)
     digest.add(f"skills.{path.stem}.pddl", path, content)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        message = f"byte 0x{content[error.start]:02x} is not UTF-8 text"
-        raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
-    return parse_domain(text, path)
+    return parse_domain(decoded(path, content), path)
 
 
 class _SkillReader:

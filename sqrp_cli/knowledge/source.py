@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.input_file import read_input
+from sqrp_cli.knowledge.input_file import decoded, read_input
 
 MAX_BYTES = 1_000_000
 """Largest YAML file that is read."""
@@ -85,6 +85,10 @@ class Document:
         """Every value that is neither a mapping nor a list (or an empty one, as None), by its dotted path."""
         return {dotted(path): value for path, value in _leaves(self.data, ())}
 
+    def name(self, path: KeyPath) -> str:
+        """How messages name a key."""
+        return dotted(path)
+
     def key_place(self, path: KeyPath) -> Place:
         """Where a key stands; for a key that is missing, where the mapping that should have it stands."""
         while path and path not in self.keys:
@@ -97,7 +101,7 @@ class Document:
 
     def problem(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> Problem:
         """A problem with the value at `path`; the message is prefixed with its dotted path."""
-        return Problem(code, f"`{dotted(path)}`: {message}", self.value_place(path), mend=mend)
+        return Problem(code, f"`{self.name(path)}`: {message}", self.value_place(path), mend=mend)
 
 
 def read_document(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()) -> Document:
@@ -180,12 +184,7 @@ def excerpt(line: str, column: int) -> str:
 
 
 def _decode(path: Path, content: bytes) -> str:
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        message = f"byte 0x{content[error.start]:02x} is not UTF-8 text"
-        raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
+    text = decoded(path, content)
     if text.startswith("%YAML:"):  # OpenCV's header, which YAML itself does not know
         text = "#" + text[1:]
     return _CLOSING.sub("\n", text)
