@@ -25,8 +25,8 @@ YAML_ENDINGS = (".yaml", ".yml")
 def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
     """A file of at most `limit` bytes, open for reading.
 
-    Raises InputError if it is missing (naming the file nearest in spelling), is no regular file on a disk, is larger, or
-    cannot be opened or read.
+    Raises InputError if it is missing (naming the file nearest in spelling), is no regular file on a disk, is larger,
+    or cannot be opened or read.
     """
     if not path.is_file():
         raise InputError(missing_file(path))

@@ -9,11 +9,11 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
+from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry, read_input
 from sqrp_cli.knowledge.read_cell import WORLD, CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry, read_input
 from sqrp_cli.knowledge.source import MAX_BYTES, Document, parse_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace

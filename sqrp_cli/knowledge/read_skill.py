@@ -11,6 +11,7 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge import setting_kind, skill_file
 from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.input_file import decoded, read_input
 from sqrp_cli.knowledge.read_settings import SettingsReader
 from sqrp_cli.knowledge.skill import (
     HOME,
@@ -34,7 +35,6 @@ from sqrp_cli.knowledge.skill import (
     Waypoint,
 )
 from sqrp_cli.knowledge.skill_file import BoxEntry, FormulaEntry, PrimitiveEntry, SkillFile, WaypointEntry
-from sqrp_cli.knowledge.input_file import decoded, read_input
 from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.logic.mtl import Always, Eventually, Formula, check_formula, children, parse_formula

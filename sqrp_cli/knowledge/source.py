@@ -107,9 +107,9 @@ class Document:
 def read_document(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()) -> Document:
     """The YAML file at `path`, which must hold a mapping.
 
-    tags: explicit tags (such as `!!opencv-matrix`) that are accepted and ignored; every other one is refused. keys: what
-    files of this kind have at their top; of a file with none of them no word is quoted, for it may be another one, named
-    to see what it says. Without keys every file is quoted.
+    tags: explicit tags (such as `!!opencv-matrix`) that are accepted and ignored; every other one is refused.
+    keys: what files of this kind have at their top. Of a file with none of them no word is quoted, for it may be
+    another one, named to see what it says; without keys every file is.
 
     Raises InputError for a file that is missing, too large, not UTF-8, empty, not a mapping, breaks YAML's syntax,
     repeats a key, or exceeds a limit of this module.

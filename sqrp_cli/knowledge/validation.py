@@ -71,7 +71,9 @@ def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
     kind = details["type"]
     if kind == "unknown-key":
         return [
-            Problem(kind, f"`{document.name((*path, key))}` is no known key; {expected}", document.key_place((*path, key)))
+            Problem(
+                kind, f"`{document.name((*path, key))}` is no known key; {expected}", document.key_place((*path, key))
+            )
             for key, expected in context["keys"].items()
         ]
     if kind == "missing":

@@ -60,7 +60,9 @@ def parse_domain(text: str, path: Path) -> Domain:
     whatever a domain uses of these it must declare among its requirements. Raises InputError with every problem found,
     in order of place, each with line, column and an excerpt of the text.
     """
-    if _WORD.search(text) and not _DEFINE.search(text):  # it may be another file, named to see what it says: do not quote it
+    if _WORD.search(text) and not _DEFINE.search(
+        text
+    ):  # it may be another file, named to see what it says: do not quote it
         raise InputError(Problem("pddl-syntax", "this is no PDDL: expected `(define (domain ...`", Place(path, 1, 1)))
     reader = _Reader(SourceText(text, Place(path, 1, 1)))
     domain = reader.read(read_list(reader.source))

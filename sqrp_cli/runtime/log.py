@@ -12,6 +12,7 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.files import naming
 from sqrp_cli.knowledge.input_file import open_input
 from sqrp_cli.knowledge.json_file import parse_json
 from sqrp_cli.knowledge.source import describe
@@ -36,14 +37,16 @@ class LogWriter:
 
     def __init__(self, path: Path, header: Event) -> None:
         """header: what was run and how."""
-        # Line by line, so that nothing is lost where a run is interrupted.
-        self._file = path.open("w", encoding="utf-8", buffering=1)
+        self._path = path
+        with naming(path):  # line by line, so that nothing is lost where a run is interrupted
+            self._file = path.open("w", encoding="utf-8", buffering=1)
         self(Event(header.t, header.kind, {"sqrp_log": VERSION, **header.fields}))
 
     def __call__(self, event: Event) -> None:
-        """Write an event."""
+        """Write an event. Raises InputError where that is not possible."""
         line = {"t": event.t, "event": event.kind, **event.fields}
-        self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+        with naming(self._path):
+            self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
 
     def finish(self, report: RunReport) -> None:
         """Write the report as the last line."""
@@ -55,7 +58,8 @@ class LogWriter:
 
     def close(self) -> None:
         """Write nothing more."""
-        self._file.close()
+        with naming(self._path):
+            self._file.close()
 
 
 def read_log(path: Path) -> Iterator[Event]:

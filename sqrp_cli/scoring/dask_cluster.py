@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.scoring.cluster_tasks import run_packed
 from sqrp_cli.knowledge.input_file import LARGEST, read_input
+from sqrp_cli.scoring.cluster_tasks import run_packed
 from sqrp_cli.scoring.dask_client import Cluster
 from sqrp_cli.scoring.identity import program_digest
 from sqrp_cli.scoring.job import Job
