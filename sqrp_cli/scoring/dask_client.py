@@ -89,10 +89,15 @@ def _client(cluster: str) -> Any:  # noqa: ANN401 # a client of Dask's
         address = _checked_address(cluster)
         asyncio.run(asyncio.wait_for(_greeted(address), CONNECT_TIMEOUT))
         return distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+    except MemoryError as error:  # the first bytes of a greeting say how long it is
+        raise InputError(_no_cluster(cluster, "what answers there is something else")) from error
     except (OSError, ValueError, TypeError, LookupError) as error:
         why = str(error) or f"nothing was said within {CONNECT_TIMEOUT:g} s"
-        message = f"no Dask scheduler answers at `{cluster}`: {why}"
-        raise InputError(Problem("no-cluster", message, mend=_MEND)) from error
+        raise InputError(_no_cluster(cluster, why)) from error
+
+
+def _no_cluster(cluster: str, why: str) -> Problem:
+    return Problem("no-cluster", f"no Dask scheduler answers at `{cluster}`: {why}", mend=_MEND)
 
 
 async def _greeted(address: str) -> None:
