@@ -121,10 +121,11 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
         open_elements.pop()
 
     def unclosed(error: expat.ExpatError) -> str:
-        if error.code != _TAG_MISMATCH or not open_elements or not recognised:
+        if error.code != _TAG_MISMATCH or not open_elements:
             return expat.ErrorString(error.code)
         element = open_elements[-1]
-        return f"{element} of line {element.place.line} is not closed before another closing tag"
+        shown = element if recognised else f"<{element.tag}>"
+        return f"{shown} of line {element.place.line} is not closed before another closing tag"
 
     def refuse_entity(name: str, *_declaration: object) -> None:
         raise InputError(Problem("xml-entity", f"declares the entity `{name}`; entities are not accepted", here()))
