@@ -9,11 +9,12 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
+from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry
 from sqrp_cli.knowledge.read_cell import WORLD, CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.source import YAML_ENDINGS, Document, nearest_entry, parse_document, read_document
+from sqrp_cli.knowledge.source import Document, parse_document, read_document
 from sqrp_cli.knowledge.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
@@ -35,7 +36,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     found, each with its place.
     """
     file_path = workspace_file(path)
-    document = read_document(file_path) if content is None else parse_document(file_path, content)
+    document = read_workspace_document(file_path, content)
     file = validate(document, WorkspaceFile)
     digest = ContentDigest()
     digest.add("workspace", file_path, document.content)
@@ -85,6 +86,12 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
 def _each_once(*warnings: Problem) -> tuple[Problem, ...]:
     """Cameras may share a calibration file."""
     return tuple(dict.fromkeys(warnings))
+
+
+def read_workspace_document(path: Path, content: bytes | None = None) -> Document:
+    """A workspace file as YAML; content: what to read in place of the file's own. Raises as `read_document`."""
+    keys = ("robot", "cameras", "objects", "skills")
+    return read_document(path, keys=keys) if content is None else parse_document(path, content, keys=keys)
 
 
 def workspace_file(path: Path) -> Path:

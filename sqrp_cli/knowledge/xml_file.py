@@ -10,7 +10,8 @@ from xml.parsers import expat
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
 from sqrp_cli.knowledge.bounds import LARGEST
-from sqrp_cli.knowledge.source import excerpt, read_bytes
+from sqrp_cli.knowledge.input_file import read_input
+from sqrp_cli.knowledge.source import excerpt
 
 MAX_BYTES = 10_000_000
 """Largest XML file that is read."""
@@ -96,12 +97,13 @@ def read_xml(path: Path, root_tag: str) -> Element:
     Raises InputError, with line and column, for a file that is missing, too large, not XML, nested too deep, or that
     declares entities: a short file can unfold to gigabytes through them, or make the reader open other files.
     """
-    return parse_xml(path, read_bytes(path, MAX_BYTES), root_tag)
+    return parse_xml(path, read_input(path, MAX_BYTES), root_tag)
 
 
 def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
     """As `read_xml`, of content that is at hand; path: what problems name."""
     parser = expat.ParserCreate()
+    recognised = f"<{root_tag}".encode() in content  # else it may be another file, named to see what it says
     top: list[Element] = []
     open_elements: list[Element] = []
 
@@ -122,7 +124,8 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
         if error.code != _TAG_MISMATCH or not open_elements:
             return expat.ErrorString(error.code)
         element = open_elements[-1]
-        return f"{element} of line {element.place.line} is not closed before another closing tag"
+        shown = element if recognised else f"<{element.tag}>"
+        return f"{shown} of line {element.place.line} is not closed before another closing tag"
 
     def refuse_entity(name: str, *_declaration: object) -> None:
         raise InputError(Problem("xml-entity", f"declares the entity `{name}`; entities are not accepted", here()))
@@ -136,8 +139,9 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
         line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
         message = f"not well-formed XML: {unclosed(error)}"
         place = Place(path, error.lineno, error.offset + 1)
-        raise InputError(Problem("xml-syntax", message, place, excerpt=excerpt(line, error.offset + 1))) from error
+        shown = excerpt(line, error.offset + 1) if recognised else None
+        raise InputError(Problem("xml-syntax", message, place, excerpt=shown)) from error
     root = top[0]
     if root.tag != root_tag:
-        raise root.error("wrong-root", f"the file begins with {root}, expected <{root_tag}>")
+        raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <{root_tag}>")
     return root

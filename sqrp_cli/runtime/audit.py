@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.input_file import read_input
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import Program, Step
 from sqrp_cli.runtime.expectation import Expectation, values_when_open
@@ -17,11 +18,14 @@ from sqrp_cli.runtime.judge import Judge
 from sqrp_cli.runtime.outcome import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Watchlist
-from sqrp_cli.runtime.perception.vision import read_png
+from sqrp_cli.runtime.perception.vision import image_of, png_size
 from sqrp_cli.runtime.prediction_check import PredictionCheck
 from sqrp_cli.runtime.recording import FrameEntry, read_frames
 from sqrp_cli.runtime.simulated_run import knowledge_of
 from sqrp_cli.runtime.twin import Twin
+
+MAX_IMAGE = 100_000_000
+"""Largest image file that is read [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -86,15 +90,15 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
 
 
 def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
-    image = read_png(entry.file)
+    content = read_input(entry.file, MAX_IMAGE)
     camera = workspace.cameras[entry.camera]
+    size = png_size(content)
+    if size is not None and size != (camera.width, camera.height):
+        message = f"this image is {size[0]}x{size[1]}, {camera.name} has {camera.width}x{camera.height}"
+        raise InputError(Problem("wrong-size", message, Place(entry.file)))
+    image = None if size is None else image_of(content)
     if image is None:
-        raise InputError(Problem("unreadable", "this image cannot be read", Place(entry.file)))
-    if image.shape[:2] != (camera.height, camera.width):
-        found, expected = f"{image.shape[1]}x{image.shape[0]}", f"{camera.width}x{camera.height}"
-        raise InputError(
-            Problem("wrong-size", f"this image is {found}, {camera.name} has {expected}", Place(entry.file))
-        )
+        raise InputError(Problem("unreadable", "this is no PNG file, or a damaged one", Place(entry.file)))
     return Frame(entry.camera, entry.t or 0.0, image)
 
 
