@@ -48,7 +48,7 @@ def execute(arguments: list[str]) -> int:
     """
     try:
         # Not by calling `app`, which takes errors of the system for Ctrl-C or for a reader that has left.
-        with typer.main.get_command(app).make_context("sqrp", arguments, obj=list(arguments)) as context:
+        with typer.main.get_command(app).make_context("sqrp", [*arguments], obj=arguments) as context:
             return int(context.command.invoke(context) or ExitCode.OK)
     except typer.Exit as leaving:
         return leaving.exit_code
