@@ -233,7 +233,7 @@ def print_problems(problems: Iterable[Problem]) -> None:
         _put(console, line)
         if problem.excerpt and problem.excerpt.partition("\n")[0].strip():
             for part in problem.excerpt.split("\n"):
-                _put(console, _text(part, "dim"))
+                _put(console, _text(part.expandtabs(), "dim"))
         if problem.mend:
             _put(console, Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
 

@@ -35,7 +35,7 @@ class LogWriter:
     def __call__(self, event: Event) -> None:
         """Write an event."""
         line = {"t": event.t, "event": event.kind, **event.fields}
-        self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+        self._file.write(json.dumps(line, allow_nan=False) + "\n")
 
     def finish(self, report: RunReport) -> None:
         """Write the report as the last line."""
@@ -55,12 +55,15 @@ def read_log(path: Path) -> Iterator[Event]:
     if not path.is_file():
         raise InputError(missing_file(path))
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        # Names may have what else counts as the end of a line.
+        lines = path.read_text(encoding="utf-8").removesuffix("\n").split("\n")
     except UnicodeDecodeError as error:
         raise _no_log("this is no log of `sqrp run --log`: it is not UTF-8 text", Place(path)) from error
     except OSError as error:
         message = f"this log cannot be read: {error.strerror or error}"
         raise InputError(Problem("unreadable", message, Place(path))) from error
+    if lines == [""]:
+        raise _no_log("this log is empty", Place(path))
     before, joints = 0.0, -1
     for number, line in enumerate(lines, 1):
         place = Place(path, number)
@@ -79,8 +82,6 @@ def read_log(path: Path) -> Iterator[Event]:
             raise _no_log(f"this event is at {event.t:g} s, before that of the line above", place)
         before = max(before, event.t)
         yield event
-    if not lines:
-        raise _no_log("this log is empty", Place(path))
 
 
 def _event(line: str, place: Place) -> Event:
