@@ -6,6 +6,7 @@ import contextlib
 import io
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -14,14 +15,16 @@ from unittest import mock
 from xml.etree import ElementTree
 
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 from markdown_it import MarkdownIt
+from rich.console import Console
 
 from sqrp_cli.cli import console
 from sqrp_cli.cli.json_text import as_text
+from sqrp_cli.cli.run_view import LiveView
 from sqrp_cli.errors import Place, Problem
+from sqrp_cli.program_file import load_program, save_program
 from sqrp_cli.runtime.log import LogWriter, read_log
 from sqrp_cli.runtime.outcome import Event
 from sqrp_cli.scoring.summary import _text as in_markdown
@@ -32,25 +35,27 @@ from tests.cli.test_run_replay import log_of
 Command = Callable[..., Any]
 
 texts = st.text(max_size=40) | st.lists(
-    st.sampled_from(["\n", " ", "::error::", "##[error]", "##vso[", "#", ":", "a", "\x1b[2J", "\r", "é", "日本"]), max_size=9
+    st.sampled_from(["\n", " ", "::error::", "##[error]", "##vso[", "#", ":", "a", "\x1b[2J", "\r", "é", "日本", "\u2028", "\x85", "\ud800"]), max_size=9
 ).map("".join)
 """Texts of any characters, and such as begin commands."""
 
 
-def printed(width: int, show: Callable[[], None]) -> str:
-    """All that is written to stdout and stderr in a terminal of a width."""
+def printed(width: int, show: Callable[[], None], color: bool = False) -> str:
+    """All that is written to stdout and stderr in a terminal of a width, without what sets its own styles."""
     out = io.StringIO()
+    kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
+    chosen = {"FORCE_COLOR": "1", "TERM": "xterm"} if color else {"NO_COLOR": "1"}
     with (
-        mock.patch.dict(os.environ, {"COLUMNS": str(width), "NO_COLOR": "1"}),
+        mock.patch.dict(os.environ, {**kept, **chosen, "COLUMNS": str(width)}, clear=True),
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(out),
     ):
         show()
-    return out.getvalue()
+    return re.sub(r"\x1b\[[0-9;]*m", "", out.getvalue())
 
 
-@given(texts, st.integers(20, 60))
-def test_no_text_controls_a_terminal_or_commands_a_server(text: str, width: int) -> None:
+@given(texts, st.integers(20, 60), st.booleans())
+def test_no_text_controls_a_terminal_or_commands_a_server(text: str, width: int, color: bool) -> None:
     def show() -> None:
         console.say(text)
         console.say(f"some words before {text}", "bold")
@@ -62,7 +67,22 @@ def test_no_text_controls_a_terminal_or_commands_a_server(text: str, width: int)
         for columns in ([console.Column(text, shrink=True)] * 2, [console.Column(text)] * 2):
             console.print_table(columns, [(text, console.plain(text, "red")), ("", text)])
 
-    assert is_harmless(printed(width, show))
+    assert is_harmless(printed(width, show, color))
+
+
+def test_what_changes_in_place_controls_no_terminal_either(monkeypatch: pytest.MonkeyPatch) -> None:
+    out = io.StringIO()
+    monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out, force_terminal=True, width=200))
+    with console.progress(EVIL, 3) as advance:
+        advance()
+    with LiveView([EVIL]) as view:
+        view(Event(0.0, "primitive", {"name": EVIL}))
+        literal = {"value": "true", "asked": True, "predicted": True, "cameras": {EVIL: "true"}}
+        view(Event(0.1, "evidence", {"literals": {EVIL: literal}}))
+        view(Event(0.2, "happened", {"fault": EVIL}))
+    own = re.sub(r"\r|\x1b\[[0-9;?]*[A-Za-z]", "\n", out.getvalue())
+    assert "has happened" in own
+    assert all(line.isprintable() for line in own.split("\n"))  # no server is sent what only a terminal is shown
 
 
 @given(texts)
@@ -203,16 +223,16 @@ def test_the_files_of_a_score_are_harmless(sqrp: Command, evil: Path, watch: Pat
         assert words in " ".join(compared.out.split())
 
 
-def test_a_program_that_others_changed_is_listed_harmlessly(sqrp: Command, program: Path, tmp_path: Path) -> None:
-    numbers = yaml.load(program.read_text(encoding="utf-8"), Loader=yaml.CSafeLoader)
-    (step,) = numbers["steps"]
-    step["task"] = step["verdict"] = f"watch{IN_PATH}"
-    step["faults"] = {f"moved{IN_PATH}": step["faults"]["moved"]}
-    numbers["workspace"] = str((program.parent / numbers["workspace"]).resolve())
-    changed = tmp_path / "program.yaml"
-    changed.write_text(yaml.safe_dump(numbers), encoding="utf-8")
-    for command in (("program", changed), ("run", changed, "--sim"), ("program", changed, "--json")):
+def test_a_program_that_others_wrote_is_listed_harmlessly(sqrp: Command, program: Path) -> None:
+    original = load_program(program)
+    (step,) = original.steps
+    faults = {f"moved{IN_PATH}": step.faults["moved"]}
+    changed = step.model_copy(update={"task": TASK, "verdict": IN_PATH, "faults": faults})
+    path = program.parent / "changed.yaml"
+    save_program(original.model_copy(update={"steps": (changed,)}), path)
+    for code, *command in ((0, "program", path), (0, "program", path, "--json"), (2, "run", path)):
         outcome = sqrp(*command)
         assert is_harmless(outcome.out)
         assert is_harmless(outcome.err)
-        assert outcome.code == (2 if command[0] == "run" else 0), outcome.err
+        assert outcome.code == code, outcome.err
+    assert f"At worst moved{one_line(IN_PATH)[:5]}" in " ".join(sqrp("program", path).out.split())

@@ -11,7 +11,7 @@ import pytest
 
 from sqrp_cli.report.packing import packed, without_repetition
 from sqrp_cli.report.page import CellScene, Entry, PageContent, page
-from tests.cli.browser import Opened
+from tests.cli.browser import Opened, click_at_random
 
 TASK = "pickup green"
 HOSTILE = "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\u202egnp.\u2066"
@@ -145,6 +145,36 @@ def test_scores_show_the_best_of_each_task_in_its_own_cell(browser, sqrp, tablet
         opened.page.locator("#time").press("PageUp")
         assert opened.texts("#clock") != ["0.00 s"]
     assert opened.complaints == []
+    opened.context.close()
+
+
+@pytest.fixture(scope="module")
+def scored(sqrp, tabletop, watch, tmp_path_factory):
+    """The page about two cells."""
+    path = tmp_path_factory.mktemp("scored") / "page.html"
+    assert sqrp("score", tabletop, watch, "--samples", 3, "--report", path).code == 0
+    return path
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("kind", ["written", "scored"])
+def test_however_fast_one_clicks_the_last_click_is_what_is_shown(browser, request, kind, seed):
+    opened = Opened(browser, request.getfixturevalue(kind))
+    name = click_at_random(opened, seed)
+    assert opened.complaints == []
+    assert opened.texts("#name") == [name]
+    (chosen,) = opened.page.locator("#ranking tr[aria-selected=true] button").all()
+    assert chosen.get_attribute("aria-label") == name
+    entry = opened.js("sqrp.entries.find((entry) => entry.name === document.querySelector('#name').textContent)")
+    assert opened.js("sqrp.entries[sqrp.selected].name") == name
+    assert opened.page.locator("#study").is_visible() is entry["moves"]
+    if entry["moves"]:
+        assert opened.js("sqrp.motion.time") == pytest.approx(entry["candidate"]["time"], abs=1e-5)
+        assert opened.js("sqrp.scene.motion === sqrp.motion && sqrp.timeline.motion === sqrp.motion")
+        assert opened.texts("#views button")[1:] == opened.js(
+            "i => Object.keys(sqrp.overview.scenes[i].cameras)", entry["scene"]
+        )
+    assert opened.page.locator("#view canvas").count() == 1
     opened.context.close()
 
 

@@ -16,7 +16,7 @@ import pytest
 from sqrp_cli.cli.run_page import RunCell, write_run
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.runtime.outcome import Confusion, Event, FaultRecord, RunReport, StepRecord
-from tests.cli.browser import Opened
+from tests.cli.browser import Opened, click_at_random
 from tests.cli.slip_run import Moment, SlipRun
 
 
@@ -221,6 +221,15 @@ def test_the_page_of_a_run_says_what_is_true_and_who_does_not_know_it(played):
     assert opened.js("sqrp.time") == pytest.approx(fault["detected"])
     assert opened.js("document.querySelector('.now em').nextSibling.textContent") == "false"
     assert opened.texts("#legend span")[-2:] == ["no image of this camera shows it (–)", "empty: no formula asks"]
+
+
+def test_fast_clicks_on_the_page_of_a_run_leave_it_as_it_was(played, browser):
+    opened = Opened(browser, played.folder / "page.html")
+    click_at_random(opened, 3)
+    assert opened.complaints == []
+    assert opened.page.locator("#view canvas").count() == 1
+    assert opened.js("sqrp.scene.motion === sqrp.motion && sqrp.timeline.motion === sqrp.motion")
+    opened.context.close()
 
 
 def test_a_run_is_seen_through_its_cameras_and_from_near_the_tool(played):
