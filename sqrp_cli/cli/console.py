@@ -1,7 +1,7 @@
 """What the terminal shows: tables, bars, progress and problems. The only module that knows Rich.
 
-All text but JSON goes through here, where it is made fit to be shown (`_text`, `_put`): names, paths and tasks come from
-files that others wrote.
+All text but JSON goes through here and is made fit to be shown (`_text`, `_put`): names, paths and tasks come from files
+that others wrote.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ BAR_WIDTH = 8
 """Cells of a bar in a table."""
 
 Styled = str | Text
-"""Text with or without a style; Text is made by `plain`, `joined` and `percentage` alone, so that it is fit to be shown."""
+"""Text with or without a style; Text is made by `plain`, `joined` and `percentage` alone, so it is fit to be shown."""
 
 PROGRESS_WIDTH = 20
 """Cells of the bar of progress."""

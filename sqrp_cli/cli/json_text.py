@@ -14,7 +14,7 @@ SCHEMA = 1
 def as_text(document: Document) -> str:
     """A document as one line of JSON. Raises ValueError if a figure is not finite.
 
-    What is no ASCII is escaped, so that it is exact on any stream and no terminal obeys it, and so are two `#` in a row,
-    with which commands to CI servers begin.
+    What is no ASCII is escaped, so that it is exact on any stream and no terminal obeys it; of two `#` in a row, with
+    which commands to CI servers begin, so is the second.
     """
     return json.dumps(document, allow_nan=False).replace("##", "#\\u0023")

@@ -17,7 +17,8 @@ class ResultsLost(Exception):  # noqa: N818 - no error of the program's
 def prepare_streams() -> None:
     """Make the streams of this process cope with whatever they are connected to."""
     _open_closed()
-    sys.stdin = sys.stdin or Path(os.devnull).open(encoding="utf-8")
+    if sys.stdin is None:
+        sys.stdin = Path(os.devnull).open(encoding="utf-8")  # noqa: SIM115 - for good
     sys.stdout, sys.stderr = _writable(sys.stdout, results=True), _writable(sys.stderr, results=False)
     if isinstance(sys.stdin, io.TextIOWrapper):
         sys.stdin.reconfigure(errors="replace")
@@ -39,8 +40,8 @@ def _writable(stream: TextIO | None, *, results: bool) -> TextIO:
         return stream  # kept in memory
     if isinstance(getattr(stream.buffer, "raw", stream.buffer), io.FileIO):
         buffer = io.BufferedWriter(_Output(stream.fileno(), results=results))
-        modes = {"line_buffering": stream.line_buffering, "write_through": stream.write_through}
-        stream = io.TextIOWrapper(buffer, stream.encoding, **modes)
+        lines, at_once = stream.line_buffering, stream.write_through
+        stream = io.TextIOWrapper(buffer, stream.encoding, line_buffering=lines, write_through=at_once)
     stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
     return stream
 
@@ -57,7 +58,7 @@ class _Output(io.FileIO):
 
     def write(self, data: Any) -> int:  # noqa: ANN401 - any buffer
         try:
-            while (count := super().write(data)) is None:  # type: ignore[comparison-overlap] # so if it would block
+            while (count := super().write(data)) is None:  # it would block
                 select.select((), (self,), ())
             return count
         except BrokenPipeError:

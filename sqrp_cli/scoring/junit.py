@@ -38,7 +38,9 @@ def _counts(results: Sequence[Result]) -> dict[str, str]:
 
 def _case(suite: Xml.Element, result: Result) -> None:
     score = result.score
-    case = Xml.SubElement(suite, "testcase", classname=one_line(score.workspace), name=one_line(score.task or "workspace"))
+    case = Xml.SubElement(
+        suite, "testcase", classname=one_line(score.workspace), name=one_line(score.task or "workspace")
+    )
     if score.status != "passed":
         kind = "failure" if score.status == "failed" else "error"
         element = Xml.SubElement(case, kind, message=one_line(score.reasons[0]), type=score.status)

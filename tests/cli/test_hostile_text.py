@@ -1,4 +1,4 @@
-"""Whatever others wrote into files is shown as what it is: it moves no cursor, begins no line and commands no server."""
+"""Whatever others wrote into files is shown as it is: it moves no cursor, begins no line and commands no server."""
 
 from __future__ import annotations
 
@@ -35,7 +35,26 @@ from tests.cli.test_run_replay import log_of
 Command = Callable[..., Any]
 
 texts = st.text(max_size=40) | st.lists(
-    st.sampled_from(["\n", " ", "::error::", "##[error]", "##vso[", "#", ":", "a", "\x1b[2J", "\r", "é", "日本", "\u2028", "\x85", "\ud800"]), max_size=9
+    st.sampled_from(
+        [
+            "\n",
+            " ",
+            "::error::",
+            "##[error]",
+            "##vso[",
+            "#",
+            ":",
+            "a",
+            "\x1b[2J",
+            "\r",
+            "é",
+            "日本",
+            "\u2028",
+            "\x85",
+            "\ud800",
+        ]
+    ),
+    max_size=9,
 ).map("".join)
 """Texts of any characters, and such as begin commands."""
 
