@@ -1,7 +1,7 @@
 """What the terminal shows: tables, bars, progress and problems. The only module that knows Rich.
 
-All text but JSON goes through here and is made fit to be shown (`_text`, `_put`): names, paths and tasks come from files
-that others wrote.
+All text but JSON goes through here and is made fit to be shown (`_text`, `_put`): names, paths and tasks come from
+files that others wrote.
 """
 
 from __future__ import annotations
