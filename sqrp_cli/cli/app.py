@@ -7,7 +7,9 @@ import typer
 from sqrp_cli import __version__
 from sqrp_cli.cli import audit, check, diff, explain, init, program, rank, schema, score, show
 from sqrp_cli.cli import run as run_program
+from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.errors import ExitCode, InputError
+from sqrp_cli.shown import harmless, one_line
 
 UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
 
@@ -40,15 +42,14 @@ def options(
 
 
 def execute(arguments: list[str]) -> int:
-    """Run a command; returns its exit code. Every error but Ctrl-C ends up here.
+    """Run a command; returns its exit code. Every error ends up here, but Ctrl-C and results that cannot be written.
 
-    Raises KeyboardInterrupt at a Ctrl-C that the command has not told about itself.
+    Raises KeyboardInterrupt at a Ctrl-C that the command has not told about itself, and ResultsLost.
     """
     try:
-        result = app(arguments, prog_name="sqrp", standalone_mode=False, obj=arguments)
-        if result == ExitCode.INTERRUPTED and not isinstance(result, ExitCode):
-            raise KeyboardInterrupt  # of which typer has made a number
-        return int(result or ExitCode.OK)
+        # Not by calling `app`, which takes errors of the system for Ctrl-C or for a reader that has left.
+        with typer.main.get_command(app).make_context("sqrp", [*arguments], obj=arguments) as context:
+            return int(context.command.invoke(context) or ExitCode.OK)
     except typer.Exit as leaving:
         return leaving.exit_code
     except UsageError as error:
@@ -59,17 +60,20 @@ def execute(arguments: list[str]) -> int:
 
         print_problems(error.problems)
         return ExitCode.BAD_INPUT
-    except typer.Abort as error:  # what other versions of typer make of it
-        raise KeyboardInterrupt from error
+    except ResultsLost:
+        raise
+    except MemoryError:
+        _tell("error: there is not enough memory")
+        return ExitCode.BAD_INPUT
     except OSError as error:
-        where = error.filename or "the output cannot be written"  # files that are read have a name
-        typer.echo(f"error: {where}: {error.strerror or error}", err=True)
+        where = error.filename or "what the system was asked for cannot be done"  # files have a name
+        _tell(f"error: {where}: {error.strerror or error}")
         return ExitCode.BAD_INPUT
     except Exception as error:
         if "--debug" in arguments:
             raise
         what = " ".join(f"{type(error).__name__}: {error}".split())
-        typer.echo(f"internal error: {what}; run `sqrp --debug ...` for the traceback", err=True)
+        _tell(f"internal error: {what}; run `sqrp --debug ...` for the traceback")
         return ExitCode.INTERNAL_ERROR
 
 
@@ -78,7 +82,11 @@ def _print_usage_error(error: Exception) -> None:
     if message.startswith("Usage:"):  # no command at all
         typer.echo(message, err=True)
         return
-    typer.echo(f"error: {message}", err=True)
+    _tell(f"error: {message}")
     context = getattr(error, "ctx", None)
     if context is not None:
-        typer.echo(f"  to see what is expected: {context.command_path} --help", err=True)
+        _tell(f"  to see what is expected: {context.command_path} --help")
+
+
+def _tell(line: str) -> None:
+    typer.echo(harmless(one_line(line)), err=True)

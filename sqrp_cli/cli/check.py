@@ -178,8 +178,8 @@ def _print(workspace: Path, task: str | None, checked: _Checked) -> None:
         [Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows
     )
     around = [f"{one.candidate.name}: {', '.join(one.ways_around)}" for one in found if one.ways_around]
-    if around:
-        say("\n" + "\n".join(around))
+    for number, line in enumerate(around):
+        say(f"\n{line}" if number == 0 else line)
     if checked.suggested and not feasible:
         print_suggested(checked.suggested)
 

@@ -1,4 +1,8 @@
-"""What the terminal shows: tables, bars, progress and problems. The only module that knows Rich."""
+"""What the terminal shows: tables, bars, progress and problems. The only module that knows Rich.
+
+All text but JSON goes through here and is made fit to be shown (`_text`, `_put`): names, paths and tasks come from
+files that others wrote.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +20,13 @@ from rich.table import Table
 from rich.text import Text
 
 from sqrp_cli.errors import Problem
+from sqrp_cli.shown import harmless, one_line
 
 BAR_WIDTH = 8
 """Cells of a bar in a table."""
 
 Styled = str | Text
-"""Text with or without a style."""
+"""Text with or without a style; Text is made by `plain`, `joined` and `percentage` alone, so it is fit to be shown."""
 
 PROGRESS_WIDTH = 20
 """Cells of the bar of progress."""
@@ -40,7 +45,7 @@ _SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table.
+    """A column of a table. Its title may have lines.
 
     Numbers are set to the right. shrink: whether long text may be folded to fit the terminal.
     """
@@ -87,7 +92,7 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
     console, lines = output(), list(rows)
     for narrow in (False, True):
         cells = [[_styled(cell, bar=not narrow) for cell in line] for line in lines]
-        titles = [column.title for column in columns]
+        titles = [_title(column) for column in columns]
         if narrow:
             widest = [max((cell_len(str(line[number])) for line in cells), default=0) for number in range(len(columns))]
             titles = [_broken(title, width) for title, width in zip(titles, widest, strict=True)]
@@ -96,19 +101,23 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
             return
     for line in lines:
         head, *values = (_styled(cell, bar=False) for cell in line)
-        named = zip([column.title for column in columns[1:]], values, strict=True)
+        named = zip([_title(column) for column in columns[1:]], values, strict=True)
         told = [Text.assemble(*_named(title), value) for title, value in named if str(value).strip()]
-        name = Text.assemble(*_named(columns[0].title), head, style="bold")
+        name = Text.assemble(*_named(_title(columns[0])), head, style="bold")
         paragraph = Text.assemble(name, ": " if told else "", Text(", ").join(told))
         for number, piece in enumerate(paragraph.wrap(console, console.width - 2)):
             piece.rstrip()
-            console.print(Text.assemble("  " if number else "", piece))
+            _put(console, Text.assemble("  " if number else "", piece))
 
 
 def _styled(cell: Cell, *, bar: bool) -> Text:
     if isinstance(cell, Share):
         return percentage(cell.value, bar=bar)
-    return cell if isinstance(cell, Text) else Text(cell)
+    return cell if isinstance(cell, Text) else Text(one_line(cell))
+
+
+def _title(column: Column) -> str:
+    return "\n".join(one_line(line) for line in column.title.split("\n"))
 
 
 def _named(title: str) -> tuple[str, ...]:
@@ -149,15 +158,30 @@ def _print_grid(console: Console, grid: Table) -> None:
     for segments in console.render_lines(grid, pad=False):
         line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
         line.rstrip()
-        console.print(line, soft_wrap=True)
+        _put(console, line)
+
+
+def _put(console: Console, line: Text) -> None:
+    """Print a line as it is, if no CI server takes it for a command."""
+    line.plain = harmless(line.plain)
+    console.print(line, soft_wrap=True)
+
+
+def _text(text: Styled, style: str = "") -> Text:
+    """Text fit to be shown. One line break may begin and one may end it; any other is somebody's data."""
+    if isinstance(text, Text):
+        return Text.assemble(text, style=style)
+    shown = one_line(text)
+    before, after = text[:1] == "\n", text[1:][-1:] == "\n"
+    return Text("\n" * before + shown[before : len(shown) - after] + "\n" * after, style=style)
 
 
 def say(text: Styled = "", style: str | None = None) -> None:
     """A paragraph of results, folded at the terminal's width."""
     console = output()
-    for line in Text.assemble(text, style=style or "").wrap(console, console.width):
+    for line in _text(text, style or "").wrap(console, console.width):
         line.rstrip()
-        console.print(line, soft_wrap=True)
+        _put(console, line)
 
 
 def say_command(text: str, command: str, style: str | None = None) -> None:
@@ -169,17 +193,22 @@ def say_command(text: str, command: str, style: str | None = None) -> None:
         say(f"{text} {command}", style)
         return
     say(text, style)
-    output().print(Text(command, style=style or ""), soft_wrap=True)
+    say_line(command, style)
+
+
+def say_line(text: Styled, style: str | None = None) -> None:
+    """A line of results that is never folded."""
+    _put(output(), _text(text, style or ""))
 
 
 def say_raw(text: str) -> None:
-    """Text for other programs, unchanged."""
+    """Text for other programs, unchanged: only for JSON, which escapes what a terminal would obey."""
     sys.stdout.write(text + "\n")
 
 
 def note(text: str) -> None:
     """A line that is not part of the results."""
-    diagnostics().print(text, style="dim", markup=False, soft_wrap=True)
+    _put(diagnostics(), _text(text, "dim"))
 
 
 def ask(question: str) -> str:
@@ -187,9 +216,9 @@ def ask(question: str) -> str:
 
     An answer that no terminal shows, as from a pipe, is repeated.
     """
-    answer = input(question).strip()
+    answer = input(harmless(_text(question).plain)).strip()
     if not sys.stdin.isatty():
-        say_raw(answer)
+        sys.stdout.write(one_line(answer) + "\n")
     return answer
 
 
@@ -199,18 +228,14 @@ def print_problems(problems: Iterable[Problem]) -> None:
     for problem in problems:
         line = Text.assemble((f"{problem.severity}: ", _SEVERITY_STYLES[problem.severity]))
         if problem.place is not None:
-            line.append(f"{_printable(str(problem.place))}: ", style="bold")
-        line.append(_printable(problem.message))
-        console.print(line, soft_wrap=True)
+            line.append(f"{one_line(str(problem.place))}: ", style="bold")
+        line.append(one_line(problem.message))
+        _put(console, line)
         if problem.excerpt and problem.excerpt.partition("\n")[0].strip():
-            console.print(Text(_printable(problem.excerpt), style="dim"), soft_wrap=True)
+            for part in problem.excerpt.split("\n"):
+                _put(console, _text(part.expandtabs(), "dim"))
         if problem.mend:
-            console.print(Text.assemble(("  to mend it: ", "dim"), _printable(problem.mend)), soft_wrap=True)
-
-
-def _printable(text: str) -> str:
-    """Text that quotes input, with `?` for what would make a terminal do anything else than show it."""
-    return "".join(character if character.isprintable() or character == "\n" else "?" for character in text)
+            _put(console, Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
 
 
 def percentage(share: float | None, *, bar: bool = True) -> Text:
@@ -251,7 +276,7 @@ def progress(title: str, total: int | None) -> Iterator[Step]:
     ]
     # What comes after the title is cut off first where a line is too long, but matters more.
     rest = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- ")
-    shown = Text(title)
+    shown = _text(title)
     shown.truncate(max(console.width - rest - 1, LEAST_WIDTH), overflow="ellipsis")
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
         task = bars.add_task(shown.plain, total=total)
@@ -278,9 +303,9 @@ def live() -> Iterator[Show | None]:
 
 def plain(text: str, style: str = "") -> Text:
     """Text in one style."""
-    return Text(text, style=style)
+    return _text(text, style)
 
 
 def joined(parts: Sequence[Styled | tuple[str, str]]) -> Text:
-    """Pieces of text, each with its own style, in a row."""
-    return Text.assemble(*parts)
+    """Pieces of text, each with its own style, in a row; those with a style have no line breaks."""
+    return Text.assemble(*((one_line(part[0]), part[1]) if isinstance(part, tuple) else _text(part) for part in parts))

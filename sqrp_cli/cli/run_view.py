@@ -81,7 +81,7 @@ class LiveView:
 
     def _text(self) -> Any:  # noqa: ANN401
         width = max((len(atom) for atom in self._literals), default=0)
-        parts: list[Any] = [(f"{self._t:7.2f} s  {self._doing}\n", "bold")]
+        parts: list[Any] = [(f"{self._t:7.2f} s  {self._doing}", "bold"), "\n"]
         for atom, found in self._literals.items():
             value = found["value"] if found["asked"] else f"({found['value']})"
             parts += [f"  {atom:{width}}  ", (f"{value:8}", _STYLES[found["value"]])]

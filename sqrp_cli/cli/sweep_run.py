@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.cli.console import note, print_problems, progress, say, say_raw
+from sqrp_cli.cli.console import note, print_problems, progress, say, say_line, say_raw
 from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.score_run import nothing_scored, why_not_scored
 from sqrp_cli.cli.sweep_table import print_sweep, sweep_document
@@ -92,4 +92,4 @@ def _conclude(found: Sweep, patch: Path) -> None:
         return
     values = ", ".join(f"{path} = {value}" for path, value in found.best.variant.values)
     say(f"Best is {values}. To have it:")
-    say_raw(f"  patch {shlex.quote(from_here(found.document.path))} < {shlex.quote(str(patch))}")
+    say_line(f"  patch {shlex.quote(from_here(found.document.path))} < {shlex.quote(str(patch))}")

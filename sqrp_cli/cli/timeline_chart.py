@@ -94,11 +94,11 @@ def print_comparison(explained: Sequence[tuple[Ranked, Study | None]], sampling:
     for ranked, study in explained:
         name = ranked.assessment.candidate.name
         if study is None:
-            say(joined([_label(name), (f"infeasible: {ranked.assessment.reasons[0]}", "red")]))
+            say(joined([*_label(name, ""), (f"infeasible: {ranked.assessment.reasons[0]}", "red")]))
             continue
         chart = _Chart(study, longest)
         figures = f" {_percent(ranked.assessment.q_eoi)} {_percent(ranked.assessment.q_avg)}"
-        say(joined([(_label(name), "bold"), *chart.state_signs(), figures]))
+        say(joined([*_label(name), *chart.state_signs(), figures]))
         say(plain(" " * LABEL + chart.primitives_row()))
     say(
         plain(
@@ -112,9 +112,9 @@ def print_comparison(explained: Sequence[tuple[Ranked, Study | None]], sampling:
         say(plain(f"\n{accuracy(sampling, feasible)}", "dim"))
 
 
-def _label(name: str) -> str:
+def _label(name: str, style: str = "bold") -> list[Styled | tuple[str, str]]:
     """A name in front of a row; one that is too long gets a line of its own."""
-    return name.ljust(LABEL) if len(name) < LABEL else f"{name}\n{' ' * LABEL}"
+    return [(name.ljust(LABEL), style), *(["\n" + " " * LABEL] if len(name) >= LABEL else [])]
 
 
 def _percent(quality: float | None) -> str:
@@ -192,7 +192,7 @@ class _Chart:
                 signs = [SIGNS[causes[row]] if required[row] else NOT_ASKED for row in self._row]
                 seen = np.array([cause is Cause.NONE for cause in causes])
                 share = self._share(seen & required, required)
-                rows.append(joined([_label(f"  {camera.name}"), *signs, share]))
+                rows.append(joined([*_label(f"  {camera.name}", ""), *signs, share]))
         return rows
 
     def state_signs(self) -> list[tuple[str, str]]:
@@ -213,7 +213,7 @@ class _Chart:
 
     def _coverage(self, label: str, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> Styled:
         signs = self._signs(covered, asked, np.full(len(asked), "-"))
-        return joined([(_label(label), "bold"), *signs, self._share(covered, asked)])
+        return joined([*_label(label), *signs, self._share(covered, asked)])
 
     def _signs(
         self, covered: NDArray[np.bool_], asked: NDArray[np.bool_], missed: NDArray[np.str_]

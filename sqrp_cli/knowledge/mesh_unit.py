@@ -13,6 +13,7 @@ from xml.parsers import expat
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.bounds import LARGEST
+from sqrp_cli.knowledge.input_file import open_input
 from sqrp_cli.knowledge.scene import Mesh
 
 _CHUNK = 65_536
@@ -36,10 +37,10 @@ def mesh_unit(path: Path) -> float:
         return 1.0
     reader = _UnitReader()
     try:
-        with path.open("rb") as file:
+        with open_input(path) as file:
             while not reader.done and (chunk := file.read(_CHUNK)):
                 reader.parser.Parse(chunk)
-    except (OSError, expat.ExpatError):
+    except (InputError, expat.ExpatError):
         return 1.0
     try:
         unit = float(reader.meter)

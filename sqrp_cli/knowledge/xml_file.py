@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -135,7 +136,7 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:
-        lines = content.decode("utf-8", errors="replace").splitlines()
+        lines = re.split("\r\n?|\n", content.decode("utf-8", errors="replace"))  # as expat counts
         line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
         message = f"not well-formed XML: {unclosed(error)}"
         place = Place(path, error.lineno, error.offset + 1)

@@ -46,7 +46,7 @@ class LogWriter:
         """Write an event. Raises InputError where that is not possible."""
         line = {"t": event.t, "event": event.kind, **event.fields}
         with naming(self._path):
-            self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+            self._file.write(json.dumps(line, allow_nan=False) + "\n")
 
     def finish(self, report: RunReport) -> None:
         """Write the report as the last line."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
@@ -10,8 +9,7 @@ from xml.etree import ElementTree as Xml
 
 from sqrp_cli.files import write_atomically
 from sqrp_cli.scoring.findings import Findings, Result
-
-_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+from sqrp_cli.shown import one_line
 
 
 def write_junit(findings: Findings, path: Path) -> None:
@@ -22,7 +20,7 @@ def write_junit(findings: Findings, path: Path) -> None:
     root = Xml.Element("testsuites", {"name": "sqrp score", **_counts(findings.results)})
     for workspace, group in groupby(findings.results, key=lambda result: result.score.workspace):
         results = list(group)
-        suite = Xml.SubElement(root, "testsuite", {"name": _text(workspace), **_counts(results)})
+        suite = Xml.SubElement(root, "testsuite", {"name": one_line(workspace), **_counts(results)})
         for result in results:
             _case(suite, result)
     Xml.indent(root)
@@ -40,18 +38,16 @@ def _counts(results: Sequence[Result]) -> dict[str, str]:
 
 def _case(suite: Xml.Element, result: Result) -> None:
     score = result.score
-    case = Xml.SubElement(suite, "testcase", classname=_text(score.workspace), name=_text(score.task or "workspace"))
+    case = Xml.SubElement(
+        suite, "testcase", classname=one_line(score.workspace), name=one_line(score.task or "workspace")
+    )
     if score.status != "passed":
         kind = "failure" if score.status == "failed" else "error"
-        element = Xml.SubElement(case, kind, message=_text(score.reasons[0]), type=score.status)
-        element.text = _text("\n".join(score.reasons))
+        element = Xml.SubElement(case, kind, message=one_line(score.reasons[0]), type=score.status)
+        element.text = "\n".join(map(one_line, score.reasons))
     if score.best is not None:
         best = score.best.assessment
         qualities = [("Q_eoi", best.q_eoi), ("Q_avg", best.q_avg)]
         lines = [f"{label}: {100 * quality:.1f} %" for label, quality in qualities if quality is not None]
         lines = [f"best: {best.candidate.name}", *lines, f"time: {best.time:.2f} s"]
-        Xml.SubElement(case, "system-out").text = _text("\n".join(lines))
-
-
-def _text(text: str) -> str:
-    return _NOT_XML.sub("?", text)
+        Xml.SubElement(case, "system-out").text = "\n".join(map(one_line, lines))

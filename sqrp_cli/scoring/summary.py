@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from sqrp_cli.files import write_atomically
 from sqrp_cli.scoring.findings import Findings, Result, listed
+from sqrp_cli.shown import one_line
 
 
 def write_summary(findings: Findings, path: Path) -> None:
@@ -59,7 +61,9 @@ def _name(result: Result) -> str:
 
 
 def _text(text: str) -> str:
-    """Text that Markdown shows as it is."""
-    for sign in "\\`*_|<>[]":
-        text = text.replace(sign, "\\" + sign)
-    return " ".join(text.split())
+    """Text that Markdown shows as it is, addresses too; runs of blanks are one."""
+    return _SIGNS.sub(r"\\\g<0>", " ".join(one_line(text).split()))
+
+
+_SIGNS = re.compile(r"[\\`*_|<>\[\]&~$]|:(?=//)|(?<=www)\.", re.IGNORECASE)
+"""What means something in Markdown within a line, besides in addresses that GitHub would make links of."""

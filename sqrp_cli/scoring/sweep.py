@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -88,9 +89,8 @@ class Sweep:
     @property
     def patch(self) -> str:
         """A unified diff that makes the best variant of the workspace file; empty if that is the best as it is."""
-        before, after = (
-            c.decode().splitlines(keepends=True) for c in (self.document.content, self.best.variant.content)
-        )
+        contents = (self.document.content, self.best.variant.content)
+        before, after = ([*io.StringIO(content.decode(), newline="\n")] for content in contents)  # lines of `patch`
         name = from_here(self.document.path)
         lines = difflib.unified_diff(before, after, name, name)
         return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)

@@ -56,3 +56,33 @@ class Opened:
     def texts(self, selector: str) -> list[str]:
         """What the elements of a selector say."""
         return [text.strip() for text in self.page.locator(selector).all_inner_texts()]
+
+
+def click_at_random(opened: Opened, seed: int, duration: float = 4.0) -> str:
+    """Click rows of the table, and what else there is to click, faster than pages load; the name of the last row.
+
+    duration: how long that goes on [s].
+    """
+    name = opened.js(_CLICKS, [seed, 1000 * duration])
+    opened.page.wait_for_function("() => !sqrp.entries[sqrp.selected].moves || sqrp.motion")
+    return str(name)
+
+
+_CLICKS = """async ([seed, duration]) => {
+  let state = seed;
+  const random = (n) => Math.floor(((state = (1664525 * state + 1013904223) % 4294967296) / 4294967296) * n);
+  const visible = (selector) => [...document.querySelectorAll(selector)].filter((element) => element.offsetParent);
+  const end = performance.now() + duration;
+  let last;
+  while (performance.now() < end) {
+    for (let clicks = 1 + random(4); clicks; clicks--) {
+      const others = visible('#study button, #study input, #study .lane, #theme');
+      if (random(2) && others.length) others[random(others.length)].click();
+      const rows = document.querySelectorAll('#ranking tbody tr');
+      last = rows[random(rows.length)].querySelector('button');
+      last.click();
+    }
+    if (random(3)) await new Promise((resolve) => setTimeout(resolve, random(40)));
+  }
+  return last.getAttribute('aria-label');
+}"""

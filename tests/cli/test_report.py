@@ -11,10 +11,18 @@ import pytest
 
 from sqrp_cli.report.packing import packed, without_repetition
 from sqrp_cli.report.page import CellScene, Entry, PageContent, page
-from tests.cli.browser import Opened
+from tests.cli.browser import Opened, click_at_random
+from tests.cli.hostile import hostile_cell
 
 TASK = "pickup green"
-HOSTILE = "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\u202egnp.\u2066"
+HOSTILE = (
+    "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\u202egnp.\u2066-->]]>&lt;javascript:alert(3)"
+    "`${alert(4)}`\x1b]0;x\x07\r\n\x9b\u2028\u200b\ud800!"
+)
+SPELLED_OUT = (
+    "<img src=x onerror=alert(1)>\"'`</script><script>alert(2)</script>\\u{202e}gnp.\\u{2066}-->]]>&lt;"
+    "javascript:alert(3)`${alert(4)}`\\u{1b}]0;x\\u{7}\\u{d}\\u{a}\\u{9b}\\u{2028}\\u{200b}\\u{d800}!"
+)
 
 
 @pytest.fixture(scope="module")
@@ -145,6 +153,36 @@ def test_scores_show_the_best_of_each_task_in_its_own_cell(browser, sqrp, tablet
         opened.page.locator("#time").press("PageUp")
         assert opened.texts("#clock") != ["0.00 s"]
     assert opened.complaints == []
+    opened.context.close()
+
+
+@pytest.fixture(scope="module")
+def scored(sqrp, tabletop, watch, tmp_path_factory):
+    """The page about two cells."""
+    path = tmp_path_factory.mktemp("scored") / "page.html"
+    assert sqrp("score", tabletop, watch, "--samples", 3, "--report", path).code == 0
+    return path
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("kind", ["written", "scored"])
+def test_however_fast_one_clicks_the_last_click_is_what_is_shown(browser, request, kind, seed):
+    opened = Opened(browser, request.getfixturevalue(kind))
+    name = click_at_random(opened, seed)
+    assert opened.complaints == []
+    assert opened.texts("#name") == [name]
+    (chosen,) = opened.page.locator("#ranking tr[aria-selected=true] button").all()
+    assert chosen.get_attribute("aria-label") == name
+    entry = opened.js("sqrp.entries.find((entry) => entry.name === document.querySelector('#name').textContent)")
+    assert opened.js("sqrp.entries[sqrp.selected].name") == name
+    assert opened.page.locator("#study").is_visible() is entry["moves"]
+    if entry["moves"]:
+        assert opened.js("sqrp.motion.time") == pytest.approx(entry["candidate"]["time"], abs=1e-5)
+        assert opened.js("sqrp.scene.motion === sqrp.motion && sqrp.timeline.motion === sqrp.motion")
+        assert opened.texts("#views button")[1:] == opened.js(
+            "i => Object.keys(sqrp.overview.scenes[i].cameras)", entry["scene"]
+        )
+    assert opened.page.locator("#view canvas").count() == 1
     opened.context.close()
 
 
@@ -412,13 +450,28 @@ def test_names_cannot_break_or_script_the_page(browser, watch_documents, tmp_pat
     assert opened.complaints == []
     assert opened.requests == [path.as_uri()]
     assert opened.page.locator("img").count() == 0
-    shown = HOSTILE.replace("\u202e", "\\u{202e}").replace("\u2066", "\\u{2066}")
-    assert opened.texts("#title") == [shown]
-    assert opened.texts("#name") == [f"seen{shown}"]
+    assert opened.texts("#title") == [SPELLED_OUT]
+    assert opened.texts("#name") == [f"seen{SPELLED_OUT}"]
     opened.page.locator("#views button").nth(1).click()
     opened.page.locator(".run").first.hover()
-    assert opened.js("document.body.textContent.includes('\u202e')") is False
+    told = opened.js("document.title + document.body.innerText")
+    assert {character for character in told if not character.isprintable()} <= set(
+        "\n\t\xa0\u2068\u2069"
+    )  # isolates of the page's own
     assert opened.complaints == []
+    opened.context.close()
+
+
+@pytest.mark.parametrize("command", ["rank", "score"])
+def test_a_cell_with_hostile_files_has_pages_that_work(browser, sqrp, watch, tmp_path, command):
+    path, cell = tmp_path / "page.html", hostile_cell(watch, tmp_path)
+    assert sqrp(command, cell, *(["watch cube"] if command == "rank" else []), "--report", path).code == 0
+    opened = Opened(browser, path)
+    assert "evil" in opened.js("document.title + document.body.innerText")
+    click_at_random(opened, 5, 1.0)
+    assert opened.complaints == []
+    assert opened.requests == [path.as_uri()]
+    assert opened.page.locator("img, a[href]:not(.skip), b:has-text('evil')").count() == 0
     opened.context.close()
 
 

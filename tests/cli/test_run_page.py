@@ -16,8 +16,9 @@ import pytest
 from sqrp_cli.cli.run_page import RunCell, write_run
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.runtime.outcome import Confusion, Event, FaultRecord, RunReport, StepRecord
-from tests.cli.browser import Opened
+from tests.cli.browser import Opened, click_at_random
 from tests.cli.slip_run import Moment, SlipRun
+from tests.cli.test_report import HOSTILE, SPELLED_OUT
 
 
 def evidence(t: float, value: str, **cameras: str) -> Event:
@@ -87,6 +88,24 @@ def test_what_an_image_shows_counts_from_when_it_was_taken(opened):
     labels = opened.js("[...document.querySelectorAll('.run')].map((run) => run.getAttribute('aria-label'))")
     assert "in truth, hold(g1), 0.00 s to 1.50 s: true" in labels
     assert "in truth, hold(g1), 1.50 s to 4.00 s: false" in labels
+
+
+def test_a_log_with_hostile_names_has_a_page_on_which_nothing_runs(browser, tmp_path):
+    path, atom = tmp_path / "page.html", f"hold({HOSTILE})"
+    literal = {"value": "true", "asked": True, "cameras": {HOSTILE: "true"}, "true": True}
+    events = [Event(0.0, "primitive", {"name": HOSTILE})]
+    events += [Event(t, "evidence", {"exposed": t, "literals": {atom: literal}}) for t in (0.1, 1.0, 2.0)]
+    fault = FaultRecord(HOSTILE, 1.0, 1.0, 1.5, 1.6, None, predicted_delay=0.25)
+    report = RunReport("stopped", HOSTILE, 2.0, [StepRecord(HOSTILE, {"object": HOSTILE}, HOSTILE, 0.0)], [fault])
+    report.prediction = [{atom: {HOSTILE: Confusion(tp=1)}}]
+    write_run(RunCell(HOSTILE, [HOSTILE], HOSTILE, None), report, events, path, ["run", HOSTILE])
+    opened = Opened(browser, path)
+    opened.page.locator(".run").first.hover()
+    opened.js("() => sqrp.seek(1.2)")
+    assert (opened.complaints, opened.requests) == ([], [path.as_uri()])
+    assert opened.texts("#reasons li") == [SPELLED_OUT]
+    assert opened.page.locator("img").count() == 0
+    opened.context.close()
 
 
 # A run of the simulated cell
@@ -221,6 +240,15 @@ def test_the_page_of_a_run_says_what_is_true_and_who_does_not_know_it(played):
     assert opened.js("sqrp.time") == pytest.approx(fault["detected"])
     assert opened.js("document.querySelector('.now em').nextSibling.textContent") == "false"
     assert opened.texts("#legend span")[-2:] == ["no image of this camera shows it (–)", "empty: no formula asks"]
+
+
+def test_fast_clicks_on_the_page_of_a_run_leave_it_as_it_was(played, browser):
+    opened = Opened(browser, played.folder / "page.html")
+    click_at_random(opened, 3)
+    assert opened.complaints == []
+    assert opened.page.locator("#view canvas").count() == 1
+    assert opened.js("sqrp.scene.motion === sqrp.motion && sqrp.timeline.motion === sqrp.motion")
+    opened.context.close()
 
 
 def test_a_run_is_seen_through_its_cameras_and_from_near_the_tool(played):

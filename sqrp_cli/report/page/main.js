@@ -12,6 +12,7 @@ class Page {
     this.overview = overview;
     this.entries = overview.entries;
     this.details = new Map();
+    this.cell = null;
     this.time = 0;
     this.head();
     const select = (i) => this.select(i);
@@ -34,22 +35,13 @@ class Page {
     byId('feasible-only').parentElement.hidden = !some((c) => !c.feasible);
   }
 
-  // Show the cell that an entry belongs to.
-  enter(index) {
-    if (this.cell !== index) {
-      this.cell = index;
-      this.entered = this.open(index);
-    }
-    return this.entered;
-  }
-
-  async open(index) {
+  // Show another cell.
+  enter(index, model) {
+    const cell = this.overview.scenes[index];
+    this.cell = index;
     this.scene?.close();
     this.scene = null;
     byId('view').replaceChildren(make('div', { id: 'labels' }));
-    const model = await unpack(`model-${index}`),
-      cell = this.overview.scenes[index];
-    if (this.cell !== index) return;
     try {
       this.scene = new Scene3D(model, cell, byId('view'), (name) => this.look(name));
     } catch (error) {
@@ -89,7 +81,7 @@ class Page {
     const follow = byId('follow');
     follow.parentElement.hidden = !this.overview.of_images;
     follow.addEventListener('change', () => {
-      this.scene.follow(follow.checked);
+      this.scene?.follow(follow.checked);
       this.seek(this.time);
     });
     byId('theme').addEventListener('click', () =>
@@ -119,8 +111,10 @@ class Page {
     }
   }
 
+  // Show an entry, as soon as it is decoded and if no other one has been chosen by then.
   async select(i) {
     this.pause();
+    const turn = (this.turn = {});
     this.selected = i;
     this.table.choose(i);
     this.plot.choose(i);
@@ -136,10 +130,11 @@ class Page {
     this.motion = null;
     if (!entry.moves) return;
     byId('study').classList.toggle('flat', entry.scene === null);
-    if (entry.scene !== null) await this.enter(entry.scene);
-    if (!this.details.has(i)) this.details.set(i, new Motion(await unpack(`detail-${i}`)));
-    if (this.selected !== i) return;
-    this.motion = this.details.get(i);
+    const enters = entry.scene !== null && entry.scene !== this.cell;
+    const [motion, model] = await Promise.all([this.detail(i), enters ? unpack(`model-${entry.scene}`) : null]);
+    if (this.turn !== turn) return;
+    if (enters) this.enter(entry.scene, model);
+    this.motion = motion;
     this.figures(entry);
     this.moments(this.motion.detail);
     this.timeline = new Timeline(this.motion, Object.keys(this.motion.detail.cameras), (t) => {
@@ -149,6 +144,16 @@ class Page {
     byId('time').max = this.motion.time;
     this.scene?.load(this.motion);
     this.seek(Math.min(this.time, this.motion.time));
+  }
+
+  // The motion of an entry, decoded once.
+  detail(i) {
+    if (!this.details.has(i))
+      this.details.set(
+        i,
+        unpack(`detail-${i}`).then((detail) => new Motion(detail)),
+      );
+    return this.details.get(i);
   }
 
   figures({ candidate, figures, retried }) {
@@ -263,13 +268,14 @@ class Page {
   }
 
   play() {
+    if (!this.motion) return;
     if (this.time >= this.motion.time) this.seek(0);
-    this.playing = true;
+    const turn = (this.playing = {});
     byId('play').textContent = '❚❚';
     byId('play').setAttribute('aria-label', 'Pause');
     let last = null;
     const step = (now) => {
-      if (!this.playing) return;
+      if (this.playing !== turn) return;
       if (last !== null) this.seek(this.time + ((now - last) / 1000) * Number(byId('speed').value));
       last = now;
       if (this.time >= this.motion.time) this.pause();
@@ -279,7 +285,7 @@ class Page {
   }
 
   pause() {
-    this.playing = false;
+    this.playing = null;
     byId('play').textContent = '▶';
     byId('play').setAttribute('aria-label', 'Play');
   }

@@ -32,7 +32,6 @@ class Scene3D {
   close() {
     this.closing.abort();
     this.resizing.disconnect();
-    this.waiting = true;
     this.renderer.dispose();
     this.renderer.forceContextLoss();
     this.renderer.domElement.remove();
@@ -226,7 +225,7 @@ class Scene3D {
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
-      this.render();
+      if (!this.closing.signal.aborted) this.render();
     });
   }
 

@@ -1,0 +1,70 @@
+"""Standard streams that take whatever is written, wherever it goes; of what is lost, only results are an error."""
+
+from __future__ import annotations
+
+import io
+import os
+import select
+import sys
+from pathlib import Path
+from typing import Any, TextIO
+
+
+class ResultsLost(Exception):  # noqa: N818 - no error of the program's
+    """The results cannot be written; its text is what the system says of that."""
+
+
+def prepare_streams() -> None:
+    """Make the streams of this process cope with whatever they are connected to."""
+    _open_closed()
+    if sys.stdin is None:
+        sys.stdin = Path(os.devnull).open(encoding="utf-8")  # noqa: SIM115 - for good
+    sys.stdout, sys.stderr = _writable(sys.stdout, results=True), _writable(sys.stderr, results=False)
+    if isinstance(sys.stdin, io.TextIOWrapper):
+        sys.stdin.reconfigure(errors="replace")
+
+
+def _open_closed() -> None:
+    """Connect closed descriptors to nothing, or the next file that is opened would take what is printed."""
+    for descriptor in range(3):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # gets the lowest number that is free
+
+
+def _writable(stream: TextIO | None, *, results: bool) -> TextIO:
+    if stream is None:  # closed, as by `>&-`
+        return Path(os.devnull).open("w", encoding="utf-8")
+    if not isinstance(stream, io.TextIOWrapper):
+        return stream  # kept in memory
+    if isinstance(getattr(stream.buffer, "raw", stream.buffer), io.FileIO):
+        buffer = io.BufferedWriter(_Output(stream.fileno(), results=results))
+        lines, at_once = stream.line_buffering, stream.write_through
+        stream = io.TextIOWrapper(buffer, stream.encoding, line_buffering=lines, write_through=at_once)
+    stream.reconfigure(errors="replace")  # whatever a terminal or pipe does not know becomes `?`
+    return stream
+
+
+class _Output(io.FileIO):
+    """Where a stream goes. Whoever reads it may leave early, as `head` does: what is still to be done is done.
+
+    That results cannot be written is raised once, as ResultsLost; then, as with anything else, the rest is dropped.
+    """
+
+    def __init__(self, descriptor: int, *, results: bool) -> None:
+        super().__init__(descriptor, "w", closefd=False)
+        self._heeded = results
+
+    def write(self, data: Any) -> int:  # noqa: ANN401 - any buffer
+        try:
+            while (count := super().write(data)) is None:  # it would block
+                select.select((), (self,), ())
+            return count
+        except BrokenPipeError:
+            pass
+        except OSError as error:
+            if self._heeded:
+                self._heeded = False
+                raise ResultsLost(error.strerror) from error
+        return memoryview(data).nbytes
