@@ -45,7 +45,8 @@ def command(
     With a task, say which of its candidates can be done, why the others cannot, and what would have to be done first.
     """
     from sqrp_cli.cli.console import note, say, say_raw
-    from sqrp_cli.cli.documents import as_text, check_document
+    from sqrp_cli.report.documents.checks import CheckDocument
+    from sqrp_cli.report.documents.document import as_text
 
     if task is None and (program is not None or planner is not None):
         option = "--program" if program is not None else "--planner"
@@ -55,10 +56,10 @@ def command(
     except InputError as error:
         if not as_json:
             raise
-        say_raw(as_text(check_document(workspace.name, task, (), error.problems)))
+        say_raw(as_text(CheckDocument.of(workspace.name, task, (), error.problems)))
         return ExitCode.BAD_INPUT
     if as_json:
-        say_raw(as_text(check_document(checked.name, task, checked.found, checked.problems)))
+        say_raw(as_text(CheckDocument.of(checked.name, task, checked.found, checked.problems)))
     else:
         _print(workspace, task, checked)
         if task is not None and checked.suggested and program is None:

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.assessment import Study
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.ranking import Ranked
+    from sqrp_cli.report.documents.document import TaskDocument
 
 NAME = "explain"
 
@@ -58,12 +59,11 @@ def command(
     """
     from sqrp_cli.cli.choice import check_choice, choose_candidate
     from sqrp_cli.cli.console import print_problems, say_raw
-    from sqrp_cli.cli.documents import as_text, header
     from sqrp_cli.cli.session import Session, assess
-    from sqrp_cli.cli.study_document import infeasible_document, study_document
     from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.outside import intervals_outside
     from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.report.documents.document import as_text
 
     if all_candidates and choose is not None:
         raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
@@ -81,12 +81,7 @@ def command(
     ranking = rank(assessments, "q_eoi")
     explained = _explain(session, list(ranking) if all_candidates else [choose_candidate(ranking, choice)])
     if as_json:
-        documents = [
-            infeasible_document(ranked) if found is None else study_document(session.cell, found, ranked, sampling)
-            for ranked, found in explained
-        ]
-        fields = header(session.workspace, task)
-        say_raw(as_text({**fields, "candidates": documents} if all_candidates else {**fields, **documents[0]}))
+        say_raw(as_text(_document(session, task, explained, several=all_candidates)))
     elif all_candidates:
         print_comparison(explained, sampling)
     else:
@@ -108,6 +103,21 @@ def _explain(session: Session, chosen: Sequence[Ranked]) -> list[tuple[Ranked, S
             explained.append(explain(session.assignment, ranked))
             advance()
     return explained
+
+
+def _document(
+    session: Session, task: str, explained: Sequence[tuple[Ranked, Study | None]], *, several: bool
+) -> TaskDocument:
+    from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
+
+    cell, sampling = session.cell, session.assignment.sampling
+    studies = [
+        CandidateStudy.infeasible(ranked) if found is None else CandidateStudy.of_study(cell, found, ranked, sampling)
+        for ranked, found in explained
+    ]
+    if several:
+        return ExplainAllDocument(workspace=session.workspace.name, task=task, candidates=studies)
+    return ExplainDocument(workspace=session.workspace.name, task=task, **vars(studies[0]))
 
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:

@@ -1,4 +1,4 @@
-"""The steps of a program as a table and as a JSON document."""
+"""The steps of a program as a table."""
 
 from __future__ import annotations
 
@@ -7,8 +7,7 @@ import shlex
 from pathlib import Path
 
 from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say, say_command
-from sqrp_cli.cli.json_text import SCHEMA, Document
-from sqrp_cli.joint_trajectory import action_name, tool_commands
+from sqrp_cli.joint_trajectory import tool_commands
 from sqrp_cli.program import Program, Step
 from sqrp_cli.program_file import workspace_path
 from sqrp_cli.program_totals import Totals
@@ -69,59 +68,3 @@ def _print_tool(program: Program) -> None:
         columns = [Column("step"), Column("tool"), *(Column(title, right=True) for title in ("from [s]", "to [s]"))]
         print_table(columns, [(str(c.step), str(c), f"{c.start:.2f}", f"{c.end:.2f}") for c in commands])
         say()
-
-
-def program_document(program: Program, file: Path, *, stale: bool) -> Document:
-    """The steps with their figures, the totals, and what the tool has to do; stale: whether it may no longer hold."""
-    totals = Totals.of(program)
-    return {
-        "schema": SCHEMA,
-        "program": str(file),
-        "workspace": workspace_path(program, file).parent.name,
-        "stale": stale,
-        "steps": _steps(program),
-        "total": {
-            "time": totals.time,
-            "q_avg": totals.q_avg,
-            "q_eoi": totals.q_eoi,
-            "delay_worst": None if totals.worst is None else totals.worst.seconds,
-            "fault": None if totals.worst is None else totals.worst.fault,
-            "step": None if totals.worst is None else totals.worst.step,
-        },
-        "tool": [
-            {"step": c.step, "action": c.action, "object": c.object, "start": c.start, "end": c.end}
-            for c in tool_commands(program)
-        ],
-    }
-
-
-def _steps(program: Program) -> list[Document]:
-    documents = []
-    start = 0.0
-    for step in program.steps:
-        documents.append(
-            {
-                "task": step.task,
-                "skill": step.skill,
-                "parameters": dict(step.parameters),
-                "start": start,
-                "end": start + step.time,
-                "time": step.time,
-                "q_avg": step.q_avg,
-                "q_eoi": step.q_eoi,
-                "faults": {name: fault.model_dump() for name, fault in step.faults.items()},
-                "verdict": step.verdict,
-                "primitives": [
-                    {
-                        "name": primitive.name,
-                        "action": action_name(primitive),
-                        "start": start + primitive.start,
-                        "end": start + primitive.end,
-                        "held": primitive.held,
-                    }
-                    for primitive in step.primitives
-                ],
-            }
-        )
-        start += step.time
-    return documents

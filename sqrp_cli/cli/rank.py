@@ -28,11 +28,11 @@ from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sqrp_cli.cli.documents import Document
     from sqrp_cli.cli.session import Session
     from sqrp_cli.knowledge.workspace import Workspace
     from sqrp_cli.programming.assessment import Assessment
     from sqrp_cli.programming.ranking import Criterion, Ranked
+    from sqrp_cli.report.documents.candidates import RankDocument
 
 NAME = "rank"
 
@@ -69,11 +69,11 @@ def command(
     """
     from sqrp_cli.cli.choice import check_choice
     from sqrp_cli.cli.console import note, print_problems, say_raw
-    from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.rank_table import print_ranking
     from sqrp_cli.cli.session import Session
     from sqrp_cli.programming.outside import intervals_outside
     from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.report.documents.document import as_text
 
     criterion = _criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
@@ -157,18 +157,19 @@ def _document(
     criterion: Criterion,
     *,
     interrupted: bool,
-) -> Document:
-    from sqrp_cli.cli.documents import calibration_fields, candidate_document, header, sampling_document
+) -> RankDocument:
+    from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument, Recalibrated, SamplingDone
 
     assignment = session.assignment
-    return {
-        **header(session.workspace, session.task.text),
-        "by": criterion,
-        "sampling": sampling_document(assignment.sampling, assessments),
-        **calibration_fields(assignment.calibration, assessments, criterion),
-        **({"interrupted": True} if interrupted else {}),
-        "candidates": [candidate_document(ranked) for ranked in ranking],
-    }
+    return RankDocument(
+        workspace=session.workspace.name,
+        task=session.task.text,
+        by=criterion,
+        sampling=SamplingDone.of(assignment.sampling, assessments),
+        calibration=Recalibrated.of(assignment, assessments, criterion),
+        interrupted=interrupted or None,
+        candidates=tuple(CandidateFigures.of(ranked) for ranked in ranking),
+    )
 
 
 def _write_chosen(

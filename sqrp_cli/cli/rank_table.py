@@ -8,7 +8,6 @@ import numpy as np
 
 from sqrp_cli.cli.accuracy import accuracy
 from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say
-from sqrp_cli.cli.documents import percentiles
 from sqrp_cli.cli.session import Session
 from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.faults import FaultMetrics
@@ -16,6 +15,7 @@ from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, wi
 from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.task import Candidate, in_words
 from sqrp_cli.programming.verdict import NOTHING_MISSING
+from sqrp_cli.report.documents.candidates import percentiles
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),

@@ -20,15 +20,15 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
     Robot, cameras, objects, skills and state, with every path and pose resolved.
     """
     from sqrp_cli.cli.console import print_problems, say_raw
-    from sqrp_cli.cli.documents import as_text
-    from sqrp_cli.cli.scene_document import scene_document
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.report.documents.document import as_text
+    from sqrp_cli.report.documents.scene import ShowDocument
 
     cell = Cell.load(load_workspace(workspace))
     print_problems(cell.warnings)
     if as_json:
-        say_raw(as_text(scene_document(cell)))
+        say_raw(as_text(ShowDocument.of(cell)))
     else:
         _print_scene(cell)
     return ExitCode.OK

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from sqrp_cli.cli.console import Column, Styled, plain, print_table, say
-from sqrp_cli.cli.documents import SCHEMA, Document
-from sqrp_cli.cli.score_document import result_document
 from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
 
 ROWS = 20
@@ -29,29 +27,6 @@ def print_sweep(sweep: Sweep) -> None:
     if len(sweep.variants) > len(shown):
         say(plain(f"{len(sweep.variants) - len(shown)} more are in the document of --json.", "dim"))
     say(plain("Figures are means over every choice of objects of every task; Q of what cannot be done is 0.", "dim"))
-
-
-def sweep_document(sweep: Sweep, workspace: str, patch: str | None) -> Document:
-    """Every variant with the scores of its tasks, the best first."""
-    return {
-        "schema": SCHEMA,
-        "workspace": workspace,
-        "variants": [
-            {
-                "rank": rank,
-                "values": dict(scored.variant.values),
-                "q_eoi": scored.q_eoi,
-                "q_avg": scored.q_avg,
-                "time": scored.time,
-                "delay": scored.delay,
-                "results": [{**result_document(result), "workspace": workspace} for result in scored.findings.results],
-            }
-            for rank, scored in enumerate(sweep.variants, 1)
-        ],
-        "best": dict(sweep.best.variant.values),
-        "patch": patch,
-        "passed": sweep.best.findings.passed,
-    }
 
 
 def _row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
