@@ -37,7 +37,7 @@ NAMES = (*FILES, *DOCUMENTS)
 
 
 def schema_of(name: str) -> dict[str, Any]:
-    """JSON Schema (2020-12) of the files of that name, or of the document of a command. Raises InputError for others."""
+    """JSON Schema (2020-12) of files of that name, or of the document of a command. Raises InputError for others."""
     if name in FILES:
         return file_schema(name)
     if name not in DOCUMENTS:
