@@ -70,11 +70,11 @@ def command(
 
 
 def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as_json: bool) -> None:
-    from sqrp_cli.cli.console import note, print_problems, say_raw
-    from sqrp_cli.cli.program_table import print_program
     from sqrp_cli.program_file import load_program
     from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.report.documents.programs import ProgramDocument
+    from sqrp_cli.terminal.console import note, print_problems, say_raw
+    from sqrp_cli.terminal.program_table import print_program
 
     program = load_program(file)
     workspace, doubts = _judged(program, file)

@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli import __version__
-from sqrp_cli.cli.accuracy import accuracy
-from sqrp_cli.cli.console import note, progress
-from sqrp_cli.cli.rank_table import differing_parameters, summary
-from sqrp_cli.cli.session import Session, explain
+from sqrp_cli.api.session import Session, explain
 from sqrp_cli.files import check_writable
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.pipeline import Assignment, in_processes
@@ -25,6 +22,9 @@ from sqrp_cli.report.libraries import check_libraries
 from sqrp_cli.report.model import model_document
 from sqrp_cli.report.packing import packed
 from sqrp_cli.report.page import CellScene, Entry, PageContent, write_page
+from sqrp_cli.terminal.accuracy import accuracy
+from sqrp_cli.terminal.console import note, progress
+from sqrp_cli.terminal.rank_table import differing_parameters, summary
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace import Workspace

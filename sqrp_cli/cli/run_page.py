@@ -8,7 +8,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.cli.console import note
 from sqrp_cli.cli.report_page import cell_scene, origin
 from sqrp_cli.report.documents.explanation import Span
 from sqrp_cli.report.documents.playback import (
@@ -26,6 +25,7 @@ from sqrp_cli.report.packing import packed
 from sqrp_cli.report.page import Entry, PageContent, write_page
 from sqrp_cli.runtime.outcome import Event, FaultRecord, RunReport
 from sqrp_cli.runtime.witness import Track
+from sqrp_cli.terminal.console import note
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace import Workspace
@@ -65,8 +65,8 @@ class EventRecorder:
 
 def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: Path, arguments: Sequence[str]) -> None:
     """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
-    from sqrp_cli.cli.run_view import short_times
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.terminal.run_view import short_times
 
     names = [step.label for step in report.steps]
     figures = [("simulated time", f"{report.time:.2f} s"), ("images", f"{report.images}")]

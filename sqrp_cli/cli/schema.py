@@ -28,8 +28,8 @@ def command(name: Name = "workspace", as_json: JsonAnyway = True) -> ExitCode:  
     """
     import json
 
-    from sqrp_cli.cli.console import say_raw
     from sqrp_cli.report.documents.schemas import schema_of
+    from sqrp_cli.terminal.console import say_raw
 
     say_raw(json.dumps(schema_of(name), indent=2))
     return ExitCode.OK

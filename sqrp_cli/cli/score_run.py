@@ -7,9 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sqrp_cli.cli.console import note, print_problems, progress, say_raw
 from sqrp_cli.cli.score_outputs import Outputs
-from sqrp_cli.cli.score_table import print_report
 from sqrp_cli.errors import ExitCode
 from sqrp_cli.files import check_not_read
 from sqrp_cli.memory import keep_all_so_far
@@ -24,6 +22,8 @@ from sqrp_cli.scoring.findings import CoverageLookup, Findings, compare_with, sc
 from sqrp_cli.scoring.junit import write_junit
 from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.summary import write_summary
+from sqrp_cli.terminal.console import note, print_problems, progress, say_raw
+from sqrp_cli.terminal.score_table import print_report
 
 
 @dataclass(frozen=True)

@@ -15,12 +15,12 @@ def sweep_slips(simulation: Simulation, text: str, count: int, *, as_json: bool)
 
     Raises InputError for a fault that cannot be swept.
     """
-    from sqrp_cli.cli.console import progress, say_raw
-    from sqrp_cli.cli.run_view import print_sweep
     from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.report.documents.runs import SweepDocument
     from sqrp_cli.runtime.faults import parse_sweep
     from sqrp_cli.runtime.simulated_run import SweepSummary, sweep
+    from sqrp_cli.terminal.console import progress, say_raw
+    from sqrp_cli.terminal.run_view import print_sweep
 
     program, workspace = simulation.program, simulation.workspace
     place, primitive = parse_sweep(text, program.steps)

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.cli.console import note, print_problems, progress, say, say_raw
-from sqrp_cli.cli.sweep_table import print_sweep
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 from sqrp_cli.files import check_writable, write_atomically
 from sqrp_cli.programming.outside import intervals_outside
@@ -19,6 +17,8 @@ from sqrp_cli.scoring.discovery import find_workspaces, short_names
 from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.sweep import Sweep, from_here, read_variants, sweep
 from sqrp_cli.scoring.variation import read_variation, variants
+from sqrp_cli.terminal.console import note, print_problems, progress, say, say_raw
+from sqrp_cli.terminal.sweep_table import print_sweep
 
 MARK = "# The best variant that `sqrp score --vary` found"
 """How the patch begins; `patch` and `git apply` skip it. Only files that begin so are overwritten."""

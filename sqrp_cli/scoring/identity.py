@@ -8,10 +8,10 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-import sqrp_cli
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.version import __version__
 
 _LIBRARIES = ("numpy", "pin", "coal", "ruckig", "ompl", "eaik")
 """Libraries that figures depend on."""
@@ -23,8 +23,8 @@ _FILE_KEYS = frozenset({"urdf", "srdf", "mesh", "calibration", "hand_eye"})
 @cache
 def program_digest() -> str:
     """Digest of the code and the libraries that compute: results of different ones are never mixed."""
-    hashed = hashlib.sha256(sqrp_cli.__version__.encode())
-    hashed.update(code_digest(Path(sqrp_cli.__file__).parent).encode())
+    hashed = hashlib.sha256(__version__.encode())
+    hashed.update(code_digest(Path(__file__).parents[1]).encode())
     for library in _LIBRARIES:
         try:
             version = metadata.version(library)

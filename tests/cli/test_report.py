@@ -425,7 +425,7 @@ def test_names_cannot_break_or_script_the_page(browser, watch_documents, tmp_pat
 @pytest.fixture(scope="module")
 def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     """Of the cell `watch`: the documents of its candidates, those with their motion, the scene and the model."""
-    from sqrp_cli.cli.session import Session, explain
+    from sqrp_cli.api.session import Session, explain
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank

@@ -23,6 +23,19 @@ def test_commands_print_what_the_page_shows(page: Path) -> None:
         assert printed == block.output, block.command
 
 
+PYTHON = re.compile(r"^```python\n(?P<code>.*?)^```$", re.DOTALL | re.MULTILINE)
+
+WITH_CODE = [page for page in PAGES if PYTHON.search(page.read_text())]
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=[str(page.relative_to(ROOT)) for page in WITH_CODE])
+def test_python_on_a_page_runs_from_top_to_bottom(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    names: dict[str, object] = {}
+    for code in PYTHON.findall(page.read_text()):
+        exec(compile(code, str(page), "exec"), names)  # noqa: S102 - our own pages
+
+
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
 def test_links_lead_to_files_that_exist(page: Path) -> None:
     for target, _ in LINK.findall(BLOCK.sub("", page.read_text())):

@@ -1,4 +1,4 @@
-"""What every command about a task begins with: the cell, the world it starts from, and the candidates."""
+"""What every question about a task begins with: the cell, the world it starts from, and the candidates."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sqrp_cli.cli.console import progress
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import alone, check_writable
 from sqrp_cli.knowledge.workspace import Workspace, World
@@ -24,15 +23,20 @@ from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.programming.verdict import verdict
+from sqrp_cli.scoring.findings import Progress
 
 
 @dataclass(frozen=True, eq=False)
 class Session:
     """A task in a cell."""
 
-    workspace: Workspace
     task: Task
     assignment: Assignment
+
+    @property
+    def workspace(self) -> Workspace:
+        """The cell's workspace."""
+        return self.cell.workspace
 
     @property
     def cell(self) -> Cell:
@@ -41,24 +45,16 @@ class Session:
 
     @classmethod
     def begin(
-        cls,
-        workspace: Workspace,
-        task: str,
-        before: Path | None,
-        sampling: Sampling,
-        calibration: Calibration | None = None,
-        seed: int = 0,
+        cls, cell: Cell, task: str, before: Path | None, sampling: Sampling, calibration: Calibration | None = None
     ) -> Session:
-        """Read the task, load the cell and find the world to start from.
+        """Read the task, and load the world to start from.
 
-        before: a program whose final world that is; the workspace's own state by default. seed: of all that planning
-        draws at random. Raises InputError for input
+        before: a program whose final world that is; the workspace's own state by default. Raises InputError for input
         that cannot be used.
         """
-        read = read_task(task, workspace)
-        cell = Cell.load(workspace, seed)
+        read = read_task(task, cell.workspace)
         world = cell.initial_world if before is None else _world_after(before, cell)
-        return cls(workspace, read, Assignment(cell, world, sampling, calibration))
+        return cls(read, Assignment(cell, world, sampling, calibration))
 
 
 def _world_after(path: Path, cell: Cell) -> World:
@@ -67,12 +63,12 @@ def _world_after(path: Path, cell: Cell) -> World:
     return program.steps[-1].after.world if program.steps else cell.initial_world
 
 
-def assess(session: Session, jobs: int) -> Iterator[Assessment]:
+def assess(session: Session, jobs: int, progress: Progress) -> Iterator[Assessment]:
     """The assessments of all candidates, in order, with the progress shown."""
     with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
         for assessment in assess_all(session.assignment, session.task.candidates, jobs):
             yield assessment
-            advance()
+            advance(1)
 
 
 def explain(assignment: Assignment, ranked: Ranked) -> tuple[Ranked, Study | None]:

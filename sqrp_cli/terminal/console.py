@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -61,8 +63,53 @@ Cell = Styled | Share
 """What a table may hold."""
 
 
+_captured: ContextVar[Console | None] = ContextVar("captured", default=None)
+"""The console that results go to while they are kept as text."""
+
+NOTEBOOK_WIDTH = 100
+"""Columns of results in a notebook."""
+
+
+def as_plain_text(show: Callable[[], None]) -> str:
+    """What a function prints as results, without styles, as wide as the terminal is."""
+    console = Console(file=io.StringIO(), width=terminal_width(), highlight=False, emoji=False, no_color=True)
+    with _instead(console):
+        show()
+    text = console.file.getvalue()  # type: ignore[attr-defined] # it is kept in memory
+    return str(text).rstrip("\n")
+
+
+def as_html(show: Callable[[], None]) -> str:
+    """What a function prints as results, with their colours, for a notebook."""
+    console = Console(
+        file=io.StringIO(),
+        width=NOTEBOOK_WIDTH,
+        highlight=False,
+        emoji=False,
+        record=True,
+        force_terminal=True,
+        color_system="truecolor",
+        no_color=False,
+    )
+    with _instead(console):
+        show()
+    return console.export_html(inline_styles=True, code_format='<pre style="line-height: 1.25">{code}</pre>')
+
+
+@contextmanager
+def _instead(console: Console) -> Iterator[None]:
+    token = _captured.set(console)
+    try:
+        yield
+    finally:
+        _captured.reset(token)
+
+
 def output() -> Console:
-    """The console of results, on stdout."""
+    """The console of results: on stdout, unless they are kept as text."""
+    captured = _captured.get()
+    if captured is not None:
+        return captured
     console = Console(highlight=False, soft_wrap=False, emoji=False)
     console.width = max(console.width, LEAST_WIDTH)
     return console

@@ -9,7 +9,6 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.cli.console import Column, Show, joined, live, plain, print_table, say
 from sqrp_cli.program import Program
 from sqrp_cli.runtime.narrator import listed
 from sqrp_cli.runtime.outcome import (
@@ -22,6 +21,7 @@ from sqrp_cli.runtime.outcome import (
     RunReport,
     tolerance,
 )
+from sqrp_cli.terminal.console import Column, Show, joined, live, plain, print_table, say
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.audit import AuditReport

@@ -6,11 +6,11 @@ import os
 import shlex
 from pathlib import Path
 
-from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say, say_command
 from sqrp_cli.joint_trajectory import tool_commands
 from sqrp_cli.program import Program, Step
 from sqrp_cli.program_file import workspace_path
 from sqrp_cli.program_totals import Totals
+from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say, say_command
 
 
 def print_program(program: Program, file: Path) -> None:

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.cli.accuracy import accuracy
-from sqrp_cli.cli.console import Column, Styled, joined, plain, print_table, say, terminal_width
 from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.explanation import CauseTotal, cause_totals, first_failures
@@ -16,6 +14,8 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.robustness import without_each_camera
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.terminal.accuracy import accuracy
+from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
 
 MOST_SIGNS = 50
 """Signs in a row, where the terminal is wide enough; each stands for an equal share of the motion's time."""

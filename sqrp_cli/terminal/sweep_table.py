@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from sqrp_cli.cli.console import Column, Styled, plain, print_table, say
 from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
+from sqrp_cli.terminal.console import Column, Styled, plain, print_table, say
 
 ROWS = 20
 """Variants that the table shows; the document has all."""

@@ -6,16 +6,16 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from sqrp_cli.cli.accuracy import accuracy
-from sqrp_cli.cli.console import Cell, Column, Share, Styled, joined, plain, print_table, say
-from sqrp_cli.cli.session import Session
 from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.faults import FaultMetrics
+from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
 from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.task import Candidate, in_words
 from sqrp_cli.programming.verdict import NOTHING_MISSING
 from sqrp_cli.report.documents.candidates import percentiles
+from sqrp_cli.terminal.accuracy import accuracy
+from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
@@ -35,14 +35,15 @@ _CRITERION_WORDS: dict[Criterion, str] = {
 }
 
 
-def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) -> None:
+def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked], by: Criterion) -> None:
     """The table with a row per feasible candidate, the infeasible ones with reasons, and what to make of it."""
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
-    say(joined([(session.task.text, "bold"), f" in {session.workspace.name}: {summary(ranking, by)}\n"]))
+    workspace = assignment.cell.workspace.name
+    say(joined([(title, "bold"), f" in {workspace}: {summary(ranking, by)}\n"]))
     if feasible:
         _print_feasible(feasible)
     if feasible:
-        _print_calibration(session, feasible, by)
+        _print_calibration(assignment, feasible, by)
     for ranked in feasible:
         if ranked.assessment.ways_around:
             say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
@@ -57,7 +58,7 @@ def print_ranking(session: Session, ranking: Sequence[Ranked], by: Criterion) ->
             say(f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}")
         say(
             plain(
-                f"* none is better in all of Q_eoi, Q_avg and time. {accuracy(session.assignment.sampling, feasible)}",
+                f"* none is better in all of Q_eoi, Q_avg and time. {accuracy(assignment.sampling, feasible)}",
                 "dim",
             )
         )
@@ -81,9 +82,9 @@ def _print_infeasible(assessments: Sequence[Assessment]) -> None:
         say(joined([("infeasible ", "red"), f"{who}: {reason}"]))
 
 
-def _print_calibration(session: Session, feasible: Sequence[Ranked], by: Criterion) -> None:
+def _print_calibration(assignment: Assignment, feasible: Sequence[Ranked], by: Criterion) -> None:
     """What inexact camera poses do to the qualities and to who is first."""
-    calibration = session.assignment.calibration
+    calibration = assignment.calibration
     if calibration is None:
         return
     assessments = [ranked.assessment for ranked in feasible]
