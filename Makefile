@@ -3,25 +3,36 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: all rank run test check bench load damage planners trials pictures calibrate format clean
+INSTALL := $(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable
+
+.PHONY: all rank run test check docs bench load damage planners trials pictures calibrate reproduce format clean
 
 all: .venv/installed
 
-.venv/installed: pyproject.toml constraints.txt
+# Three steps, so that a first look does not install the tools of developers.
+.venv/rank: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[ik,robots,sim,report,cluster,planners,dev]'
+	$(INSTALL) '.[ik,robots]'
 	@touch $@
 
-rank: all
+.venv/run: .venv/rank
+	$(INSTALL) '.[ik,robots,sim,report]'
+	@touch $@
+
+.venv/installed: .venv/run
+	$(INSTALL) '.[ik,robots,sim,report,cluster,planners,dev]'
+	@touch $@
+
+rank: .venv/rank
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green"
 
-run: all
+run: .venv/run
 	mkdir -p build && rm -f build/pick.yaml
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green" --program build/pick.yaml
 	$(BIN)/sqrp run build/pick.yaml --sim --fault slip@a4+1
 
 # Digest of every file that tests may depend on.
-FILES := sqrp_cli skills tests workspaces Makefile README.md CHANGELOG.md pyproject.toml constraints.txt
+FILES := sqrp_cli skills tests workspaces docs mkdocs.yml Makefile README.md CHANGELOG.md pyproject.toml constraints.txt
 DIGEST := find $(FILES) -type f -not -name '*.pyc' -print0 | LC_ALL=C sort -z | xargs -0 sha256sum | sha256sum
 
 test: all
@@ -38,6 +49,10 @@ check: all
 	@$(DIGEST) | cmp --silent - .venv/tested || $(MAKE) test
 	$(BIN)/pytest --numprocesses auto -m slow
 
+# The documentation, as pages that open from the disk: build/site/index.html.
+docs: all
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+
 bench: all
 	$(BIN)/python -m tests.benchmarks
 
@@ -49,7 +64,7 @@ load: all
 planners: all
 	SQRP_PLANNING_PROBLEMS=300 $(BIN)/pytest --numprocesses auto tests/logic/test_planner_against_fast_downward.py
 
-# The pictures in the README; needs Chromium.
+# The pictures of the documentation; needs Chromium.
 pictures: all
 	$(BIN)/python -m tests.pictures
 

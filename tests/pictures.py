@@ -1,4 +1,4 @@
-"""Makes the pictures of the README into `docs`: `python -m tests.pictures`. The same pictures every time."""
+"""Makes the pictures in `docs/pictures`: `python -m tests.pictures`. The same pictures every time."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sqrp_cli.cli.main import run
 from tests.cli.browser import Opened, chromium
 
 ROOT = Path(__file__).parents[1]
-DOCS = ROOT / "docs"
+DOCS = ROOT / "docs" / "pictures"
 CELL = str(ROOT / "workspaces" / "tabletop")
 TASK = "pickup green"
 SHOW_SLIP = "() => { document.getElementById('follow').click(); sqrp.seek(7.5); }"

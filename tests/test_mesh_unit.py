@@ -10,7 +10,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from sqrp_cli.cli.scene_document import scene_document
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.load import load_workspace
@@ -23,6 +22,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.mesh_sizes import doubtful_meshes
 from sqrp_cli.programming.motion.collision_body import Body
 from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.model import STEP, model_document
 from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation.model import build_model
@@ -97,7 +97,7 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Wor
     assert list(doubtful_meshes(workspace, RobotModel.load(workspace.robot))) == []
 
     cell = Cell.load(workspace)
-    (shown,) = (part for part in scene_document(cell)["opaque"] if part["parent"] == "g1")
+    (shown,) = (part for part in ShowDocument.of(cell).opaque if part.parent == "g1")
     assert shown["scale"] == [0.0254] * 3
     (drawn,) = (solid for solid in model_document(cell)["solids"] if solid["parent"] == "g1")
     np.testing.assert_allclose(spans(STEP * np.array(drawn["vertices"]).reshape(-1, 3)), spans(CORNERS), atol=STEP)

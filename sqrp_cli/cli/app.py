@@ -56,7 +56,7 @@ def execute(arguments: list[str]) -> int:
         _print_usage_error(error)
         return ExitCode.BAD_INPUT
     except InputError as error:
-        from sqrp_cli.cli.console import print_problems
+        from sqrp_cli.terminal.console import print_problems
 
         print_problems(error.problems)
         return ExitCode.BAD_INPUT

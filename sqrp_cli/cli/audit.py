@@ -25,12 +25,12 @@ def command(
 
     Tells how often each camera showed each literal when it was predicted to.
     """
-    from sqrp_cli.cli.console import progress, say_raw
-    from sqrp_cli.cli.documents import as_text
     from sqrp_cli.cli.program_input import open_program
-    from sqrp_cli.cli.run_document import audit_document
-    from sqrp_cli.cli.run_view import print_audit
+    from sqrp_cli.report.documents.document import as_text
+    from sqrp_cli.report.documents.runs import AuditDocument
     from sqrp_cli.runtime.simulation.requirements import check_packages
+    from sqrp_cli.terminal.console import progress, say_raw
+    from sqrp_cli.terminal.run_view import print_audit
 
     if not 0.0 <= threshold <= 1.0:
         raise InputError(Problem("bad-option", f"--threshold is {threshold:g}, expected 0 to 1"))
@@ -43,7 +43,7 @@ def command(
     with progress(f"Looking at {folder}", total) as advance:
         report = audit(found, workspace, folder, advance)
     if as_json:
-        say_raw(as_text(audit_document(workspace.name, report, threshold)))
+        say_raw(as_text(AuditDocument.of(workspace.name, report, threshold)))
     else:
         print_audit(found, workspace.name, report, threshold)
     precision = report.total.precision

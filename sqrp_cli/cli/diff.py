@@ -34,11 +34,11 @@ def command(
     from sqrp_cli.scoring.dask_client import connected
 
     with connected(cluster, option.tell) as workers:
-        from sqrp_cli.cli.console import progress
         from sqrp_cli.cli.score_run import show, why_not_scored
-        from sqrp_cli.cli.score_table import print_difference
         from sqrp_cli.scoring.compute import Means, open_computer
         from sqrp_cli.scoring.difference import difference, read_versions
+        from sqrp_cli.terminal.console import progress
+        from sqrp_cli.terminal.score_table import print_difference
 
         means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
         old, new = read_versions(before, after)

@@ -18,7 +18,7 @@ from sqrp_cli.cli.options import (
     Tolerance,
     WorkspacePath,
     job_count,
-    open_workspace,
+    open_with_warnings,
     read_sampling,
 )
 from sqrp_cli.errors import ExitCode, InputError, Problem
@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from sqrp_cli.cli.session import Session
     from sqrp_cli.programming.assessment import Study
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.ranking import Ranked
 
 NAME = "explain"
 
@@ -56,64 +54,34 @@ def command(
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
-    from sqrp_cli.cli.choice import check_choice, choose_candidate
-    from sqrp_cli.cli.console import print_problems, say_raw
-    from sqrp_cli.cli.documents import as_text, header
-    from sqrp_cli.cli.session import Session, assess
-    from sqrp_cli.cli.study_document import infeasible_document, study_document
-    from sqrp_cli.cli.timeline_chart import print_comparison, print_study
     from sqrp_cli.programming.outside import intervals_outside
-    from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.terminal.console import print_problems, progress, say_raw
 
     if all_candidates and choose is not None:
         raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
-    choice = choose or "best"
     if images is not None:
         from sqrp_cli.report.pictures import check_pictures
 
         check_pictures(images)
     sampling = read_sampling(samples, dt, tolerance)
-    session = Session.begin(open_workspace(workspace), task, after, sampling, seed=seed)
-    print_problems(session.cell.warnings)
-    check_choice(session.task, choice)
-    assessments = list(assess(session, job_count(jobs)))
-    print_problems(intervals_outside(assessments))
-    ranking = rank(assessments, "q_eoi")
-    explained = _explain(session, list(ranking) if all_candidates else [choose_candidate(ranking, choice)])
+    cell = open_with_warnings(workspace, seed)
+    choice = None if all_candidates else choose or "best"
+    explanation = cell.explain(task, choice, sampling=sampling, after=after, jobs=job_count(jobs), progress=progress)
+    print_problems((*cell.cell.warnings, *intervals_outside(one.assessment for one in explanation.ranking)))
     if as_json:
-        documents = [
-            infeasible_document(ranked) if found is None else study_document(session.cell, found, ranked, sampling)
-            for ranked, found in explained
-        ]
-        fields = header(session.workspace, task)
-        say_raw(as_text({**fields, "candidates": documents} if all_candidates else {**fields, **documents[0]}))
-    elif all_candidates:
-        print_comparison(explained, sampling)
+        say_raw(explanation.to_json())
     else:
-        print_study(session.cell, *explained[0], sampling)
+        explanation.show()
+    studies = [found for _, found in explanation.explained if found is not None]
     if images is not None:
-        studies = [found for _, found in explained if found is not None]
-        _write_images(session.cell, studies, images, several=all_candidates)
-    return ExitCode.OK if any(found is not None for _, found in explained) else ExitCode.NONE_FEASIBLE
-
-
-def _explain(session: Session, chosen: Sequence[Ranked]) -> list[tuple[Ranked, Study | None]]:
-    """Each with its causes; without where it is infeasible."""
-    from sqrp_cli.cli.console import progress
-    from sqrp_cli.cli.session import explain
-
-    explained = []
-    with progress("Looking up causes", len(chosen)) as advance:
-        for ranked in chosen:
-            explained.append(explain(session.assignment, ranked))
-            advance()
-    return explained
+        _write_images(cell.cell, studies, images, several=all_candidates)
+    return ExitCode.OK if studies else ExitCode.NONE_FEASIBLE
 
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:
     """Pictures of every blind interval, in a folder per candidate if there may be several."""
-    from sqrp_cli.cli.console import note, progress
     from sqrp_cli.report.pictures import SHEET, folder_of, write_pictures
+    from sqrp_cli.terminal.console import note, progress
 
     with progress("Taking pictures", len(studies)) as advance:
         for study in studies:

@@ -42,10 +42,11 @@ def command(
 
     What is guessed about your arm is marked `check:` in the file. Nothing is ever overwritten.
     """
-    from sqrp_cli.cli.console import print_problems, say_raw
-    from sqrp_cli.cli.documents import as_text
+    from sqrp_cli.report.documents.document import as_text
+    from sqrp_cli.report.documents.starters import InitDocument
     from sqrp_cli.starter.make import make_starter
     from sqrp_cli.starter.random_cell import Crowd
+    from sqrp_cli.terminal.console import print_problems, say_raw
 
     for option, value in (("--objects", objects), ("--cameras", cameras), ("--seed", seed)):
         if value is not None and not random:
@@ -54,15 +55,17 @@ def command(
     starter = make_starter(folder, urdf, crowd)
     print_problems(starter.warnings)
     if as_json:
-        fields = {"workspace": str(starter.folder), "tool_link": starter.tip, "objects": list(starter.cubes)}
-        say_raw(as_text({"schema": 1, **fields, "task": starter.task}))
+        document = InitDocument(
+            workspace=str(starter.folder), tool_link=starter.tip, objects=list(starter.cubes), task=starter.task
+        )
+        say_raw(as_text(document))
     else:
         _print(starter, folder, own=urdf is not None)
     return ExitCode.OK
 
 
 def _print(starter: Starter, folder: Path, *, own: bool) -> None:
-    from sqrp_cli.cli.console import say, say_command
+    from sqrp_cli.terminal.console import say, say_command
 
     where = shlex.quote(str(folder))
     say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")

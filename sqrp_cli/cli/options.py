@@ -12,7 +12,7 @@ import typer
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.programming.robustness import Calibration
     from sqrp_cli.programming.sampling import Sampling
 
@@ -59,19 +59,16 @@ MOST_SAMPLES = 20_000
 """Largest `--samples`."""
 
 
-def open_workspace(path: Path) -> Workspace:
-    """Read a workspace and print its warnings. Raises InputError where `sqrp check` finds errors in it."""
-    from sqrp_cli.cli.console import print_problems
-    from sqrp_cli.knowledge.lint import lint
-    from sqrp_cli.knowledge.load import load_workspace
+def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
+    """Open a workspace and print its warnings. Raises InputError where `sqrp check` finds errors in it."""
+    from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.terminal.console import print_problems
 
-    workspace = load_workspace(path)
-    problems = (*workspace.warnings, *lint(workspace))
-    print_problems([problem for problem in problems if problem.severity != "error"])
-    errors = [problem for problem in problems if problem.severity == "error"]
-    if errors:
-        raise InputError(*errors)
-    return workspace
+    cell = OpenCell.read(path, seed)
+    print_problems(problem for problem in cell.findings if problem.severity != "error")
+    if cell.errors:
+        raise InputError(*cell.errors)
+    return cell
 
 
 def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) -> Sampling:

@@ -70,10 +70,11 @@ def command(
 
 
 def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as_json: bool) -> None:
-    from sqrp_cli.cli.console import note, print_problems, say_raw
-    from sqrp_cli.cli.json_text import as_text
-    from sqrp_cli.cli.program_table import print_program, program_document
     from sqrp_cli.program_file import load_program
+    from sqrp_cli.report.documents.document import as_text
+    from sqrp_cli.report.documents.programs import ProgramDocument
+    from sqrp_cli.terminal.console import note, print_problems, say_raw
+    from sqrp_cli.terminal.program_table import print_program
 
     program = load_program(file)
     workspace, doubts = _judged(program, file)
@@ -87,7 +88,7 @@ def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as
         notes.append(_export(program, workspace, file, export, _read_rate(rate)))
     print_problems(doubts)
     if as_json:
-        say_raw(as_text(program_document(program, file, stale=bool(doubts))))
+        say_raw(as_text(ProgramDocument.of(program, file, stale=bool(doubts))))
     else:
         print_program(program, file)
     for text in notes:

@@ -6,12 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.cli.console import Column, ask, note, print_problems, print_table, progress, say
-from sqrp_cli.cli.options import job_count, open_workspace
-from sqrp_cli.cli.program_table import print_program
-from sqrp_cli.cli.rank_table import print_ranking
-from sqrp_cli.cli.session import ChosenStep, Session, add_steps, assess, chosen_steps
-from sqrp_cli.cli.suggestion_table import print_suggested
+from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
+from sqrp_cli.cli.options import job_count, open_with_warnings
 from sqrp_cli.errors import ExitCode, InputError
 from sqrp_cli.files import check_writable
 from sqrp_cli.knowledge.workspace import World
@@ -25,6 +21,10 @@ from sqrp_cli.programming.ranking import Ranked, rank
 from sqrp_cli.programming.sampling import Adaptive
 from sqrp_cli.programming.suggestion import Suggester
 from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.terminal.check_table import print_suggested
+from sqrp_cli.terminal.console import Column, ask, note, print_problems, print_table, progress, say
+from sqrp_cli.terminal.program_table import print_program
+from sqrp_cli.terminal.rank_table import print_ranking
 
 
 def make_program(path: Path) -> ExitCode:
@@ -32,8 +32,8 @@ def make_program(path: Path) -> ExitCode:
 
     Raises InputError for a workspace that cannot be used. Wrong answers are explained and asked for again.
     """
-    workspace = open_workspace(path)
-    cell = Cell.load(workspace)
+    opened = open_with_warnings(path)
+    workspace, cell = opened.workspace, opened.cell
     dialog = _Dialog(cell, None, new_program(workspace, cell.model.joints, Path()))
     say(f"A program for {workspace.name}. Enter without an answer takes what is in brackets.\n")
     try:
@@ -139,10 +139,10 @@ class _Dialog:
 
     def _choose(self, task: Task) -> list[ChosenStep]:
         """Rank the ways of a task and ask for one; where there is none, propose what has to be done first."""
-        session = Session(self.cell.workspace, task, Assignment(self.cell, self.world, Adaptive()))
-        ranking = rank(list(assess(session, job_count(None))), "q_eoi")
+        session = Session(task, Assignment(self.cell, self.world, Adaptive()))
+        ranking = rank(list(assess(session, job_count(None), progress)), "q_eoi")
         say()
-        print_ranking(session, ranking, "q_eoi")
+        print_ranking(task.text, session.assignment, ranking, "q_eoi")
         say()
         if ranking[0].rank is None:
             return self._propose(task)

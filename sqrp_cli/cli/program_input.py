@@ -26,8 +26,8 @@ def open_program(path: Path) -> tuple[Program, Workspace]:
 
 def program_and_workspace(path: Path) -> tuple[Program, Workspace]:
     """A program and its workspace as it is now, whether or not they still fit."""
-    from sqrp_cli.cli.options import open_workspace
+    from sqrp_cli.cli.options import open_with_warnings
     from sqrp_cli.program_file import load_program, workspace_path
 
     program = load_program(path)
-    return program, open_workspace(workspace_path(program, path))
+    return program, open_with_warnings(workspace_path(program, path)).workspace

@@ -19,7 +19,7 @@ from sqrp_cli.cli.options import (
     Tolerance,
     WorkspacePath,
     job_count,
-    open_workspace,
+    open_with_warnings,
     read_calibration,
     read_sampling,
 )
@@ -28,9 +28,8 @@ from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sqrp_cli.cli.documents import Document
-    from sqrp_cli.cli.session import Session
-    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.api.session import Session
     from sqrp_cli.programming.assessment import Assessment
     from sqrp_cli.programming.ranking import Criterion, Ranked
 
@@ -67,47 +66,46 @@ def command(
 
     The best are those in which the cameras will see what matters. The chosen one can be written as a program.
     """
-    from sqrp_cli.cli.choice import check_choice
-    from sqrp_cli.cli.console import note, print_problems, say_raw
-    from sqrp_cli.cli.documents import as_text
-    from sqrp_cli.cli.rank_table import print_ranking
-    from sqrp_cli.cli.session import Session
+    from sqrp_cli.api.choice import check_choice
+    from sqrp_cli.api.results import Ranking
     from sqrp_cli.programming.outside import intervals_outside
     from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.terminal.console import note, print_problems, say_raw
 
     criterion = _criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
     drawn = read_calibration(calibration, seed)
-    opened, before = _checked_files(workspace, after, program, report)
-    session = Session.begin(opened, task, before, sampling, drawn, seed)
+    cell, before = _checked_files(workspace, seed, after, program, report)
+    session = cell.begin(task, sampling=sampling, calibration=drawn, after=before)
     print_problems(session.cell.warnings)
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))
     if not assessments:
         return ExitCode.INTERRUPTED
     print_problems(intervals_outside(assessments))
-    ranking = rank(assessments, criterion)
+    ranked = rank(assessments, criterion)
     if report is not None and not interrupted:
-        interrupted = not _page_is_written(session, ranking, criterion, report, context.obj, job_count(jobs))
+        interrupted = not _page_is_written(session, ranked, criterion, report, context.obj, job_count(jobs))
     # Written before it is told, because whoever reads may leave early.
-    code, told = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranking, choose, program)
+    code, told = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choose, program)
+    ranking = Ranking(session, ranked, criterion, interrupted)
     if as_json:
-        say_raw(as_text(_document(session, assessments, ranking, criterion, interrupted=interrupted)))
+        say_raw(ranking.to_json())
     else:
-        print_ranking(session, ranking, criterion)
+        ranking.show()
     if told:
         note(told)
     return code
 
 
 def _checked_files(
-    workspace: Path, after: Path | None, program: Path | None, report: Path | None
-) -> tuple[Workspace, Path | None]:
-    """The workspace, and the program whose final world the task starts from.
+    workspace: Path, seed: int, after: Path | None, program: Path | None, report: Path | None
+) -> tuple[OpenCell, Path | None]:
+    """The cell, and the program whose final world the task starts from.
 
     Raises InputError, before anything is computed, where files cannot be read or written or are one another.
     """
-    from sqrp_cli.cli.session import world_before
+    from sqrp_cli.api.session import world_before
     from sqrp_cli.files import check_distinct, check_not_read
 
     check_distinct({"--program": program, "--report": report})
@@ -116,19 +114,19 @@ def _checked_files(
         from sqrp_cli.cli.report_page import check_report
 
         check_report(report)
-    opened = open_workspace(workspace)
-    check_not_read([report], [program, after, *(file.path for file in opened.files.values())])
-    return opened, before
+    cell = open_with_warnings(workspace, seed)
+    check_not_read([report], [program, after, *(file.path for file in cell.workspace.files.values())])
+    return cell, before
 
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
     """The assessments of all candidates, or of those that are finished at Ctrl-C; and whether that came."""
-    from sqrp_cli.cli.console import note
-    from sqrp_cli.cli.session import assess
+    from sqrp_cli.api.session import assess
+    from sqrp_cli.terminal.console import note, progress
 
     assessments: list[Assessment] = []
     try:
-        assessments.extend(assess(session, jobs))  # keeps those that came before an exception
+        assessments.extend(assess(session, jobs, progress))  # keeps those that came before an exception
     except KeyboardInterrupt:
         note(f"interrupted when {len(assessments)} of {len(session.task.candidates)} candidates were finished")
         return assessments, True
@@ -139,8 +137,8 @@ def _page_is_written(
     session: Session, ranking: Sequence[Ranked], by: Criterion, file: Path, arguments: Sequence[str], jobs: int
 ) -> bool:
     """Write the page about a ranking; whether that was done before a Ctrl-C."""
-    from sqrp_cli.cli.console import note
     from sqrp_cli.cli.report_page import write_ranking
+    from sqrp_cli.terminal.console import note
 
     try:
         write_ranking(session, ranking, by, file, arguments, jobs)
@@ -150,27 +148,6 @@ def _page_is_written(
     return True
 
 
-def _document(
-    session: Session,
-    assessments: Sequence[Assessment],
-    ranking: Sequence[Ranked],
-    criterion: Criterion,
-    *,
-    interrupted: bool,
-) -> Document:
-    from sqrp_cli.cli.documents import calibration_fields, candidate_document, header, sampling_document
-
-    assignment = session.assignment
-    return {
-        **header(session.workspace, session.task.text),
-        "by": criterion,
-        "sampling": sampling_document(assignment.sampling, assessments),
-        **calibration_fields(assignment.calibration, assessments, criterion),
-        **({"interrupted": True} if interrupted else {}),
-        "candidates": [candidate_document(ranked) for ranked in ranking],
-    }
-
-
 def _write_chosen(
     session: Session, ranking: Sequence[Ranked], choose: str, program: Path | None
 ) -> tuple[ExitCode, str]:
@@ -178,8 +155,8 @@ def _write_chosen(
 
     Returns the exit code, and what there is to say about it.
     """
-    from sqrp_cli.cli.choice import choose_candidate
-    from sqrp_cli.cli.session import ChosenStep, add_steps
+    from sqrp_cli.api.choice import choose_candidate
+    from sqrp_cli.api.session import ChosenStep, add_steps
 
     chosen = choose_candidate(ranking, choose)
     if chosen.rank is None:

@@ -9,21 +9,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli import __version__
-from sqrp_cli.cli.accuracy import accuracy
-from sqrp_cli.cli.console import note, progress
-from sqrp_cli.cli.documents import candidate_document
-from sqrp_cli.cli.rank_table import differing_parameters, summary
-from sqrp_cli.cli.scene_document import scene_document
-from sqrp_cli.cli.session import Session, explain
-from sqrp_cli.cli.study_document import study_document
+from sqrp_cli.api.session import Session, explain
 from sqrp_cli.files import check_writable
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.pipeline import Assignment, in_processes
 from sqrp_cli.programming.ranking import Criterion, Ranked
+from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.report.documents.explanation import CandidateStudy
+from sqrp_cli.report.documents.playback import PlayedCandidate
+from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.libraries import check_libraries
 from sqrp_cli.report.model import model_document
-from sqrp_cli.report.packing import packed, without_repetition
+from sqrp_cli.report.packing import packed
 from sqrp_cli.report.page import CellScene, Entry, PageContent, write_page
+from sqrp_cli.terminal.accuracy import accuracy
+from sqrp_cli.terminal.console import note, progress
+from sqrp_cli.terminal.rank_table import differing_parameters, summary
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace import Workspace
@@ -114,7 +115,7 @@ def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> 
         assessment.candidate.name,
         mark,
         labels,
-        candidate_document(ranked),
+        CandidateFigures.of(ranked),
         assessment.reasons,
         0,
         detail,
@@ -131,7 +132,7 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> Entry:
         "best": "" if best is None else best.assessment.candidate.name,
     }
     # How the best compares with the others of its task says nothing about the other rows.
-    candidate = None if best is None else {**candidate_document(best), "pareto": False}
+    candidate = None if best is None else replace(CandidateFigures.of(best), pareto=False)
     return Entry(
         ", ".join(filter(None, labels.values())),
         score.status,
@@ -146,7 +147,7 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> Entry:
 
 def cell_scene(cell: Cell) -> CellScene:
     """What a page needs to draw a cell."""
-    return CellScene(scene_document(cell), packed(model_document(cell)))
+    return CellScene(ShowDocument.of(cell), packed(model_document(cell)))
 
 
 def origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
@@ -158,4 +159,5 @@ def _detail(assignment: Assignment, ranked: Ranked) -> str | None:
     explained, found = explain(assignment, ranked)
     if found is None:
         return None
-    return packed(without_repetition(study_document(assignment.cell, found, explained, assignment.sampling)))
+    study = CandidateStudy.of_study(assignment.cell, found, explained, assignment.sampling)
+    return packed(PlayedCandidate.of_candidate(study))

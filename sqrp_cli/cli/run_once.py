@@ -42,14 +42,14 @@ def run_once(
     """
     import numpy as np
 
-    from sqrp_cli.cli.console import note
     from sqrp_cli.cli.run_page import EventRecorder, RunCell, write_run
     from sqrp_cli.cli.run_result import show_run
-    from sqrp_cli.cli.run_view import LiveView, wall_time
     from sqrp_cli.files import check_writable
     from sqrp_cli.runtime.faults import parse_fault
     from sqrp_cli.runtime.log import LogWriter
     from sqrp_cli.runtime.simulated_run import header
+    from sqrp_cli.terminal.console import note
+    from sqrp_cli.terminal.run_view import LiveView, wall_time
 
     program, workspace = simulation.program, simulation.workspace
     rng = np.random.default_rng(simulation.seed)

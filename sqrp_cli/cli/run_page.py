@@ -8,12 +8,24 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqrp_cli.cli.console import note
 from sqrp_cli.cli.report_page import cell_scene, origin
+from sqrp_cli.report.documents.explanation import Span
+from sqrp_cli.report.documents.playback import (
+    EndOfImages,
+    Mark,
+    Marks,
+    Moment,
+    PlayedRun,
+    Positions,
+    Shown,
+    ShownInstant,
+    ShownLiteral,
+)
 from sqrp_cli.report.packing import packed
 from sqrp_cli.report.page import Entry, PageContent, write_page
 from sqrp_cli.runtime.outcome import Event, FaultRecord, RunReport
 from sqrp_cli.runtime.witness import Track
+from sqrp_cli.terminal.console import note
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace import Workspace
@@ -53,8 +65,8 @@ class EventRecorder:
 
 def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: Path, arguments: Sequence[str]) -> None:
     """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
-    from sqrp_cli.cli.run_view import short_times
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.terminal.run_view import short_times
 
     names = [step.label for step in report.steps]
     figures = [("simulated time", f"{report.time:.2f} s"), ("images", f"{report.images}")]
@@ -88,41 +100,38 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     note(f"open {path} in a browser")
 
 
-def _detail(
-    cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str
-) -> dict[str, Any]:
+def _detail(cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str) -> PlayedRun:
     """What the page reads of a motion, with what images showed in place of what was predicted."""
     marks = [(report.label_of(fault), _spans(report, fault)) for fault in report.faults]
-    return {
-        "of_images": True,
-        "time": report.time,
-        "still": {},
-        "cameras": {name: {} for name in cell.cameras},
-        "primitives": _doings(events, report.time),
-        "formulas": [],
-        "targets": {} if track is None else _targets(events, report.time),
-        "marks": [{"label": name, "spans": spans} for name, spans in marks if spans],
-        "moments": _moments(report, events),
-        "note": WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
-        "samples": _samples(cell.cameras, events, report.time),
-        "track": None if track is None else _track(track),
-    }
+    return PlayedRun(
+        time=report.time,
+        still={},
+        cameras={name: {} for name in cell.cameras},
+        primitives=_doings(events, report.time),
+        formulas=[],
+        targets={} if track is None else _targets(events, report.time),
+        marks=[Marks(label=name, spans=spans) for name, spans in marks if spans],
+        moments=_moments(report, events),
+        note=WITNESSED if track is not None else f"There is no playback in three dimensions: {why_flat}.",
+        samples=_samples(cell.cameras, events, report.time),
+        track=None if track is None else _track(track),
+    )
 
 
-def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> list[dict[str, Any]]:
+def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> list[ShownInstant | EndOfImages]:
     """What the images of each time showed. The last ones count for as long as any before them, and nothing after.
 
     Images of one time may arrive one after the other: what all of them showed is told last.
     """
     told = {event.fields["exposed"]: event for event in events if event.kind == "evidence"}
     samples = [_sample(cameras, told[t]) for t in sorted(told)]
-    times = [sample["t"] for sample in samples]
+    times = [sample.t for sample in samples]
     longest = max((after - t for t, after in pairwise(times)), default=end)
     over = min(end, times[-1] + longest) if times else 0.0
-    return [*samples, {"t": over, "covered": None, "literals": {}}]
+    return [*samples, EndOfImages(t=over, literals={})]
 
 
-def _doings(events: Sequence[Event], end: float) -> list[dict[str, Any]]:
+def _doings(events: Sequence[Event], end: float) -> list[Span]:
     """What the robot does: primitives, and what it does between them in words."""
     starts: list[tuple[float, str]] = []
     for event in events:
@@ -137,7 +146,7 @@ def _doings(events: Sequence[Event], end: float) -> list[dict[str, Any]]:
                 starts.append((event.t, "stops"))
     ends = [*(t for t, _ in starts), end][1:]
     spans = zip(starts, ends, strict=True)
-    return [{"name": name, "start": start, "end": until} for (start, name), until in spans if until > start]
+    return [Span(name=name, start=start, end=until) for (start, name), until in spans if until > start]
 
 
 def _targets(events: Sequence[Event], end: float) -> dict[str, Any]:
@@ -157,17 +166,17 @@ def _targets(events: Sequence[Event], end: float) -> dict[str, Any]:
     return targets
 
 
-def _track(track: Track) -> dict[str, Any]:
-    return {
-        "t": track.t.tolist(),
-        "joints": list(track.joints),
-        "q": track.q.tolist(),
-        "held": list(track.held),
-        "objects": {name: [[index, *pose] for index, pose in poses] for name, poses in track.poses.items()},
-    }
+def _track(track: Track) -> Positions:
+    return Positions(
+        t=track.t.tolist(),
+        joints=list(track.joints),
+        q=track.q.tolist(),
+        held=list(track.held),
+        objects={name: [[index, *pose] for index, pose in poses] for name, poses in track.poses.items()},
+    )
 
 
-def _moments(report: RunReport, events: Sequence[Event]) -> list[dict[str, Any]]:
+def _moments(report: RunReport, events: Sequence[Event]) -> list[Moment]:
     """The times to look at, with what happens then."""
     happens: dict[float, list[str]] = {}
     for fault in report.faults:
@@ -185,39 +194,42 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[dict[str, Any]]
             happens.setdefault(event.t, []).append(words[event.kind])
     for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
         happens.setdefault(round(t, 6), []).append("the step is done")
-    return [{"t": t, "text": ", ".join(texts)} for t, texts in sorted(happens.items())]
+    return [Moment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
 
 
-def _spans(report: RunReport, fault: FaultRecord) -> list[dict[str, Any]]:
+def _spans(report: RunReport, fault: FaultRecord) -> list[Mark]:
     """When a fault had happened and was not seen, and when it was seen and not yet made good."""
     label, end = report.label_of(fault), report.time
     spans = []
     if fault.happened is not None:
         seen = end if fault.detected is None else fault.detected
-        spans.append({"start": fault.happened, "end": seen, "text": f"{label} has happened and is not seen"})
+        spans.append(Mark(start=fault.happened, end=seen, text=f"{label} has happened and is not seen"))
     if fault.detected is not None:
         acted = end if fault.acted is None else fault.acted
-        spans.append({"start": fault.detected, "end": acted, "text": f"{label} is seen, the robot stops and looks"})
+        spans.append(Mark(start=fault.detected, end=acted, text=f"{label} is seen, the robot stops and looks"))
     return spans
 
 
-def _sample(cameras: Sequence[str], event: Event) -> dict[str, Any]:
+def _sample(cameras: Sequence[str], event: Event) -> ShownInstant:
     asked = {name: found for name, found in event.fields["literals"].items() if found["asked"]}
     told = all(found["value"] != "blind" for found in asked.values())
-    return {
-        "t": event.fields["exposed"],
-        "covered": told if asked else None,
-        "kind": "told" if told else "untold",
-        "literals": {name: _literal(cameras, found) for name, found in asked.items()},
-    }
+    return ShownInstant(
+        t=event.fields["exposed"],
+        covered=told if asked else None,
+        kind="told" if told else "untold",
+        literals={name: _literal(cameras, found) for name, found in asked.items()},
+    )
 
 
-def _literal(cameras: Sequence[str], found: Mapping[str, Any]) -> dict[str, Any]:
-    shown = {name: _verdict(found["cameras"].get(name, "blind"), "nothing") for name in cameras}
-    return {**_verdict(found["value"], "unseen"), "boxes": [], "cameras": shown, "really": found.get("true")}
+def _literal(cameras: Sequence[str], found: Mapping[str, Any]) -> ShownLiteral:
+    return ShownLiteral(
+        **vars(_shown(found["value"], "unseen")),
+        boxes=[],
+        cameras={name: _shown(found["cameras"].get(name, "blind"), "nothing") for name in cameras},
+        really=found.get("true"),
+    )
 
 
-def _verdict(shown: str, blind: str) -> dict[str, Any]:
+def _shown(value: str, blind: str) -> Shown:
     """What images show of an atom: `true`, `false`, or `blind` where they show nothing, which has a kind of its own."""
-    kind = blind if shown == "blind" else f"shown_{shown}"
-    return {"covered": shown != "blind", "kind": kind, "cause": None, "by": None}
+    return Shown(covered=value != "blind", kind=blind if value == "blind" else f"shown_{value}")

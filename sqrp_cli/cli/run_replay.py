@@ -20,12 +20,12 @@ def run_replay(
     path: Path, program: Path | None, page: Path | None, arguments: Sequence[str], *, as_json: bool
 ) -> ExitCode:
     """Show a run again. program: tells where its workspace is, for a page that plays it in three dimensions."""
-    from sqrp_cli.cli.console import print_problems
     from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_result import show_run
-    from sqrp_cli.cli.run_view import LiveView
     from sqrp_cli.files import check_not_read
     from sqrp_cli.runtime.log import read_log, report_of
+    from sqrp_cli.terminal.console import print_problems
+    from sqrp_cli.terminal.run_view import LiveView
 
     events = read_log(path)
     header = next(events)

@@ -15,13 +15,13 @@ def show_run(report: RunReport, workspace: str, period: float | None, *, as_json
 
     period: between images of the slowest camera [s], None if that is not known.
     """
-    from sqrp_cli.cli.console import say_raw
-    from sqrp_cli.cli.documents import as_text
-    from sqrp_cli.cli.run_document import run_document
-    from sqrp_cli.cli.run_view import print_run
+    from sqrp_cli.report.documents.document import as_text
+    from sqrp_cli.report.documents.runs import RunDocument
+    from sqrp_cli.terminal.console import say_raw
+    from sqrp_cli.terminal.run_view import print_run
 
     if as_json:
-        say_raw(as_text(run_document(workspace, report)))
+        say_raw(as_text(RunDocument.of(workspace, report)))
     else:
         print_run(workspace, report, period)
     return ExitCode.OK if report.outcome == "done" else ExitCode.STOPPED_ON_FAULT

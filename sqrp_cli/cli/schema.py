@@ -1,4 +1,4 @@
-"""`sqrp schema`: the JSON Schema of workspace and skill files."""
+"""`sqrp schema`: the JSON Schema of files and documents."""
 
 from __future__ import annotations
 
@@ -10,21 +10,26 @@ from sqrp_cli.errors import ExitCode
 
 NAME = "schema"
 
-File = Annotated[str, typer.Argument(metavar="workspace|skill", help="Of which files: workspace.yaml or skill.yaml.")]
+Name = Annotated[
+    str,
+    typer.Argument(
+        metavar="NAME", help="workspace or skill, for files; or a command, such as rank, for what its --json prints."
+    ),
+]
 JsonAnyway = Annotated[
     bool, typer.Option("--json", help="Print one JSON document and nothing else, as always.", show_default=False)
 ]
 
 
-def command(file: File = "workspace", as_json: JsonAnyway = True) -> ExitCode:  # noqa: ARG001 - always JSON
-    """Print the JSON Schema of workspace files, or of skill files.
+def command(name: Name = "workspace", as_json: JsonAnyway = True) -> ExitCode:  # noqa: ARG001 - always JSON
+    """Print the JSON Schema of a file, or of what a command prints with --json.
 
-    Editors complete and check these files with it.
+    Editors complete and check files with it, programs read documents with it.
     """
     import json
 
-    from sqrp_cli.cli.console import say_raw
-    from sqrp_cli.knowledge.file_schemas import file_schema
+    from sqrp_cli.report.documents.schemas import schema_of
+    from sqrp_cli.terminal.console import say_raw
 
-    say_raw(json.dumps(file_schema(file), indent=2))
+    say_raw(json.dumps(schema_of(name), indent=2))
     return ExitCode.OK

@@ -55,6 +55,6 @@ Patch = Annotated[
 
 def tell(text: str) -> None:
     """A line about what a run waits for; loads what it is printed with when there is one."""
-    from sqrp_cli.cli.console import note
+    from sqrp_cli.terminal.console import note
 
     note(text)

@@ -7,15 +7,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sqrp_cli.cli.console import note, print_problems, progress, say_raw
-from sqrp_cli.cli.documents import as_text
-from sqrp_cli.cli.score_document import score_document
 from sqrp_cli.cli.score_outputs import Outputs
-from sqrp_cli.cli.score_table import print_report
 from sqrp_cli.errors import ExitCode, InputError, Problem
 from sqrp_cli.files import check_not_read
 from sqrp_cli.memory import keep_all_so_far
 from sqrp_cli.programming.outside import intervals_outside
+from sqrp_cli.report.documents.document import as_text
+from sqrp_cli.report.documents.scores import ScoreDocument
 from sqrp_cli.scoring.baseline import Baseline, baseline_of, load_baseline, save_baseline
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
 from sqrp_cli.scoring.compute import Computer, Means, open_computer
@@ -24,6 +22,8 @@ from sqrp_cli.scoring.findings import CoverageLookup, Findings, compare_with, sc
 from sqrp_cli.scoring.junit import write_junit
 from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.summary import write_summary
+from sqrp_cli.terminal.console import note, print_problems, progress, say_raw
+from sqrp_cli.terminal.score_table import print_report
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def why_not_scored(*found: Findings) -> list[Problem]:
 def show(findings: Findings, print_findings: Callable[[Findings], None], *, as_json: bool) -> ExitCode:
     """Print what was found, in words or as a document; returns the exit code that it stands for."""
     if as_json:
-        say_raw(as_text(score_document(findings)))
+        say_raw(as_text(ScoreDocument.of(findings)))
     else:
         print_findings(findings)
     if findings.interrupted:

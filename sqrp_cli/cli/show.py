@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from sqrp_cli.cli.options import Json, WorkspacePath
 from sqrp_cli.errors import ExitCode
-
-if TYPE_CHECKING:
-    from sqrp_cli.knowledge.robot import Robot
-    from sqrp_cli.programming.cell import Cell
 
 NAME = "show"
 
@@ -19,102 +13,13 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
 
     Robot, cameras, objects, skills and state, with every path and pose resolved.
     """
-    from sqrp_cli.cli.console import print_problems, say_raw
-    from sqrp_cli.cli.documents import as_text
-    from sqrp_cli.cli.scene_document import scene_document
-    from sqrp_cli.knowledge.load import load_workspace
-    from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.terminal.console import print_problems, say_raw
 
-    cell = Cell.load(load_workspace(workspace))
-    print_problems(cell.warnings)
+    scene = OpenCell.read(workspace).scene()
+    print_problems(scene.cell.warnings)
     if as_json:
-        say_raw(as_text(scene_document(cell)))
+        say_raw(scene.to_json())
     else:
-        _print_scene(cell)
+        scene.show()
     return ExitCode.OK
-
-
-def _print_scene(cell: Cell) -> None:
-    import numpy as np
-
-    from sqrp_cli.cli.console import Column, print_table, say
-
-    workspace, model = cell.workspace, cell.model
-    robot = workspace.robot
-    say(
-        f"{workspace.name}: {robot.urdf.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}\n", "bold"
-    )
-    joints = [
-        (name, *(f"{np.degrees(value):.0f}" if turns else f"{1000 * value:.0f} mm" for value in values))
-        for name, turns, *values in zip(
-            model.arm, model.turns, model.lower, model.upper, model.velocity, model.acceleration, model.jerk,
-            model.home, strict=True,
-        )
-    ]  # fmt: skip
-    print_table(
-        [Column("joint [deg, s]"), *(Column(title, right=True) for title in ("min", "max", "v", "a", "j", "home"))],
-        joints,
-    )
-    _print_hand(robot)
-    say(_checked_pairs(cell))
-    cameras = [
-        (
-            camera.name, camera.frame, _numbers(camera.X_FC[:3, 3]), f"{camera.width}x{camera.height}",
-            f"{np.degrees(2 * np.arctan(camera.width / 2 / camera.matrix[0, 0])):.0f}", camera.distortion_model,
-            f"{camera.near:g}-{camera.far:g}", f"{camera.rate:g}", f"{1000 * camera.latency:.0f}",
-        )
-        for camera in workspace.cameras.values()
-    ]  # fmt: skip
-    titles = ("at [m]", "pixels", "fov", "lens", "range [m]", "Hz", "ms")
-    print_table([Column("camera"), Column("frame"), *(Column(title) for title in titles)], cameras)
-    say()
-    X_WO = cell.initial_world.X_WO
-    objects = [
-        (thing.name, " ".join(filter(None, (thing.color, thing.type, *thing.attributes))), _numbers(thing.size),
-         _numbers(X_WO[thing.name][:3, 3]) if thing.name in X_WO else "unknown",
-         "fixed" if thing.fixed else "movable", "tool" if thing.X_TO is not None else thing.on or "")
-        for thing in workspace.objects.values()
-    ]  # fmt: skip
-    print_table(
-        [Column("object"), Column("what"), Column("size [m]"), Column("at [m]"), Column(""), Column("on")], objects
-    )
-    say(f"\nskills  {', '.join(workspace.skills)}")
-    say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
-    say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
-
-
-def _print_hand(robot: Robot) -> None:
-    """The fingers and the markers on links, where there are any."""
-    from sqrp_cli.cli.console import say
-
-    if robot.fingers is not None:
-        joints = (
-            f"{name} {1000 * opened:.0f} mm open, {1000 * robot.fingers.closed[name]:.0f} mm closed"
-            for name, opened in robot.fingers.open.items()
-        )
-        say(f"\nfingers  {'; '.join(joints)}")
-    if robot.markers:
-        markers = (f"{link} (id {m.id}, {1000 * m.side:.0f} mm)" for link, m in robot.markers.items())
-        say(f"markers  {', '.join(markers)}")
-
-
-def _checked_pairs(cell: Cell) -> str:
-    """Which pairs of links are checked against each other, and which are not."""
-    from sqrp_cli.programming.motion.self_contacts import SAMPLES
-
-    checked = len(cell.collision.self_pairs)
-    contacts = cell.self_contacts
-    if contacts is None:
-        left_out = len(cell.workspace.robot.disabled_pairs)
-        return f"\n{checked} pairs of parts are checked for contact; the SRDF leaves out {left_out} pairs of links.\n"
-    names = ", ".join(f"{a}-{b}" for a, b in sorted(contacts.unchecked)) or "none"
-    return (
-        f"\n{checked} pairs of parts are checked for contact. There is no SRDF: left out are neighbours, and links "
-        f"that touch at home or always: {names}. {len(contacts.never)} pairs of links touched at none of {SAMPLES} "
-        "positions tried, and are checked all the same.\n"
-    )
-
-
-def _numbers(values: object) -> str:
-    """Numbers [m] to 1 mm."""
-    return " ".join(f"{round(value, 3) + 0.0:.3f}" for value in values)  # type: ignore[attr-defined]

@@ -15,12 +15,12 @@ def sweep_slips(simulation: Simulation, text: str, count: int, *, as_json: bool)
 
     Raises InputError for a fault that cannot be swept.
     """
-    from sqrp_cli.cli.console import progress, say_raw
-    from sqrp_cli.cli.documents import as_text
-    from sqrp_cli.cli.run_document import sweep_document
-    from sqrp_cli.cli.run_view import print_sweep
+    from sqrp_cli.report.documents.document import as_text
+    from sqrp_cli.report.documents.runs import SweepDocument
     from sqrp_cli.runtime.faults import parse_sweep
     from sqrp_cli.runtime.simulated_run import SweepSummary, sweep
+    from sqrp_cli.terminal.console import progress, say_raw
+    from sqrp_cli.terminal.run_view import print_sweep
 
     program, workspace = simulation.program, simulation.workspace
     place, primitive = parse_sweep(text, program.steps)
@@ -29,7 +29,7 @@ def sweep_slips(simulation: Simulation, text: str, count: int, *, as_json: bool)
         runs = list(sweep(simulation, place.number, primitive, count, advance))
     summary = SweepSummary.of(runs, max(1.0 / camera.rate for camera in workspace.cameras.values()))
     if as_json:
-        say_raw(as_text(sweep_document(workspace.name, text, place.number, runs, summary)))
+        say_raw(as_text(SweepDocument.of(workspace.name, text, place.number, runs, summary)))
     else:
         print_sweep(program, place.number, workspace.name, text, runs, summary)
     return ExitCode.OK if all(run.report.outcome == "done" for run in runs) else ExitCode.STOPPED_ON_FAULT

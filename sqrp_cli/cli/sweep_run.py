@@ -7,18 +7,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.cli.console import note, print_problems, progress, say, say_line, say_raw
-from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.score_run import nothing_scored, why_not_scored
-from sqrp_cli.cli.sweep_table import print_sweep, sweep_document
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 from sqrp_cli.files import check_writable, write_atomically
 from sqrp_cli.programming.outside import intervals_outside
+from sqrp_cli.report.documents.document import as_text
+from sqrp_cli.report.documents.scores import VaryDocument
 from sqrp_cli.scoring.compute import Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces, short_names
 from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.sweep import Sweep, from_here, read_variants, sweep
 from sqrp_cli.scoring.variation import read_variation, variants
+from sqrp_cli.terminal.console import note, print_problems, progress, say, say_line, say_raw
+from sqrp_cli.terminal.sweep_table import print_sweep
 
 MARK = "# The best variant that `sqrp score --vary` found"
 """How the patch begins; `patch` and `git apply` skip it. Only files that begin so are overwritten."""
@@ -65,7 +66,7 @@ def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode
     if found.patch:
         write_atomically(patch, f"{MARK}\n{found.patch}")
     if as_json:
-        say_raw(as_text(sweep_document(found, name, str(patch) if found.patch else None)))
+        say_raw(as_text(VaryDocument.of(found, name, str(patch) if found.patch else None)))
     else:
         print_sweep(found)
         say()

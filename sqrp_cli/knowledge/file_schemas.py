@@ -7,23 +7,22 @@ from typing import Any
 
 from pydantic.json_schema import GenerateJsonSchema
 
-from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.entries import Entry
 from sqrp_cli.knowledge.skill_file import SkillFile
 from sqrp_cli.knowledge.units import Quantity
 from sqrp_cli.knowledge.workspace_file import WorkspaceFile
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+"""What the schemas are written in."""
 
 FILES: Mapping[str, type[Entry]] = {"workspace": WorkspaceFile, "skill": SkillFile}
 """What describes the whole of a file, by the file's name without `.yaml`."""
 
 
 def file_schema(name: str) -> dict[str, Any]:
-    """JSON Schema (2020-12) of the files of that name, one of `FILES`. Raises InputError for another name."""
-    if name not in FILES:
-        problem = Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, FILES)}")
-        raise InputError(problem)
+    """JSON Schema (2020-12) of the files of that name, one of `FILES`."""
     schema = FILES[name].model_json_schema(schema_generator=_Generator)
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+    return {"$schema": DIALECT, **schema}
 
 
 class _Generator(GenerateJsonSchema):

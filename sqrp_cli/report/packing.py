@@ -8,6 +8,8 @@ import unicodedata
 import zlib
 from typing import Any
 
+from sqrp_cli.report.documents.document import plain
+
 DIGITS = 6
 """Decimals that figures keep: micrometres and microseconds."""
 
@@ -18,8 +20,8 @@ def packed(document: object) -> str:
     return base64.b64encode(zlib.compress(text.encode(), 9)).decode()
 
 
-def tidy(value: Any) -> Any:  # noqa: ANN401 # a JSON value of any kind
-    """A JSON value with figures rounded to `DIGITS`, and with strings that nothing can hide in."""
+def tidy(value: Any) -> Any:  # noqa: ANN401 # a record, or a JSON value of any kind
+    """A record as a JSON value with figures rounded to `DIGITS`, and with strings that nothing can hide in."""
     match value:
         case bool() | int() | None:
             return value
@@ -27,10 +29,10 @@ def tidy(value: Any) -> Any:  # noqa: ANN401 # a JSON value of any kind
             return round(value, DIGITS)
         case str():
             return visible(value)
-        case dict():
-            return {visible(key): tidy(entry) for key, entry in value.items()}
-        case _:
+        case list() | tuple():
             return [tidy(entry) for entry in value]
+        case _:
+            return {visible(key): tidy(entry) for key, entry in plain(value).items()}
 
 
 def visible(text: str) -> str:
@@ -42,24 +44,3 @@ def visible(text: str) -> str:
 
 _UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")
 """Unicode's categories of characters that change a line without being seen in it."""
-
-
-def without_repetition(study: dict[str, Any]) -> dict[str, Any]:
-    """The document of a candidate (`explain --json`) without what follows from the rest of it.
-
-    Corners of boxes follow from the poses of their frames. Objects that never move are in `still` instead of in every
-    sample.
-    """
-    samples = study["samples"]
-    first = samples[0]["objects"] if samples else {}
-    still = {name: pose for name, pose in first.items() if all(s["objects"][name] == pose for s in samples)}
-    return {**study, "still": still, "samples": [_sample(sample, still) for sample in samples]}
-
-
-def _sample(sample: dict[str, Any], still: dict[str, Any]) -> dict[str, Any]:
-    literals = {
-        name: {**literal, "boxes": [{"cameras": box["cameras"]} for box in literal["boxes"]]}
-        for name, literal in sample["literals"].items()
-    }
-    objects = {name: pose for name, pose in sample["objects"].items() if name not in still}
-    return {**sample, "objects": objects, "literals": literals}

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli.files import write_atomically
+from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.libraries import viewer_library
 from sqrp_cli.report.packing import packed, visible
 
@@ -25,7 +27,7 @@ class Entry:
 
     name: of the whole. mark: what the row begins with, such as a rank; labels: what tells it from the others, by title.
     candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of the cell
-    that it belongs to. detail: the `packed` document of `explain --json` `without_repetition`; None without a motion.
+    that it belongs to. detail: a `packed` `playback` of it; None without a motion.
     figures: what is told instead of the candidate's figures, as pairs of a term and its value. retried: names of the
     candidate's faults after which the robot tries again; after any other nothing is done, so no time for it is told.
     """
@@ -33,7 +35,7 @@ class Entry:
     name: str
     mark: str
     labels: Mapping[str, float | str]
-    candidate: dict[str, Any] | None
+    candidate: CandidateFigures | None
     reasons: Sequence[str]
     scene: int | None
     detail: str | None
@@ -45,7 +47,7 @@ class Entry:
 class CellScene:
     """A cell. scene: the document of `show --json`. model: see `model_document`, `packed`."""
 
-    scene: dict[str, Any]
+    scene: ShowDocument
     model: str
 
 

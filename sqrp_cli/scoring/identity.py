@@ -8,13 +8,10 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-import sqrp_cli
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
-
-_COMPUTING = ("geometry.py", "trajectory.py", "knowledge", "logic", "programming", "scoring/outcome.py")
-"""Parts of the program that figures depend on."""
+from sqrp_cli.version import __version__
 
 _LIBRARIES = ("numpy", "pin", "coal", "ruckig", "ompl", "eaik")
 """Libraries that figures depend on."""
@@ -26,18 +23,25 @@ _FILE_KEYS = frozenset({"urdf", "srdf", "mesh", "calibration", "hand_eye"})
 @cache
 def program_digest() -> str:
     """Digest of the code and the libraries that compute: results of different ones are never mixed."""
-    root = Path(sqrp_cli.__file__).parent
-    hashed = hashlib.sha256(sqrp_cli.__version__.encode())
-    for part in _COMPUTING:
-        path = root / part
-        for file in [path] if path.is_file() else sorted((*path.rglob("*.py"), *path.rglob("*.lark"))):
-            hashed.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    hashed = hashlib.sha256(__version__.encode())
+    hashed.update(code_digest(Path(__file__).parents[1]).encode())
     for library in _LIBRARIES:
         try:
             version = metadata.version(library)
         except metadata.PackageNotFoundError:
             version = "none"
         hashed.update(f"{library} {version}\n".encode())
+    return hashed.hexdigest()
+
+
+def code_digest(root: Path) -> str:
+    """Digest of all code and grammars of a package, whatever its folders are called.
+
+    What only prints counts too: which part figures depend on is nobody's to list.
+    """
+    hashed = hashlib.sha256()
+    for file in sorted(path for path in root.rglob("*") if path.suffix in (".py", ".lark")):
+        hashed.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
     return hashed.hexdigest()
 
 

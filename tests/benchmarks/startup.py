@@ -17,7 +17,7 @@ from tests.benchmarks.table import milliseconds, print_table
 
 TASK = "pickup green"
 SQRP = Path(sys.executable).with_name("sqrp")
-IMPORTS = "import sqrp_cli.cli.main, sqrp_cli.cli.session, sqrp_cli.cli.rank_table, sqrp_cli.knowledge.load"
+IMPORTS = "import sqrp_cli.cli.main, sqrp_cli.api.session, sqrp_cli.terminal.rank_table, sqrp_cli.knowledge.load"
 
 _STAGES = f"""
 import time
@@ -82,8 +82,7 @@ def print_stages(imports: float) -> None:
     """
     clock = _Clock()
     clock.times["imports (without the interpreter)"] = imports
-    from sqrp_cli.cli.rank_table import print_ranking
-    from sqrp_cli.cli.session import Session
+    from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.digest import ContentDigest
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.programming import assessment, feasibility, timeline
@@ -95,6 +94,7 @@ def print_stages(imports: float) -> None:
     from sqrp_cli.programming.sensing import observer
     from sqrp_cli.programming.solids import load_solids
     from sqrp_cli.programming.task import read_task
+    from sqrp_cli.terminal.rank_table import print_ranking
 
     def watch(module: object, name: str, stage: str) -> None:
         work = getattr(module, name)

@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from sqrp_cli.report.packing import packed, without_repetition
+from sqrp_cli.report.packing import packed
 from sqrp_cli.report.page import CellScene, Entry, PageContent, page
 from tests.cli.browser import Opened, click_at_random
 from tests.cli.hostile import hostile_cell
@@ -478,22 +478,27 @@ def test_a_cell_with_hostile_files_has_pages_that_work(browser, sqrp, watch, tmp
 @pytest.fixture(scope="module")
 def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     """Of the cell `watch`: the documents of its candidates, those with their motion, the scene and the model."""
-    from sqrp_cli.cli.documents import candidate_document
-    from sqrp_cli.cli.scene_document import scene_document
-    from sqrp_cli.cli.session import Session, explain
-    from sqrp_cli.cli.study_document import study_document
+    from sqrp_cli.api.session import Session, explain
     from sqrp_cli.knowledge.load import load_workspace
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
     from sqrp_cli.programming.sampling import Adaptive
+    from sqrp_cli.report.documents.candidates import CandidateFigures
+    from sqrp_cli.report.documents.explanation import CandidateStudy
+    from sqrp_cli.report.documents.playback import PlayedCandidate
+    from sqrp_cli.report.documents.scene import ShowDocument
     from sqrp_cli.report.model import model_document
+    from sqrp_cli.report.packing import tidy
 
     session = Session.begin(load_workspace(watch), "watch green", None, Adaptive())
     assessments = list(assess_all(session.assignment, session.task.candidates, 1))
     explained = [explain(session.assignment, ranked) for ranked in rank(assessments, "q_eoi")]
     ranked = [
-        (candidate_document(ranked), without_repetition(study_document(session.cell, study, ranked, Adaptive())))
+        (
+            tidy(CandidateFigures.of(ranked)),
+            tidy(PlayedCandidate.of_candidate(CandidateStudy.of_study(session.cell, study, ranked, Adaptive()))),
+        )
         for ranked, study in explained
         if study is not None
     ]
-    return ranked, scene_document(session.cell), model_document(session.cell)
+    return ranked, tidy(ShowDocument.of(session.cell)), model_document(session.cell)

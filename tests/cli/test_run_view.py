@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from sqrp_cli.cli.console import Column, print_table
-from sqrp_cli.cli.run_view import print_run, short_times
 from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
+from sqrp_cli.terminal.console import Column, print_table
+from sqrp_cli.terminal.run_view import print_run, short_times
 
 FORMULA = (
     "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sqrp_cli.report.packing import packed, tidy, visible, without_repetition
+from sqrp_cli.report.packing import packed, tidy, visible
 
 
 def unpacked(text: str) -> object:
@@ -47,16 +47,3 @@ def test_what_cannot_be_seen_is_spelled_out(mark):
 @pytest.mark.parametrize("text", ["hold(g1)", "Kamera süd", "מצלמה", "相机 2", "<b>&amp;'\""])
 def test_what_can_be_seen_stays(text):
     assert visible(text) == text
-
-
-def test_objects_that_never_move_are_told_once():
-    samples = [
-        {"t": t, "objects": {"part": [[x]], "table": [[0.0]]}, "literals": {"hold": {"covered": True, "boxes": [box]}}}
-        for t, x in ((0.0, 1.0), (1.0, 2.0))
-        for box in ({"corners": [[0.0] * 3] * 8, "cameras": {"cam": {"covered": True}}},)
-    ]
-    found = without_repetition({"samples": samples})
-    assert found["still"] == {"table": [[0.0]]}
-    assert [sample["objects"] for sample in found["samples"]] == [{"part": [[1.0]]}, {"part": [[2.0]]}]
-    literal = {"covered": True, "boxes": [{"cameras": {"cam": {"covered": True}}}]}
-    assert found["samples"][0]["literals"] == {"hold": literal}

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from sqrp_cli.cli.run_page import RunCell, write_run
-from sqrp_cli.cli.run_view import print_run
 from sqrp_cli.errors import InputError
 from sqrp_cli.runtime.log import LogWriter, read_log, report_of
 from sqrp_cli.runtime.outcome import Event, FaultRecord, RunReport, StepRecord
 from sqrp_cli.runtime.witness import Track
+from sqrp_cli.terminal.run_view import print_run
 
 IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 BOXES = {"hold(g)": [{"frame": "tool0", "size": [0.1, 0.1, 0.1], "pose": IDENTITY}]}

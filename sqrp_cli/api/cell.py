@@ -1,0 +1,228 @@
+"""A cell that is open for questions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sqrp_cli.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores
+    from sqrp_cli.api.session import Session
+    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.logic.planner import Planner
+    from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.programming.robustness import Calibration
+    from sqrp_cli.programming.sampling import Sampling
+    from sqrp_cli.scoring.findings import Progress
+
+
+@contextmanager
+def unseen(_title: str, _total: int) -> Iterator[Callable[[int], None]]:
+    """Progress that nobody sees."""
+    yield lambda _count: None
+
+
+def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
+    """Read a workspace: its folder, or its YAML file.
+
+    seed: of everything that planning draws at random. Raises InputError, with file, line and column, for a workspace
+    that cannot be used.
+    """
+    cell = OpenCell.read(Path(path), seed)
+    if cell.errors:
+        raise InputError(*cell.errors)
+    return cell
+
+
+@dataclass(frozen=True, eq=False)
+class OpenCell:
+    """A cell, and what can be asked about it.
+
+    path: as it was given. seed: of everything that planning draws at random.
+
+    Every question takes `jobs`, the processes to use at most, and raises InputError for input that cannot be used. What
+    cannot be done is a result with reasons, no exception.
+    """
+
+    path: Path
+    workspace: Workspace
+    seed: int = 0
+
+    @classmethod
+    def read(cls, path: Path, seed: int = 0) -> OpenCell:
+        """A workspace, whatever there is to say about it. Raises InputError for one that cannot be read at all."""
+        from sqrp_cli.knowledge.load import load_workspace
+
+        return cls(path, load_workspace(path), seed)
+
+    @cached_property
+    def findings(self) -> tuple[Problem, ...]:
+        """Warnings about the workspace, and errors where nothing but `check` and `scene` can be asked."""
+        from sqrp_cli.knowledge.lint import lint
+
+        return (*self.workspace.warnings, *lint(self.workspace))
+
+    @property
+    def errors(self) -> tuple[Problem, ...]:
+        """The findings that keep the cell from being used."""
+        return tuple(problem for problem in self.findings if problem.severity == "error")
+
+    @cached_property
+    def cell(self) -> Cell:
+        """Robot model, collision scene and cameras, made once. Raises InputError for a mesh that cannot be used."""
+        from sqrp_cli.programming.cell import Cell
+
+        return Cell.load(self.workspace, self.seed)
+
+    def begin(
+        self,
+        task: str,
+        *,
+        sampling: Sampling | None = None,
+        calibration: Calibration | None = None,
+        after: Path | None = None,
+    ) -> Session:
+        """A task in the cell, before anything is computed; see `rank`."""
+        from sqrp_cli.api.session import Session
+        from sqrp_cli.programming.sampling import Adaptive
+
+        return Session.begin(self.cell, task, after, sampling or Adaptive(), calibration)
+
+    def rank(
+        self,
+        task: str,
+        *,
+        by: Criterion = "q_eoi",
+        sampling: Sampling | None = None,
+        calibration: Calibration | None = None,
+        after: Path | None = None,
+        jobs: int = 1,
+        progress: Progress = unseen,
+    ) -> Ranking:
+        """Rank the ways of doing a task, such as `pickup green`.
+
+        by: what counts first. sampling: of the motions, adaptive by default. calibration: how exactly the cameras are
+        calibrated, if what that does is to be computed. after: a program from whose final world to start.
+        """
+        from sqrp_cli.api.results import Ranking
+        from sqrp_cli.api.session import assess
+        from sqrp_cli.programming.ranking import rank
+
+        session = self.begin(task, sampling=sampling, calibration=calibration, after=after)
+        return Ranking(session, rank(list(assess(session, jobs, progress)), by), by)
+
+    def explain(
+        self,
+        task: str,
+        choose: str | None = "best",
+        *,
+        sampling: Sampling | None = None,
+        after: Path | None = None,
+        jobs: int = 1,
+        progress: Progress = unseen,
+    ) -> Explanation:
+        """Explain when each camera sees each literal, and what is in the way when it does not.
+
+        choose: the candidate's name, `best` for the first in the ranking, or None to compare all of them.
+        """
+        from sqrp_cli.api.choice import check_choice, choose_candidate
+        from sqrp_cli.api.results import Explanation
+        from sqrp_cli.api.session import assess, explain
+        from sqrp_cli.programming.ranking import rank
+
+        session = self.begin(task, sampling=sampling, after=after)
+        check_choice(session.task, choose or "best")
+        ranking = rank(list(assess(session, jobs, progress)), "q_eoi")
+        chosen = list(ranking) if choose is None else [choose_candidate(ranking, choose)]
+        explained = []
+        with progress("Looking up causes", len(chosen)) as advance:
+            for ranked in chosen:
+                explained.append(explain(session.assignment, ranked))
+                advance(1)
+        return Explanation(session, task, ranking, explained, several=choose is None)
+
+    def check(
+        self,
+        task: str | None = None,
+        *,
+        after: Path | None = None,
+        plan: bool | None = None,
+        planner: Planner | None = None,
+        jobs: int = 1,
+        progress: Progress = unseen,
+    ) -> Check:
+        """Check the workspace, and which candidates of a task can be done, why the others cannot, and what to do first.
+
+        plan: whether to look for what has to be done, each step in its best way; by default where no candidate can be
+        done at once. planner: that of this package by default.
+        """
+        from sqrp_cli.api.results import Check
+        from sqrp_cli.logic.planner import find_plan
+        from sqrp_cli.programming.dependency_check import best_suggestion, check_candidate
+        from sqrp_cli.programming.listed_tasks import impossible_tasks
+        from sqrp_cli.programming.outside import intervals_outside
+        from sqrp_cli.programming.suggestion import Suggester
+
+        name, path = self.workspace.name, str(self.path)
+        if self.errors:
+            return Check(path, name, task, self.findings)
+        if task is None:
+            doubts = (*self.findings, *impossible_tasks(self.workspace), *self._doubts())
+            return Check(path, name, None, doubts)
+        session = self.begin(task, after=after)
+        suggester = Suggester(session.cell, session.assignment.world, planner or find_plan, jobs)
+        found = []
+        with progress(f"Checking {task}", len(session.task.candidates)) as advance:
+            for candidate in session.task.candidates:
+                found.append(check_candidate(candidate, suggester))
+                advance(1)
+        wanted = not any(one.feasible for one in found) if plan is None else plan
+        suggested = best_suggestion(found, suggester) if wanted else ()
+        problems = (*self.findings, *session.cell.warnings, *intervals_outside(found))
+        return Check(path, name, task, problems, tuple(found), suggested)
+
+    def _doubts(self) -> Iterator[Problem]:
+        """Warnings that need the geometry of the cell, among them what the robot hits at home.
+
+        That is no error, because a program may have left the robot elsewhere.
+        """
+        cell = self.cell
+        yield from cell.warnings
+        contact = cell.collision.contact_in(cell.initial_world)
+        if contact is not None:
+            message = f"at home {contact} before anything moves, so no task can begin there"
+            mend = "change the home position, or move what is in its way"
+            place = self.workspace.places.get("robot.home")
+            yield Problem("contact-at-home", message, place, severity="warning", mend=mend)
+
+    def scene(self) -> Scene:
+        """What was understood of the workspace."""
+        from sqrp_cli.api.results import Scene
+
+        return Scene(self.cell)
+
+    def score(
+        self,
+        *,
+        sampling: Sampling | None = None,
+        out: Path | None = None,
+        jobs: int = 1,
+        progress: Progress = unseen,
+    ) -> Scores:
+        """Score all tasks that the workspace lists. out: a folder in which results are kept for a later call."""
+        from sqrp_cli.api.results import Scores
+        from sqrp_cli.programming.sampling import Adaptive
+        from sqrp_cli.scoring.cells import read_cells
+        from sqrp_cli.scoring.compute import Means, open_computer
+        from sqrp_cli.scoring.findings import score_cells
+
+        means = Means(sampling or Adaptive(), jobs, None, out, self.seed)
+        with open_computer(means) as computer:
+            return Scores(score_cells(list(read_cells([self.workspace.path])), computer, progress))

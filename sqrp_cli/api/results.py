@@ -1,0 +1,232 @@
+"""What questions about a cell result in: typed documents that show themselves as the terminal's tables."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument, Recalibrated, SamplingDone
+from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
+from sqrp_cli.report.documents.document import Document, TaskDocument, as_text
+from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
+from sqrp_cli.report.documents.scene import ShowDocument
+from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
+
+if TYPE_CHECKING:
+    from sqrp_cli.api.session import Session
+    from sqrp_cli.errors import Problem
+    from sqrp_cli.programming.assessment import Study
+    from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.dependency_check import Feasibility
+    from sqrp_cli.programming.ranking import Criterion, Ranked
+    from sqrp_cli.programming.suggestion import SuggestedStep
+    from sqrp_cli.scoring.findings import Findings
+
+AnyDocument = TypeVar("AnyDocument", bound=Document, covariant=True)
+
+
+class Result(ABC, Generic[AnyDocument]):
+    """An answer. `print` and a notebook show it as the command of the same name does."""
+
+    @property
+    @abstractmethod
+    def document(self) -> AnyDocument:
+        """All of it, with the fields of `--json`."""
+
+    @abstractmethod
+    def show(self) -> None:
+        """Print it to the terminal."""
+
+    def to_json(self) -> str:
+        """The document as one line of JSON, as `--json` prints it."""
+        return as_text(self.document)
+
+    def __str__(self) -> str:
+        from sqrp_cli.terminal.console import as_plain_text
+
+        return as_plain_text(self.show)
+
+    def _repr_html_(self) -> str:
+        from sqrp_cli.terminal.console import as_html
+
+        return as_html(self.show)
+
+
+@dataclass(frozen=True, eq=False)
+class Ranking(Result[RankDocument]):
+    """The candidates of a task, best first.
+
+    ranked: the candidates, infeasible ones last. interrupted: whether some are missing because of Ctrl-C.
+    """
+
+    session: Session
+    ranked: Sequence[Ranked]
+    by: Criterion
+    interrupted: bool = False
+
+    @property
+    def candidates(self) -> tuple[CandidateFigures, ...]:
+        """The candidates with their figures, best first, infeasible ones last."""
+        return self.document.candidates
+
+    @property
+    def best(self) -> CandidateFigures | None:
+        """The first candidate, None if none is feasible."""
+        first = self.candidates[0]
+        return first if first.feasible else None
+
+    @cached_property
+    def document(self) -> RankDocument:
+        """The document of `sqrp rank`."""
+        assignment = self.session.assignment
+        # In the order of the task: draws that are equal go to the candidate that comes first there.
+        order = {id(candidate): place for place, candidate in enumerate(self.session.task.candidates)}
+        assessments = sorted((one.assessment for one in self.ranked), key=lambda one: order[id(one.candidate)])
+        return RankDocument(
+            workspace=self.session.workspace.name,
+            task=self.session.task.text,
+            by=self.by,
+            sampling=SamplingDone.of(assignment.sampling, assessments),
+            calibration=Recalibrated.of(assignment, assessments, self.by),
+            interrupted=self.interrupted or None,
+            candidates=tuple(CandidateFigures.of(one) for one in self.ranked),
+        )
+
+    def show(self) -> None:
+        """Print the table of `sqrp rank`."""
+        from sqrp_cli.terminal.rank_table import print_ranking
+
+        print_ranking(self.session.task.text, self.session.assignment, self.ranked, self.by)
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation(Result[TaskDocument]):
+    """Some candidates over time.
+
+    task: as it was asked. ranking: of all candidates. explained: those that were asked about, each with its study, None
+    where it is infeasible. several: whether they are compared, not explained one by one.
+    """
+
+    session: Session
+    task: str
+    ranking: Sequence[Ranked]
+    explained: Sequence[tuple[Ranked, Study | None]]
+    several: bool
+
+    @property
+    def candidates(self) -> list[CandidateStudy]:
+        """The candidates with everything from which their figures can be computed again."""
+        document = self.document
+        return document.candidates if isinstance(document, ExplainAllDocument) else [document]
+
+    @cached_property
+    def document(self) -> ExplainDocument | ExplainAllDocument:
+        """The document of `sqrp explain`."""
+        cell, sampling, name = self.session.cell, self.session.assignment.sampling, self.session.workspace.name
+        studies = [
+            CandidateStudy.infeasible(one) if found is None else CandidateStudy.of_study(cell, found, one, sampling)
+            for one, found in self.explained
+        ]
+        if self.several:
+            return ExplainAllDocument(workspace=name, task=self.task, candidates=studies)
+        return ExplainDocument(workspace=name, task=self.task, **vars(studies[0]))
+
+    def show(self) -> None:
+        """Print the timeline of `sqrp explain`, or the comparison of `--all`."""
+        from sqrp_cli.terminal.timeline_chart import print_comparison, print_study
+
+        sampling = self.session.assignment.sampling
+        if self.several:
+            print_comparison(self.explained, sampling)
+        else:
+            print_study(self.session.cell, *self.explained[0], sampling)
+
+
+@dataclass(frozen=True, eq=False)
+class Check(Result[CheckDocument]):
+    """The findings about a workspace, and which candidates of a task can be done.
+
+    path: of the workspace, as it was given. found: empty without a task. suggested: what has to be done first.
+    """
+
+    path: str
+    workspace: str
+    task: str | None
+    problems: tuple[Problem, ...]
+    found: tuple[Feasibility, ...] = ()
+    suggested: tuple[SuggestedStep, ...] = ()
+
+    @property
+    def valid(self) -> bool:
+        """Whether nothing is wrong; warnings are not errors."""
+        return all(problem.severity != "error" for problem in self.problems)
+
+    @property
+    def candidates(self) -> list[CheckedCandidate]:
+        """The candidates, in the order of the task."""
+        return self.document.candidates
+
+    @cached_property
+    def document(self) -> CheckDocument:
+        """The document of `sqrp check`."""
+        return CheckDocument.of(self.workspace, self.task, self.found, self.problems)
+
+    def show(self) -> None:
+        """Print what `sqrp check` prints on stdout; `problems` are warnings and errors."""
+        from sqrp_cli.terminal.check_table import print_candidates, print_valid
+
+        if not self.valid:
+            return
+        if self.task is None:
+            print_valid(self.path, self.workspace, self.problems)
+        else:
+            print_candidates(self.task, self.workspace, self.found, self.suggested)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene(Result[ShowDocument]):
+    """What was understood of a workspace."""
+
+    cell: Cell
+
+    @cached_property
+    def document(self) -> ShowDocument:
+        """The document of `sqrp show`."""
+        return ShowDocument.of(self.cell)
+
+    def show(self) -> None:
+        """Print what `sqrp show` prints."""
+        from sqrp_cli.terminal.scene_table import print_scene
+
+        print_scene(self.cell)
+
+
+@dataclass(frozen=True, eq=False)
+class Scores(Result[ScoreDocument]):
+    """Every task of some workspaces."""
+
+    findings: Findings
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing failed and nothing is wrong."""
+        return self.findings.passed
+
+    @property
+    def results(self) -> list[TaskResult]:
+        """A result per task."""
+        return self.document.results
+
+    @cached_property
+    def document(self) -> ScoreDocument:
+        """The document of `sqrp score`."""
+        return ScoreDocument.of(self.findings)
+
+    def show(self) -> None:
+        """Print the table of `sqrp score`."""
+        from sqrp_cli.terminal.score_table import print_report
+
+        print_report(self.findings)

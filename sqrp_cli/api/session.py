@@ -1,0 +1,142 @@
+"""What every question about a task begins with: the cell, the world it starts from, and the candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.files import alone, check_writable
+from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.program import Program
+from sqrp_cli.program_check import flaws
+from sqrp_cli.program_file import check_program, load_program, new_program, save_program
+from sqrp_cli.programming.assessment import Assessment, Study, study
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.pipeline import Assignment, assess_all
+from sqrp_cli.programming.program_update import make_step
+from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.robustness import Calibration
+from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.programming.suggestion import SuggestedStep
+from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.programming.verdict import verdict
+from sqrp_cli.scoring.findings import Progress
+
+
+@dataclass(frozen=True, eq=False)
+class Session:
+    """A task in a cell."""
+
+    task: Task
+    assignment: Assignment
+
+    @property
+    def workspace(self) -> Workspace:
+        """The cell's workspace."""
+        return self.cell.workspace
+
+    @property
+    def cell(self) -> Cell:
+        """The cell."""
+        return self.assignment.cell
+
+    @classmethod
+    def begin(
+        cls, cell: Cell, task: str, before: Path | None, sampling: Sampling, calibration: Calibration | None = None
+    ) -> Session:
+        """Read the task, and load the world to start from.
+
+        before: a program whose final world that is; the workspace's own state by default. Raises InputError for input
+        that cannot be used.
+        """
+        read = read_task(task, cell.workspace)
+        world = cell.initial_world if before is None else _world_after(before, cell)
+        return cls(read, Assignment(cell, world, sampling, calibration))
+
+
+def _world_after(path: Path, cell: Cell) -> World:
+    program = load_program(path)
+    check_program(program, path, cell.workspace)
+    return program.steps[-1].after.world if program.steps else cell.initial_world
+
+
+def assess(session: Session, jobs: int, progress: Progress) -> Iterator[Assessment]:
+    """The assessments of all candidates, in order, with the progress shown."""
+    with progress(f"Assessing {session.task.text}", len(session.task.candidates)) as advance:
+        for assessment in assess_all(session.assignment, session.task.candidates, jobs):
+            yield assessment
+            advance(1)
+
+
+def explain(assignment: Assignment, ranked: Ranked) -> tuple[Ranked, Study | None]:
+    """A candidate with the study of every camera's verdicts and the figures of that; no study if it is infeasible."""
+    if ranked.rank is None:
+        return ranked, None
+    cell = assignment.cell
+    found = study(cell, ranked.assessment.candidate, assignment.world, assignment.sampling, full=True)
+    if isinstance(found, Infeasible):
+        raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
+    return replace(ranked, assessment=found.assessment(verdict(cell, found))), found
+
+
+def world_before(after: Path | None, program: Path | None) -> Path | None:
+    """The program whose final world a task starts from: a step that is appended starts where its program ends.
+
+    Raises InputError where that contradicts `--after`, or where the program cannot be written.
+    """
+    if program is None:
+        return after
+    check_writable(program)
+    if not program.exists():
+        return after
+    if after is not None and after.resolve() != program.resolve():
+        message = f"{program} exists, so its next step starts where it ends and not where {after} does"
+        raise InputError(Problem("bad-option", message, mend="leave out --after, or name a new file after --program"))
+    return program
+
+
+@dataclass(frozen=True, eq=False)
+class ChosenStep:
+    """A feasible candidate that is to become a step of a program, with its task and the world that it starts from."""
+
+    task: str
+    assessment: Assessment
+    world: World
+
+
+def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:
+    """The steps of a suggestion, all of which are feasible."""
+    return [ChosenStep(step.task, step.assessment, step.world) for step in suggested if step.assessment and step.world]
+
+
+def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path) -> Program:
+    """Append steps to a program file, all or none; it is made if it does not exist. Returns the program.
+
+    Raises InputError where the file has changed since the steps were computed, so that they do not begin where it ends.
+    """
+    cameras = tuple(camera.name for camera in cell.observer.cameras)
+    added = []
+    for chosen in steps:
+        found = study(cell, chosen.assessment.candidate, chosen.world, sampling, full=True)
+        if isinstance(found, Infeasible):
+            raise ValueError(f"{chosen.assessment.candidate.name} is infeasible: {found.reasons[0]}")
+        added.append(make_step(chosen.task, found, chosen.assessment, cameras))
+    with alone(path):
+        program = _program_at(path, cell).with_steps(added)
+        if any(flaws(program)):
+            message = "this program has changed meanwhile, and the new step does not begin where it ends now"
+            raise InputError(Problem("changed-meanwhile", message, Place(path), mend="run the same command again"))
+        save_program(program, path)
+    return program
+
+
+def _program_at(path: Path, cell: Cell) -> Program:
+    """The program of a file, or one without steps where there is no such file."""
+    if not path.exists():
+        return new_program(cell.workspace, cell.model.joints, path)
+    program = load_program(path)
+    check_program(program, path, cell.workspace)
+    return program

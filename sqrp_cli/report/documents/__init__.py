@@ -1,0 +1,1 @@
+"""What leaves the program as JSON: a typed record per document, for other programs, pages and tests alike."""

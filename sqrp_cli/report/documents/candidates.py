@@ -1,0 +1,165 @@
+"""`rank`: the candidates of a task, best first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from sqrp_cli.programming.faults import FaultMetrics
+from sqrp_cli.programming.ranking import Criterion, winners
+from sqrp_cli.programming.robustness import DRAWS
+from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
+from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.assessment import Assessment
+    from sqrp_cli.programming.pipeline import Assignment
+    from sqrp_cli.programming.ranking import Ranked
+
+
+@dataclass(frozen=True, kw_only=True)
+class CandidateFigures(Record):
+    """The figures of a candidate; those of an infeasible one are null."""
+
+    parameters: Mapping[str, float | str]
+    """Objects and motion parameters by name."""
+    feasible: bool
+    rank: int | None
+    """Place in the ranking from 1; null if it is infeasible."""
+    reasons: tuple[str, ...]
+    """Why it is infeasible, most useful first."""
+    time: float | None
+    """Duration of the whole motion [s]."""
+    q_avg: float | None
+    q_eoi: float | None
+    t_total: float | None
+    """T, the time that formulas ask about [s]."""
+    t_eoi: float | None
+    """T_eoi, the time of the events of interest [s]."""
+    faults: Mapping[str, FaultMetrics]
+    states: int | None
+    """Samples that hold literals."""
+    pareto: bool
+    """Whether no other candidate is at least as good in q_avg, q_eoi and time, and better in one."""
+    verdict: str
+    """Where it is blind, why, and what would help."""
+
+    @classmethod
+    def of(cls, ranked: Ranked) -> CandidateFigures:
+        """The figures of a candidate in a ranking."""
+        return cls(**figures(ranked))
+
+
+def figures(ranked: Ranked) -> dict[str, Any]:
+    """The fields of `CandidateFigures`, which other records begin with too."""
+    assessment = ranked.assessment
+    own = {"parameters": assessment.candidate.parameters, "rank": ranked.rank, "pareto": ranked.pareto}
+    return {part.name: own.get(part.name, getattr(assessment, part.name, None)) for part in fields(CandidateFigures)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class SamplingDone(Record):
+    """How the motions were sampled."""
+
+    mode: Literal["adaptive", "samples", "dt"]
+    samples: int | None = field(default=None, metadata=LEFT_OUT)
+    """Instants per primitive."""
+    dt: float | None = field(default=None, metadata=LEFT_OUT)
+    """Time between instants [s]."""
+    tolerance: float | None = field(default=None, metadata=LEFT_OUT)
+    """Error of Q that sampling may leave."""
+    max_motion: float | None = field(default=None, metadata=LEFT_OUT)
+    """How far anything moves between two instants [m]."""
+    error: float | None
+    """Largest remaining error of Q."""
+    max_gap: float | None
+    """Largest time between two instants [s]; shorter events may be missed."""
+
+    @classmethod
+    def of(cls, sampling: Sampling, assessments: Sequence[Assessment]) -> SamplingDone:
+        """How the motions of some candidates were sampled."""
+        error = max((a.error for a in assessments if a.error is not None), default=None)
+        gap = max((a.largest_gap for a in assessments if a.largest_gap is not None), default=None)
+        match sampling:
+            case FixedCount(samples):
+                return cls(mode="samples", samples=samples, error=error, max_gap=gap)
+            case FixedStep(dt):
+                return cls(mode="dt", dt=dt, error=error, max_gap=gap)
+            case Adaptive(tolerance):
+                return cls(mode="adaptive", tolerance=tolerance, max_motion=MAX_MOTION, error=error, max_gap=gap)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecalibratedCandidate(Record):
+    """What inexact camera poses do to a candidate."""
+
+    parameters: Mapping[str, float | str]
+    first: int
+    """Draws of camera poses in which it is ranked first."""
+    q_avg: list[float] | None
+    """5th and 95th percentile."""
+    q_eoi: list[float] | None
+    """5th and 95th percentile."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recalibrated(Record):
+    """What inexact camera poses do."""
+
+    position: float
+    """Standard deviation along each axis of each camera [m]."""
+    rotation: float
+    """Standard deviation about each axis of each camera [rad]."""
+    seed: int
+    draws: int
+    candidates: tuple[RecalibratedCandidate, ...]
+
+    @classmethod
+    def of(cls, assignment: Assignment, assessments: Sequence[Assessment], by: Criterion) -> Recalibrated | None:
+        """How often each candidate is first, and the spread of its qualities; None if that was not asked for."""
+        calibration = assignment.calibration
+        if calibration is None:
+            return None
+        first = winners(assessments, by)
+        return cls(
+            position=calibration.position,
+            rotation=calibration.rotation,
+            seed=calibration.seed,
+            draws=DRAWS,
+            candidates=tuple(
+                RecalibratedCandidate(
+                    parameters=assessment.candidate.parameters,
+                    first=first[assessment.candidate.name],
+                    q_avg=percentiles([q.q_avg for q in assessment.recalibrated]),
+                    q_eoi=percentiles([q.q_eoi for q in assessment.recalibrated]),
+                )
+                for assessment in assessments
+                if assessment.feasible
+            ),
+        )
+
+
+def percentiles(values: Sequence[float | None]) -> list[float] | None:
+    """The 5th and 95th percentile, None where a value is undefined."""
+    known = [value for value in values if value is not None]
+    if not known or len(known) < len(values):
+        return None
+    return [float(value) for value in np.percentile(known, [5, 95])]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RankDocument(TaskDocument):
+    """What `sqrp rank` finds."""
+
+    by: Criterion
+    """What counts first."""
+    sampling: SamplingDone
+    calibration: Recalibrated | None = field(default=None, metadata=LEFT_OUT)
+    """With `--calibration`."""
+    interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
+    """True where Ctrl-C came before all candidates were finished."""
+    candidates: tuple[CandidateFigures, ...]
+    """Best first, infeasible ones last."""

@@ -1,0 +1,312 @@
+"""`explain`: a candidate with everything from which its figures can be computed again."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, box_corners, transform
+from sqrp_cli.programming.explanation import by_name
+from sqrp_cli.programming.quality import Qualities
+from sqrp_cli.programming.robustness import without_each_camera
+from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.report.documents.candidates import CandidateFigures, SamplingDone, figures
+from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, TaskDocument
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.assessment import Study
+    from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.pieces import GroundFormula
+    from sqrp_cli.programming.ranking import Ranked
+    from sqrp_cli.programming.sensing.observer import BoxVerdicts
+    from sqrp_cli.programming.targets import Target, TargetBox
+
+
+@dataclass(frozen=True, kw_only=True)
+class Span(Record):
+    """A primitive action and when it is done [s]."""
+
+    name: str
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Formula(Record):
+    """A temporal operator with its interval [s]."""
+
+    text: str
+    operator: str
+    """`always` or `eventually`."""
+    start: float
+    end: float
+    literals: list[str]
+    fault: str | None
+    """The fault that the formula is of, if any."""
+
+    @classmethod
+    def of(cls, formula: GroundFormula) -> Formula:
+        """An operator of a formula about a candidate."""
+        operator = formula.operator
+        return cls(
+            text=operator.text,
+            operator=operator.operator,
+            start=operator.start,
+            end=operator.end,
+            literals=[str(literal) for literal in operator.literals],
+            fault=formula.fault,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraTiming(Record):
+    """When a camera has images."""
+
+    rate: float
+    """Images per second [Hz]."""
+    latency: float
+    """From exposure to the image being available [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecoveryTimes(Record):
+    """How long it takes to stop at a time and move back to the start, linear in between."""
+
+    t: list[float]
+    duration: list[float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box(Record):
+    """Where to look for what."""
+
+    name: str
+    detector: str
+    normal: list[float] | None
+    """Unit vector in the box's own axes, away from the surface."""
+    encloses: list[str]
+    """What is transparent to this box."""
+    min_visible: float
+    frame: str
+    size: list[float]
+    """Full extents [m]."""
+    pose: Pose
+    """Of the box in `frame`."""
+
+    @classmethod
+    def of(cls, box: TargetBox) -> Box:
+        """A box of a target."""
+        return cls(
+            name=box.name,
+            detector=box.detector.name,
+            normal=None if box.normal is None else list(box.normal),
+            encloses=sorted(box.encloses),
+            min_visible=box.detector.min_visible,
+            frame=box.frame,
+            size=list(box.size),
+            pose=box.X_FB.tolist(),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TargetBoxes(Record):
+    """What decides a literal."""
+
+    k: int
+    """Cameras that must each see all boxes."""
+    boxes: list[Box]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Verdict(Record):
+    """Whether a camera covers all boxes of a target."""
+
+    covered: bool
+    cause: str | None
+    """The first limit that fails."""
+    by: str | None
+    """What hides it, or on which side it is out of the image."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxVerdict(Verdict):
+    """Whether a camera covers a box."""
+
+    visible: float | None
+    """Visible share of the box's silhouette; null if an earlier limit failed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxCoverage(Record):
+    """A box at an instant."""
+
+    corners: list[list[float]] | None = field(default=None, metadata=LEFT_OUT)
+    """The 8 corners in the world [m], x slowest, z fastest."""
+    cameras: Mapping[str, BoxVerdict]
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiteralCoverage(Record):
+    """A literal at an instant."""
+
+    covered: bool
+    boxes: list[BoxCoverage]
+    cameras: Mapping[str, Verdict]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample(Record):
+    """An instant. One that is sampled twice, as it is on its left and on its right, is two samples of equal t."""
+
+    t: float
+    q: Mapping[str, float]
+    """Position of every movable joint [rad or m]."""
+    objects: Mapping[str, Pose]
+    """In the world."""
+    held: str | None
+    covered: bool | None
+    """Null where no formula asks."""
+    literals: Mapping[str, LiteralCoverage]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CandidateStudy(CandidateFigures):
+    """A candidate over time."""
+
+    sampling: SamplingDone | None
+    primitives: list[Span]
+    formulas: list[Formula]
+    cameras: Mapping[str, CameraTiming]
+    without_camera: Mapping[str, Qualities]
+    """The qualities if this camera fails."""
+    recovery: RecoveryTimes | None
+    targets: Mapping[str, TargetBoxes]
+    samples: list[Sample]
+
+    @classmethod
+    def of_study(cls, cell: Cell, study: Study, ranked: Ranked, sampling: Sampling) -> CandidateStudy:
+        """A feasible candidate with all that was computed of it."""
+        return cls(
+            **figures(ranked),
+            sampling=SamplingDone.of(sampling, [ranked.assessment]),
+            primitives=[Span(name=p.name, start=p.start, end=p.end) for p in study.motion.primitives],
+            formulas=[Formula.of(formula) for formula in study.formulas],
+            cameras={c.name: CameraTiming(rate=c.rate, latency=c.latency) for c in cell.observer.cameras},
+            without_camera=without_each_camera(cell, study),
+            recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
+            targets=_targets(study),
+            samples=_samples(cell, study),
+        )
+
+    @classmethod
+    def infeasible(cls, ranked: Ranked) -> CandidateStudy:
+        """An infeasible candidate, with the same fields as a feasible one."""
+        return cls(
+            **figures(ranked),
+            sampling=None,
+            primitives=[],
+            formulas=[],
+            cameras={},
+            without_camera={},
+            recovery=None,
+            targets={},
+            samples=[],
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplainDocument(CandidateStudy, TaskDocument):
+    """What `sqrp explain` finds about one candidate."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExplainAllDocument(TaskDocument):
+    """What `sqrp explain --all` finds."""
+
+    candidates: list[CandidateStudy]
+
+
+def _targets(study: Study) -> dict[str, TargetBoxes]:
+    literals = dict.fromkeys(literal for formula in study.formulas for literal in formula.operator.literals)
+    by_atom = {target.atom: target for target in study.targets}
+    return {
+        str(literal): TargetBoxes(
+            k=by_atom[literal.atom].cameras, boxes=[Box.of(box) for box in by_atom[literal.atom].boxes]
+        )
+        for literal in literals
+    }
+
+
+def _samples(cell: Cell, study: Study) -> list[Sample]:
+    timeline, samples = study.timeline, study.timeline.samples
+    states, q, held = study.stage.states(samples), study.stage.positions(samples), study.stage.held(samples)
+    objects = [name for name in cell.workspace.objects if name in states.X_WF]
+    observation = timeline.observation
+    column = {target.atom: index for index, target in enumerate(study.targets)}
+    seen = [
+        _coverage(cell, target, boxes, states.X_WF, observation.covered[:, index].tolist())
+        for index, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True))
+    ]
+    return [
+        Sample(
+            t=float(samples.t[row]),
+            q=cell.model.joint_values(q[row]),
+            objects={name: _at(states.X_WF[name], row).tolist() for name in objects},
+            held=held[row],
+            covered=bool(timeline.covered[row]) if timeline.monitored[row] else None,
+            literals={
+                str(literal): seen[column[literal.atom]][row]
+                for literal in timeline.pieces[int(samples.piece[row])].literals
+            },
+        )
+        for row in range(len(samples))
+    ]
+
+
+def _coverage(
+    cell: Cell, target: Target, matrix: Sequence[BoxVerdicts], X_WF: Mapping[str, Array], covered: Sequence[bool]
+) -> list[LiteralCoverage]:
+    """The verdicts on a target's boxes and cameras, per sample."""
+    names = [camera.name for camera in cell.observer.cameras]
+    corners = [transform(X_WF[box.frame] @ box.X_FB, box_corners(box.size)) for box in target.boxes]
+    found = []
+    for row in range(len(covered)):
+        verdicts = [{name: _verdict(cell, boxes, row, index) for index, name in enumerate(names)} for boxes in matrix]
+        found.append(
+            LiteralCoverage(
+                covered=covered[row],
+                boxes=[
+                    BoxCoverage(corners=_at(points, row).tolist(), cameras=cameras)
+                    for points, cameras in zip(corners, verdicts, strict=True)
+                ],
+                cameras={name: _first_failure([cameras[name] for cameras in verdicts]) for name in names},
+            )
+        )
+    return found
+
+
+def _verdict(cell: Cell, boxes: BoxVerdicts, row: int, camera: int) -> BoxVerdict:
+    cause, visible = Cause(int(boxes.cause[row, camera])), float(boxes.visible[row, camera])
+    return BoxVerdict(
+        covered=cause is Cause.NONE,
+        cause=cause.label,
+        by=by_name(cell, cause, int(boxes.by[row, camera])),
+        visible=None if np.isnan(visible) else visible,
+    )
+
+
+def _first_failure(verdicts: Sequence[BoxVerdict]) -> Verdict:
+    failed = next((verdict for verdict in verdicts if not verdict.covered), None)
+    if failed is None:
+        return Verdict(covered=True, cause=None, by=None)
+    return Verdict(covered=False, cause=failed.cause, by=failed.by)
+
+
+def _at(X: Array, row: int) -> Array:
+    """Entry of an array with leading dimension m or 1."""
+    entry: Array = X[row if len(X) > 1 else 0]
+    return entry

@@ -1,0 +1,141 @@
+"""`program`: the steps of a program and their totals."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sqrp_cli.joint_trajectory import action_name, tool_commands
+from sqrp_cli.program_file import workspace_path
+from sqrp_cli.program_totals import Totals
+from sqrp_cli.programming.faults import FaultMetrics
+from sqrp_cli.report.documents.document import Document, Record
+
+if TYPE_CHECKING:
+    from sqrp_cli.program import Program, Step
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramPrimitive(Record):
+    """A primitive action, on the clock of the whole program [s]."""
+
+    name: str
+    action: str
+    start: float
+    end: float
+    held: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramStep(Record):
+    """A step with its figures, on the clock of the whole program [s]."""
+
+    task: str
+    skill: str
+    parameters: Mapping[str, float | str]
+    start: float
+    end: float
+    time: float
+    q_avg: float | None
+    q_eoi: float | None
+    faults: Mapping[str, FaultMetrics]
+    verdict: str
+    primitives: list[ProgramPrimitive]
+
+    @classmethod
+    def of(cls, step: Step, start: float) -> ProgramStep:
+        """A step that begins at a time [s]."""
+        return cls(
+            task=step.task,
+            skill=step.skill,
+            parameters=dict(step.parameters),
+            start=start,
+            end=start + step.time,
+            time=step.time,
+            q_avg=step.q_avg,
+            q_eoi=step.q_eoi,
+            faults={name: FaultMetrics(**fault.model_dump()) for name, fault in step.faults.items()},
+            verdict=step.verdict,
+            primitives=[
+                ProgramPrimitive(
+                    name=primitive.name,
+                    action=action_name(primitive),
+                    start=start + primitive.start,
+                    end=start + primitive.end,
+                    held=primitive.held,
+                )
+                for primitive in step.primitives
+            ],
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramTotal(Record):
+    """All steps together; Q is weighted with their time."""
+
+    time: float
+    q_avg: float | None
+    q_eoi: float | None
+    delay_worst: float | None
+    """The slowest alarm [s]."""
+    fault: str | None
+    """Of which fault it is."""
+    step: int | None
+    """In which step, from 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolCommand(Record):
+    """What the tool has to do, on the clock of the whole program [s]."""
+
+    step: int
+    action: str
+    object: str | None
+    start: float
+    end: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgramDocument(Document):
+    """What `sqrp program` lists."""
+
+    program: str
+    workspace: str
+    stale: bool
+    """Whether the workspace has changed since."""
+    steps: list[ProgramStep]
+    total: ProgramTotal
+    tool: list[ToolCommand]
+
+    @classmethod
+    def of(cls, program: Program, file: Path, *, stale: bool) -> ProgramDocument:
+        """The steps with their figures, the totals, and what the tool has to do."""
+        totals = Totals.of(program)
+        worst = totals.worst
+        return cls(
+            program=str(file),
+            workspace=workspace_path(program, file).parent.name,
+            stale=stale,
+            steps=list(_steps(program)),
+            total=ProgramTotal(
+                time=totals.time,
+                q_avg=totals.q_avg,
+                q_eoi=totals.q_eoi,
+                delay_worst=None if worst is None else worst.seconds,
+                fault=None if worst is None else worst.fault,
+                step=None if worst is None else worst.step,
+            ),
+            tool=[
+                ToolCommand(step=c.step, action=c.action, object=c.object, start=c.start, end=c.end)
+                for c in tool_commands(program)
+            ],
+        )
+
+
+def _steps(program: Program) -> Iterator[ProgramStep]:
+    start = 0.0
+    for step in program.steps:
+        yield ProgramStep.of(step, start)
+        start += step.time

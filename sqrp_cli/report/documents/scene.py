@@ -1,0 +1,296 @@
+"""`show`: what was understood of a workspace."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from sqrp_cli.knowledge.camera import DistortionModel
+from sqrp_cli.knowledge.detector import DetectorKind
+from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from sqrp_cli.programming.grounding import on_robot
+from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record
+
+if TYPE_CHECKING:
+    from sqrp_cli.knowledge import camera, detector, robot
+    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.programming.cell import Cell
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointLimits(Record):
+    """What a joint can do [rad or m, s]; no limit is null."""
+
+    lower: float | None
+    upper: float | None
+    velocity: float
+    acceleration: float
+    jerk: float
+
+    @classmethod
+    def of(cls, limits: robot.JointLimits) -> JointLimits:
+        """The limits of a joint."""
+        return cls(
+            lower=_finite(limits.lower),
+            upper=_finite(limits.upper),
+            velocity=limits.velocity,
+            acceleration=limits.acceleration,
+            jerk=limits.jerk,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tool(Record):
+    """A tool with a description of its own."""
+
+    urdf: str | None
+    link: str
+    """The link of the robot that carries it."""
+    pose: Pose
+    """Of the tool's root in that link."""
+
+    @classmethod
+    def of(cls, tool: robot.Tool) -> Tool:
+        """The tool of a robot."""
+        return cls(urdf=None if tool.urdf is None else str(tool.urdf), link=tool.link, pose=tool.X_LT.tolist())
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fingers(Record):
+    """Positions of a gripper's joints [rad or m]."""
+
+    open: Mapping[str, float]
+    closed: Mapping[str, float]
+
+    @classmethod
+    def of(cls, fingers: robot.Fingers) -> Fingers:
+        """The fingers of a robot."""
+        return cls(open=dict(fingers.open), closed=dict(fingers.closed))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Marker(Record):
+    """An ArUco marker on a link."""
+
+    id: int
+    side: float
+    """Length of its side [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotScene(Record):
+    """The robot."""
+
+    urdf: str
+    """Resolved path."""
+    srdf: str | None
+    package_roots: list[str]
+    base: Pose
+    """Of the root link in the world."""
+    tool: Tool | None
+    tool_frame: str
+    joints: Mapping[str, JointLimits]
+    home: Mapping[str, float]
+    """Position of every movable joint [rad or m]."""
+    fingers: Fingers | None
+    held: str | None
+    """The object that the tool holds at the start."""
+    markers: Mapping[str, Marker]
+    """By link."""
+    geometry: Literal["collision", "visual"]
+    """The geometry of the links that is opaque."""
+    unchecked_pairs: list[list[str]]
+    """Links whose contact is not checked, beside neighbours."""
+
+    @classmethod
+    def of(cls, cell: Cell) -> RobotScene:
+        """The robot of a cell."""
+        own, model = cell.workspace.robot, cell.model
+        return cls(
+            urdf=str(own.urdf),
+            srdf=None if own.srdf is None else str(own.srdf),
+            package_roots=[str(root) for root in own.package_roots],
+            base=own.X_WB.tolist(),
+            tool=None if own.tool is None else Tool.of(own.tool),
+            tool_frame=own.tool_frame,
+            joints={name: JointLimits.of(limits) for name, limits in own.limits.items()},
+            home=model.joint_values(model.home),
+            fingers=None if own.fingers is None else Fingers.of(own.fingers),
+            held=cell.workspace.initial_world.held,
+            markers={link: Marker(id=marker.id, side=marker.side) for link, marker in own.markers.items()},
+            geometry=own.geometry,
+            unchecked_pairs=sorted(map(list, cell.unchecked_pairs)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraScene(Record):
+    """A calibrated camera. Pixel (0, 0) is the centre of the first pixel."""
+
+    width: int
+    height: int
+    K: list[list[float]]
+    distortion_model: DistortionModel
+    D: list[float]
+    frame: str
+    pose: Pose
+    """Of the optical frame (x right, y down, z forward) in `frame`."""
+    near: float
+    far: float | None
+    rate: float
+    latency: float
+
+    @classmethod
+    def of(cls, cell: Cell, seen_by: camera.Camera) -> CameraScene:
+        """A camera of a cell."""
+        frame, X_FC = on_robot(cell.workspace.robot, cell.model, seen_by.frame, seen_by.X_FC)
+        straight = seen_by.distortion_model == "none"
+        return cls(
+            width=seen_by.width,
+            height=seen_by.height,
+            K=seen_by.matrix.tolist(),
+            # ROS has no name for the absence of distortion; it writes five zeros.
+            distortion_model="plumb_bob" if straight else seen_by.distortion_model,
+            D=[0.0] * 5 if straight else seen_by.distortion.tolist(),
+            frame=frame,
+            pose=X_FC.tolist(),
+            near=seen_by.near,
+            far=_finite(seen_by.far),
+            rate=seen_by.rate,
+            latency=seen_by.latency,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DetectorScene(Record):
+    """The limits of a detection algorithm."""
+
+    kind: DetectorKind
+    distance: list[float]
+    """Nearest and farthest [m]."""
+    max_incidence: float
+    min_pixels: float
+    min_visible: float
+
+    @classmethod
+    def of(cls, found: detector.Detector) -> DetectorScene:
+        """The limits of a detector."""
+        return cls(
+            kind=found.kind,
+            distance=list(found.distance),
+            max_incidence=found.max_incidence,
+            min_pixels=found.min_pixels,
+            min_visible=found.min_visible,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObjectScene(Record):
+    """An object."""
+
+    type: str
+    color: str | None
+    size: list[float]
+    """Full extents of the box that encloses it [m]."""
+    pose: Pose | None
+    """Of that box's centre in the world; null if unknown."""
+    fixed: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpaquePart(Record):
+    """Something solid that neither the URDF nor the box of an object tells."""
+
+    name: str
+    parent: str
+    """The link, object or `world` that carries it."""
+    shape: Literal["box", "sphere", "cylinder", "capsule"] | None = field(default=None, metadata=LEFT_OUT)
+    size: list[float] | float | None = field(default=None, metadata=LEFT_OUT)
+    """Box: full extents; sphere: radius; cylinder and capsule: radius and length of the straight part along z [m]."""
+    mesh: str | None = field(default=None, metadata=LEFT_OUT)
+    """Absolute path."""
+    scale: list[float] | None = field(default=None, metadata=LEFT_OUT)
+    pose: Pose
+
+    @classmethod
+    def of(cls, cell: Cell, part: Part) -> OpaquePart:
+        """A part of a cell."""
+        parent, X_PG = on_robot(cell.workspace.robot, cell.model, part.parent, part.X_PG)
+        return cls(name=part.name, parent=parent, **_shape(part.shape), pose=X_PG.tolist())
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShowDocument(Document):
+    """What `sqrp show` understood."""
+
+    workspace: str
+    digest: str
+    """Of all files that the workspace was read from."""
+    robot: RobotScene
+    cameras: Mapping[str, CameraScene]
+    detectors: Mapping[str, DetectorScene]
+    objects: Mapping[str, ObjectScene]
+    opaque: list[OpaquePart]
+    state: list[str]
+    skills: list[str]
+    tasks: list[str]
+
+    @classmethod
+    def of(cls, cell: Cell) -> ShowDocument:
+        """What was understood of a cell."""
+        workspace = cell.workspace
+        return cls(
+            workspace=workspace.name,
+            digest=workspace.digest,
+            robot=RobotScene.of(cell),
+            cameras={name: CameraScene.of(cell, one) for name, one in workspace.cameras.items()},
+            detectors={name: DetectorScene.of(one) for name, one in workspace.detectors.items()},
+            objects=_objects(workspace, cell),
+            opaque=[OpaquePart.of(cell, part) for part in _opaque_parts(cell)],
+            state=sorted(map(str, workspace.state)),
+            skills=list(workspace.skills),
+            tasks=[expected.task for expected in workspace.tasks],
+        )
+
+
+def _objects(workspace: Workspace, cell: Cell) -> dict[str, ObjectScene]:
+    X_WO = cell.initial_world.X_WO
+    return {
+        name: ObjectScene(
+            type=one.type,
+            color=one.color,
+            size=list(one.size),
+            pose=X_WO[name].tolist() if name in X_WO else None,
+            fixed=one.fixed,
+        )
+        for name, one in workspace.objects.items()
+    }
+
+
+def _opaque_parts(cell: Cell) -> list[Part]:
+    tool = [part for part in cell.model.parts if part.parent in cell.model.tool_links]
+    shaped = [one for one in cell.workspace.objects.values() if not _is_plain_box(one.parts, one.size)]
+    return [*tool, *(part for one in shaped for part in one.parts)]
+
+
+def _is_plain_box(parts: Sequence[Part], size: tuple[float, float, float]) -> bool:
+    return len(parts) == 1 and parts[0].shape == Box(size) and np.array_equal(parts[0].X_PG, np.eye(4))
+
+
+def _shape(shape: Shape) -> dict[str, Any]:
+    match shape:
+        case Mesh(path, scale):
+            return {"mesh": str(path), "scale": list(scale)}
+        case Box(size):
+            return {"shape": "box", "size": list(size)}
+        case Sphere(radius):
+            return {"shape": "sphere", "size": radius}
+        case Cylinder() | Capsule():
+            return {"shape": type(shape).__name__.lower(), "size": [shape.radius, shape.length]}
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None

@@ -1,0 +1,46 @@
+"""JSON Schemas of the documents that commands print, and of the files that people write."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import TypeAdapter
+
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.knowledge.file_schemas import DIALECT, FILES, file_schema
+from sqrp_cli.report.documents.candidates import RankDocument
+from sqrp_cli.report.documents.checks import CheckDocument
+from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
+from sqrp_cli.report.documents.programs import ProgramDocument
+from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
+from sqrp_cli.report.documents.scene import ShowDocument
+from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
+from sqrp_cli.report.documents.starters import InitDocument
+
+DOCUMENTS: Mapping[str, Any] = {
+    "rank": RankDocument,
+    "explain": ExplainDocument | ExplainAllDocument,
+    "check": CheckDocument,
+    "program": ProgramDocument,
+    "run": RunDocument | SweepDocument,
+    "audit": AuditDocument,
+    "score": ScoreDocument | VaryDocument,
+    "diff": ScoreDocument,
+    "show": ShowDocument,
+    "init": InitDocument,
+}
+"""What each command prints with `--json`."""
+
+NAMES = (*FILES, *DOCUMENTS)
+"""Everything that has a schema."""
+
+
+def schema_of(name: str) -> dict[str, Any]:
+    """JSON Schema (2020-12) of files of that name, or of the document of a command. Raises InputError for others."""
+    if name in FILES:
+        return file_schema(name)
+    if name not in DOCUMENTS:
+        problem = Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, NAMES)}")
+        raise InputError(problem)
+    return {"$schema": DIALECT, **TypeAdapter(DOCUMENTS[name]).json_schema(mode="serialization")}

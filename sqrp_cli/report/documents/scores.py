@@ -1,0 +1,183 @@
+"""`score` and `diff`: every task of every workspace, and what changed since a baseline."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.report.documents.document import LEFT_OUT, Document, Record
+from sqrp_cli.scoring.changes import Change
+from sqrp_cli.scoring.comparison import Comparison, Shift, Verdict, WayChange
+from sqrp_cli.scoring.score import Status
+
+if TYPE_CHECKING:
+    from sqrp_cli.scoring.comparison import Loss
+    from sqrp_cli.scoring.findings import Findings, Result
+    from sqrp_cli.scoring.sweep import Sweep
+
+
+@dataclass(frozen=True, kw_only=True)
+class LostView(Record):
+    """A stretch of time [s] in which a camera no longer covers a literal."""
+
+    literal: str
+    camera: str
+    start: float
+    end: float
+    why: str
+
+    @classmethod
+    def of(cls, loss: Loss) -> LostView:
+        """A loss as a record."""
+        stretch = loss.stretch
+        return cls(literal=loss.literal, camera=loss.camera, start=stretch.start, end=stretch.end, why=loss.why)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangedWay(Record):
+    """How the best candidate for a choice of objects changed."""
+
+    way: str
+    candidate_before: str
+    candidate: str
+    shifts: list[Shift]
+    lost: list[LostView]
+
+    @classmethod
+    def of(cls, change: WayChange) -> ChangedWay:
+        """A change as a record."""
+        return cls(
+            way=change.way,
+            candidate_before=change.before,
+            candidate=change.now,
+            shifts=list(change.shifts),
+            lost=[LostView.of(loss) for loss in change.losses],
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparedTask(Record):
+    """How a task compares with its baseline."""
+
+    verdict: Verdict
+    ways: list[ChangedWay]
+    gone: list[str]
+    """Ways of doing it that are no longer there."""
+
+    @classmethod
+    def of(cls, comparison: Comparison) -> ComparedTask:
+        """A comparison as a record."""
+        ways = [ChangedWay.of(change) for change in comparison.ways]
+        return cls(verdict=comparison.verdict, ways=ways, gone=list(comparison.gone))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskResult(Record):
+    """A task of a workspace."""
+
+    workspace: str
+    task: str | None
+    """Null where the workspace itself cannot be used."""
+    status: Status
+    best: CandidateFigures | None
+    reasons: list[str]
+    baseline: ComparedTask | None
+
+    @classmethod
+    def of(cls, result: Result) -> TaskResult:
+        """One task of one workspace."""
+        score = result.score
+        return cls(
+            workspace=score.workspace,
+            task=score.task,
+            status=score.status,
+            best=None if score.best is None else CandidateFigures.of(score.best),
+            reasons=list(score.reasons),
+            baseline=None if result.comparison is None else ComparedTask.of(result.comparison),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class VanishedTask(Record):
+    """A task that only the baseline has."""
+
+    workspace: str
+    task: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScoreDocument(Document):
+    """What `sqrp score` and `sqrp diff` find; the same bytes however and wherever it was computed."""
+
+    results: list[TaskResult]
+    changes: Mapping[str, list[Change]]
+    """By workspace, since the baseline."""
+    vanished: list[VanishedTask]
+    interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
+    """True where Ctrl-C came before all was scored."""
+    unfinished: int | None = field(default=None, metadata=LEFT_OUT)
+    """Then, how many results are missing."""
+    passed: bool
+
+    @classmethod
+    def of(cls, findings: Findings) -> ScoreDocument:
+        """Every result."""
+        return cls(
+            results=[TaskResult.of(result) for result in findings.results],
+            changes={name: list(changes) for name, changes in findings.changes.items() if changes},
+            vanished=[VanishedTask(workspace=workspace, task=task) for workspace, task in findings.vanished],
+            interrupted=findings.interrupted or None,
+            unfinished=findings.unfinished if findings.interrupted else None,
+            passed=findings.passed,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariantResult(Record):
+    """A variant of a workspace, with means over every choice of objects of every task."""
+
+    rank: int
+    values: Mapping[str, str]
+    """What differs from the workspace as it is, by path."""
+    q_eoi: float | None
+    q_avg: float | None
+    time: float | None
+    delay: float | None
+    results: list[TaskResult]
+
+
+@dataclass(frozen=True, kw_only=True)
+class VaryDocument(Document):
+    """What `sqrp score --vary` finds."""
+
+    workspace: str
+    variants: list[VariantResult]
+    """The best first."""
+    best: Mapping[str, str]
+    patch: str | None
+    """The file that was written."""
+    passed: bool
+
+    @classmethod
+    def of(cls, sweep: Sweep, workspace: str, patch: str | None) -> VaryDocument:
+        """Every variant with the scores of its tasks."""
+        return cls(
+            workspace=workspace,
+            variants=[
+                VariantResult(
+                    rank=rank,
+                    values=dict(scored.variant.values),
+                    q_eoi=scored.q_eoi,
+                    q_avg=scored.q_avg,
+                    time=scored.time,
+                    delay=scored.delay,
+                    results=[replace(TaskResult.of(result), workspace=workspace) for result in scored.findings.results],
+                )
+                for rank, scored in enumerate(sweep.variants, 1)
+            ],
+            best=dict(sweep.best.variant.values),
+            patch=patch,
+            passed=sweep.best.findings.passed,
+        )

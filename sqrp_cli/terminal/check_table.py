@@ -1,0 +1,66 @@
+"""What `sqrp check` prints: which candidates can be done, why the others cannot, and what has to be done first."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+
+from sqrp_cli.errors import Problem
+from sqrp_cli.programming.dependency_check import Feasibility
+from sqrp_cli.programming.suggestion import SuggestedStep, Suggestion
+from sqrp_cli.terminal.console import Column, Share, plain, print_table, say, say_command
+
+
+def print_valid(path: str, name: str, warnings: Sequence[Problem]) -> None:
+    """That a workspace is valid, and what to do with it. path: as it was given."""
+    findings = f"{len(warnings)} warning{'s' if len(warnings) > 1 else ''}" if warnings else "nothing to complain about"
+    say(f"{name} is valid: {findings}.")
+    if all(problem.code != "no-skills" for problem in warnings):
+        say_command("Try:", f"sqrp rank {shlex.quote(path)} TASK")
+
+
+def print_candidates(
+    task: str, workspace: str, found: Sequence[Feasibility], suggested: Sequence[SuggestedStep]
+) -> None:
+    """A row per candidate, and the steps that have to be done first where none can be done at once."""
+    feasible = sum(feasibility.feasible for feasibility in found)
+    say(f"{task} in {workspace}: {feasible} of {len(found)} candidates can be done\n")
+    rows = [
+        (
+            feasibility.candidate.name,
+            plain("yes", "green") if feasibility.feasible else plain("no", "red"),
+            f"{feasibility.time:.2f}" if feasibility.time is not None else "",
+            "; ".join(filter(None, [*feasibility.reasons, _plan_in_words(feasibility.suggestion)])),
+        )
+        for feasibility in found
+    ]
+    print_table(
+        [Column("candidate"), Column("feasible"), Column("time s", right=True), Column("why not", shrink=True)], rows
+    )
+    around = [f"{one.candidate.name}: {', '.join(one.ways_around)}" for one in found if one.ways_around]
+    for number, line in enumerate(around):
+        say(f"\n{line}" if number == 0 else line)
+    if suggested and not feasible:
+        print_suggested(suggested)
+
+
+def print_suggested(suggested: Sequence[SuggestedStep]) -> None:
+    """What can be done so that a task gets done: a row per step, all of which are feasible."""
+    say("\nIt can be done in these steps, each in its best way:\n")
+    columns = [Column("#"), Column("step"), Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
+    rows = [
+        (str(number), step.task, Share(found.q_eoi), Share(found.q_avg), f"{found.time:.2f}")
+        for number, step in enumerate(suggested, 1)
+        if (found := step.assessment)
+    ]
+    print_table([*columns, Column("time [s]", right=True)], rows)
+
+
+def _plan_in_words(suggestion: Suggestion) -> str:
+    """How planning ended; for a plan of which a step cannot be done, which and why."""
+    steps = (*(suggestion.steps or ()), *((suggestion.last,) if suggestion.last else ()))
+    failing = next((step for step in steps if not step.feasible), None)
+    if failing is None:
+        return suggestion.explanation
+    then = "after that" if failing is suggestion.last else "but"
+    return f"{suggestion.explanation}, {then} {failing.task} cannot be done: {'; '.join(failing.reasons)}"

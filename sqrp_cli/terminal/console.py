@@ -1,0 +1,358 @@
+"""What the terminal shows: tables, bars, progress and problems. The only module that knows Rich.
+
+All text but JSON goes through here and is made fit to be shown (`_text`, `_put`): names, paths and tasks come from
+files that others wrote.
+"""
+
+from __future__ import annotations
+
+import io
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+from rich.cells import cell_len
+from rich.console import Console
+from rich.live import Live
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from sqrp_cli.errors import Problem
+from sqrp_cli.shown import harmless, one_line
+
+BAR_WIDTH = 8
+"""Cells of a bar in a table."""
+
+Styled = str | Text
+"""Text with or without a style; Text is made by `plain`, `joined` and `percentage` alone, so it is fit to be shown."""
+
+PROGRESS_WIDTH = 20
+"""Cells of the bar of progress."""
+
+LEAST_WIDTH = 20
+"""Columns that lines are written for where the terminal has fewer."""
+
+LONGEST_TITLE = 9
+"""Longest word of a title that is not broken where there is little room."""
+
+LEAST_FOLDED = 16
+"""Cells that a column whose text is folded needs at least."""
+
+_SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table. Its title may have lines.
+
+    Numbers are set to the right. shrink: whether long text may be folded to fit the terminal.
+    """
+
+    title: str
+    right: bool = False
+    shrink: bool = False
+
+
+@dataclass(frozen=True)
+class Share:
+    """A cell with a share in 0..1: a bar and a number, or the number alone where there is little room."""
+
+    value: float | None
+
+
+Cell = Styled | Share
+"""What a table may hold."""
+
+
+_captured: ContextVar[Console | None] = ContextVar("captured", default=None)
+"""The console that results go to while they are kept as text."""
+
+NOTEBOOK_WIDTH = 100
+"""Columns of results in a notebook."""
+
+
+def as_plain_text(show: Callable[[], None]) -> str:
+    """What a function prints as results, without styles, as wide as the terminal is."""
+    console = Console(file=io.StringIO(), width=terminal_width(), highlight=False, emoji=False, no_color=True)
+    with _instead(console):
+        show()
+    text = console.file.getvalue()  # type: ignore[attr-defined] # it is kept in memory
+    return str(text).rstrip("\n")
+
+
+def as_html(show: Callable[[], None]) -> str:
+    """What a function prints as results, with their colours, for a notebook."""
+    console = Console(
+        file=io.StringIO(),
+        width=NOTEBOOK_WIDTH,
+        highlight=False,
+        emoji=False,
+        record=True,
+        force_terminal=True,
+        color_system="truecolor",
+        no_color=False,
+    )
+    with _instead(console):
+        show()
+    return console.export_html(inline_styles=True, code_format='<pre style="line-height: 1.25">{code}</pre>')
+
+
+@contextmanager
+def _instead(console: Console) -> Iterator[None]:
+    token = _captured.set(console)
+    try:
+        yield
+    finally:
+        _captured.reset(token)
+
+
+def output() -> Console:
+    """The console of results: on stdout, unless they are kept as text."""
+    captured = _captured.get()
+    if captured is not None:
+        return captured
+    console = Console(highlight=False, soft_wrap=False, emoji=False)
+    console.width = max(console.width, LEAST_WIDTH)
+    return console
+
+
+def terminal_width() -> int:
+    """Columns of the terminal that results go to."""
+    return output().width
+
+
+def diagnostics() -> Console:
+    """The console of progress, warnings and errors, on stderr."""
+    return Console(stderr=True, highlight=False, emoji=False)
+
+
+def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> None:
+    """A table without frames, two spaces between columns.
+
+    Where the terminal is too narrow for it, bars give way and titles are broken; where that is not enough, each row
+    becomes a paragraph of titles and values, which no figure is folded in.
+    """
+    console, lines = output(), list(rows)
+    for narrow in (False, True):
+        cells = [[_styled(cell, bar=not narrow) for cell in line] for line in lines]
+        titles = [_title(column) for column in columns]
+        if narrow:
+            widest = [max((cell_len(str(line[number])) for line in cells), default=0) for number in range(len(columns))]
+            titles = [_broken(title, width) for title, width in zip(titles, widest, strict=True)]
+        if _width(columns, titles, cells) <= console.width:
+            _print_grid(console, _grid(columns, titles, cells))
+            return
+    for line in lines:
+        head, *values = (_styled(cell, bar=False) for cell in line)
+        named = zip([_title(column) for column in columns[1:]], values, strict=True)
+        told = [Text.assemble(*_named(title), value) for title, value in named if str(value).strip()]
+        name = Text.assemble(*_named(_title(columns[0])), head, style="bold")
+        paragraph = Text.assemble(name, ": " if told else "", Text(", ").join(told))
+        for number, piece in enumerate(paragraph.wrap(console, console.width - 2)):
+            piece.rstrip()
+            _put(console, Text.assemble("  " if number else "", piece))
+
+
+def _styled(cell: Cell, *, bar: bool) -> Text:
+    if isinstance(cell, Share):
+        return percentage(cell.value, bar=bar)
+    return cell if isinstance(cell, Text) else Text(one_line(cell))
+
+
+def _title(column: Column) -> str:
+    return "\n".join(one_line(line) for line in column.title.split("\n"))
+
+
+def _named(title: str) -> tuple[str, ...]:
+    return (" ".join(title.split()), " ") if title else ()
+
+
+def _broken(title: str, width: int) -> str:
+    """A title in lines no longer than its column is wide anyway, or else as short as can be."""
+    words = [word if len(word) <= LONGEST_TITLE else word.replace("_", "_\n") for word in title.split()]
+    lines = words[:1]
+    for word in words[1:]:
+        longer = f"{lines[-1]} {word}"
+        lines[-1:] = [longer] if len(longer) <= width else [lines[-1], word]
+    return "\n".join(lines)
+
+
+def _width(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequence[Text]]) -> int:
+    """Width that a table takes at least."""
+    total = 2 * (len(columns) - 1)
+    for column, title, values in zip(columns, titles, zip(*cells, strict=True) if cells else titles, strict=True):
+        widest = max(cell_len(line) for text in (title, *map(str, values)) for line in text.split("\n"))
+        total += min(widest, LEAST_FOLDED) if column.shrink else widest
+    return total
+
+
+def _grid(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequence[Text]]) -> Table:
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_edge=False)
+    for column, title in zip(columns, titles, strict=True):
+        justify: Literal["left", "right"] = "right" if column.right else "left"
+        table.add_column(Text(title, style="bold"), justify=justify, no_wrap=not column.shrink, overflow="fold")
+    for line in cells:
+        table.add_row(*line)
+    return table
+
+
+def _print_grid(console: Console, grid: Table) -> None:
+    """Print a table without the blanks that fill its last column, which Rich has no option to leave out."""
+    for segments in console.render_lines(grid, pad=False):
+        line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
+        line.rstrip()
+        _put(console, line)
+
+
+def _put(console: Console, line: Text) -> None:
+    """Print a line as it is, if no CI server takes it for a command."""
+    line.plain = harmless(line.plain)
+    console.print(line, soft_wrap=True)
+
+
+def _text(text: Styled, style: str = "") -> Text:
+    """Text fit to be shown. One line break may begin and one may end it; any other is somebody's data."""
+    if isinstance(text, Text):
+        return Text.assemble(text, style=style)
+    shown = one_line(text)
+    before, after = text[:1] == "\n", text[1:][-1:] == "\n"
+    return Text("\n" * before + shown[before : len(shown) - after] + "\n" * after, style=style)
+
+
+def say(text: Styled = "", style: str | None = None) -> None:
+    """A paragraph of results, folded at the terminal's width."""
+    console = output()
+    for line in _text(text, style or "").wrap(console, console.width):
+        line.rstrip()
+        _put(console, line)
+
+
+def say_command(text: str, command: str, style: str | None = None) -> None:
+    """A sentence that ends in a command, which is never folded, so that it can be copied.
+
+    Where the terminal is too narrow for both, the command has a line of its own.
+    """
+    if cell_len(f"{text} {command}") <= output().width:
+        say(f"{text} {command}", style)
+        return
+    say(text, style)
+    say_line(command, style)
+
+
+def say_line(text: Styled, style: str | None = None) -> None:
+    """A line of results that is never folded."""
+    _put(output(), _text(text, style or ""))
+
+
+def say_raw(text: str) -> None:
+    """Text for other programs, unchanged: only for JSON, which escapes what a terminal would obey."""
+    sys.stdout.write(text + "\n")
+
+
+def note(text: str) -> None:
+    """A line that is not part of the results."""
+    _put(diagnostics(), _text(text, "dim"))
+
+
+def ask(question: str) -> str:
+    """What the user answers, without blanks around it; raises EOFError if there is no more input.
+
+    An answer that no terminal shows, as from a pipe, is repeated.
+    """
+    answer = input(harmless(_text(question).plain)).strip()
+    if not sys.stdin.isatty():
+        sys.stdout.write(one_line(answer) + "\n")
+    return answer
+
+
+def print_problems(problems: Iterable[Problem]) -> None:
+    """Problems on stderr: place, what was found and expected, the line with a caret, and what mends it."""
+    console = diagnostics()
+    for problem in problems:
+        line = Text.assemble((f"{problem.severity}: ", _SEVERITY_STYLES[problem.severity]))
+        if problem.place is not None:
+            line.append(f"{one_line(str(problem.place))}: ", style="bold")
+        line.append(one_line(problem.message))
+        _put(console, line)
+        if problem.excerpt and problem.excerpt.partition("\n")[0].strip():
+            for part in problem.excerpt.split("\n"):
+                _put(console, _text(part.expandtabs(), "dim"))
+        if problem.mend:
+            _put(console, Text.assemble(("  to mend it: ", "dim"), one_line(problem.mend)))
+
+
+def percentage(share: float | None, *, bar: bool = True) -> Text:
+    """A share as a number, with a bar before it: green from 90 %, red below 50 %."""
+    if share is None:
+        return Text("-".rjust(BAR_WIDTH + 6) if bar else "-", style="dim")
+    style = "green" if share >= 0.9 else "yellow" if share >= 0.5 else "red"
+    figure = f"{100 * share:.1f}"
+    return Text(f"{blocks(share)} {figure:>5}" if bar else figure, style=style)
+
+
+def blocks(share: float) -> str:
+    """A horizontal bar of `BAR_WIDTH` cells in eighths of a cell."""
+    eighths = round(share * BAR_WIDTH * 8)
+    full, rest = divmod(eighths, 8)
+    return ("█" * full + (" ▏▎▍▌▋▊▉"[rest] if rest else "")).ljust(BAR_WIDTH)
+
+
+class Step(Protocol):
+    """Called when more parts of the work are done."""
+
+    def __call__(self, count: int = 1) -> None:
+        """Count them."""
+
+
+@contextmanager
+def progress(title: str, total: int | None) -> Iterator[Step]:
+    """Progress on stderr with done/total and time left; it vanishes when done, and log files get none.
+
+    total: None where it is not known beforehand.
+    """
+    console = diagnostics()
+    columns = [
+        TextColumn("{task.description}", markup=False),
+        BarColumn(bar_width=PROGRESS_WIDTH),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(compact=True),
+    ]
+    # What comes after the title is cut off first where a line is too long, but matters more.
+    rest = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- ")
+    shown = _text(title)
+    shown.truncate(max(console.width - rest - 1, LEAST_WIDTH), overflow="ellipsis")
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+        task = bars.add_task(shown.plain, total=total)
+        yield lambda count=1: bars.advance(task, count)
+
+
+class Show(Protocol):
+    """Called with the text that is to be shown now."""
+
+    def __call__(self, text: Styled) -> None:
+        """Replace what was shown."""
+
+
+@contextmanager
+def live() -> Iterator[Show | None]:
+    """Text on stderr that changes in place and vanishes when done; None where stderr is no terminal."""
+    console = diagnostics()
+    if not console.is_terminal:
+        yield None
+        return
+    with Live(console=console, transient=True, auto_refresh=False) as screen:
+        yield lambda text: screen.update(text, refresh=True)
+
+
+def plain(text: str, style: str = "") -> Text:
+    """Text in one style."""
+    return _text(text, style)
+
+
+def joined(parts: Sequence[Styled | tuple[str, str]]) -> Text:
+    """Pieces of text, each with its own style, in a row; those with a style have no line breaks."""
+    return Text.assemble(*((one_line(part[0]), part[1]) if isinstance(part, tuple) else _text(part) for part in parts))

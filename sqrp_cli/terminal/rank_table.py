@@ -1,0 +1,190 @@
+"""The ranked table of `sqrp rank`, and the sentences under it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+import numpy as np
+
+from sqrp_cli.programming.assessment import Assessment
+from sqrp_cli.programming.faults import FaultMetrics
+from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
+from sqrp_cli.programming.robustness import DRAWS
+from sqrp_cli.programming.task import Candidate, in_words
+from sqrp_cli.programming.verdict import NOTHING_MISSING
+from sqrp_cli.report.documents.candidates import percentiles
+from sqrp_cli.terminal.accuracy import accuracy
+from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say
+
+_SHOWN: dict[Criterion, tuple[str, float, str]] = {
+    "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
+    "q_avg": ("Q_avg", 100.0, "{:.1f} %"),
+    "time": ("a time of", 1.0, "{:.1f} s"),
+    "delay": ("a mean delay of", 1.0, "{:.2f} s"),
+    "expected_time": ("all done at", 1.0, "{:.1f} s"),
+}
+"""How the figure of each criterion is named, scaled and shown."""
+
+_CRITERION_WORDS: dict[Criterion, str] = {
+    "q_eoi": "best Q_eoi first",
+    "q_avg": "best Q_avg first",
+    "time": "fastest first",
+    "delay": "soonest noticed fault first",
+    "expected_time": "soonest done after a fault first",
+}
+
+
+def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked], by: Criterion) -> None:
+    """The table with a row per feasible candidate, the infeasible ones with reasons, and what to make of it."""
+    feasible = [ranked for ranked in ranking if ranked.rank is not None]
+    workspace = assignment.cell.workspace.name
+    say(joined([(title, "bold"), f" in {workspace}: {summary(ranking, by)}\n"]))
+    if feasible:
+        _print_feasible(feasible)
+    if feasible:
+        _print_calibration(assignment, feasible, by)
+    for ranked in feasible:
+        if ranked.assessment.ways_around:
+            say(f"{ranked.assessment.candidate.name}: {', '.join(ranked.assessment.ways_around)}")
+    _print_infeasible([ranked.assessment for ranked in ranking if ranked.rank is None])
+    if feasible:
+        say()
+        say(_praise(feasible, by))
+        if len(feasible) > 1:
+            last = feasible[-1].assessment
+            name, all_seen = last.candidate.name, last.verdict == NOTHING_MISSING
+            beginning = f"Even in the last, {name}," if all_seen else f"Last is {name}:"
+            say(f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}")
+        say(
+            plain(
+                f"* none is better in all of Q_eoi, Q_avg and time. {accuracy(assignment.sampling, feasible)}",
+                "dim",
+            )
+        )
+
+
+def summary(ranking: Sequence[Ranked], by: Criterion) -> str:
+    """How many candidates can be done, and how they are ordered."""
+    feasible = sum(ranked.rank is not None for ranked in ranking)
+    order = f", {_CRITERION_WORDS[by]}" if feasible > 1 else ""
+    return f"{feasible} of {len(ranking)} candidates can be done{order}"
+
+
+def _print_infeasible(assessments: Sequence[Assessment]) -> None:
+    """A line for each reason, with the ways of doing it with the same objects that have it in common."""
+    groups: dict[tuple[str, str], list[str]] = {}
+    for assessment in assessments:
+        objects = " ".join(assessment.candidate.objects.values())
+        groups.setdefault((objects, assessment.reasons[0]), []).append(assessment.candidate.name)
+    for (objects, reason), names in groups.items():
+        who = names[0] if len(names) == 1 else f"{objects}, {len(names)} ways"
+        say(joined([("infeasible ", "red"), f"{who}: {reason}"]))
+
+
+def _print_calibration(assignment: Assignment, feasible: Sequence[Ranked], by: Criterion) -> None:
+    """What inexact camera poses do to the qualities and to who is first."""
+    calibration = assignment.calibration
+    if calibration is None:
+        return
+    assessments = [ranked.assessment for ranked in feasible]
+    first = winners(assessments, by)
+    errors = f"{1000 * calibration.position:g} mm, {np.degrees(calibration.rotation):g} deg"
+    say(f"\nIf every camera is off by {errors} (one standard deviation; {DRAWS} draws, 5th to 95th percentile):")
+    rows = [
+        (
+            assessment.candidate.name,
+            _span([q.q_eoi for q in assessment.recalibrated]),
+            _span([q.q_avg for q in assessment.recalibrated]),
+            f"{first[assessment.candidate.name]} of {DRAWS}",
+        )
+        for assessment in assessments
+    ]
+    titles = ("Q_eoi [%]", "Q_avg [%]", "first in")
+    print_table([Column(""), *(Column(title, right=True) for title in titles)], rows)
+
+
+def _span(values: Sequence[float | None]) -> str:
+    ends = percentiles(values)
+    return "-" if ends is None else f"{100 * ends[0]:.1f} to {100 * ends[1]:.1f}"
+
+
+def _print_feasible(feasible: Sequence[Ranked]) -> None:
+    differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
+    faults = list(feasible[0].assessment.faults)
+    values = [
+        in_words(ranked.assessment.candidate.skill, ranked.assessment.candidate.parameters) for ranked in feasible
+    ]
+    columns = [Column("#")]
+    columns += [Column(name) for name in differing]
+    columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
+    if faults:
+        title = faults[0] if len(faults) == 1 else "fault"
+        columns += [Column(f"{title}\nseen [s]", right=True), Column("at\nworst", right=True)]
+    if feasible[0].assessment.candidate.skill.retried_faults.intersection(faults):
+        columns.append(Column("all\ndone", right=True))
+    rows = [_row(ranked, [words[name] for name in differing]) for ranked, words in zip(feasible, values, strict=True)]
+    print_table(columns, rows)
+    if len(faults) > 1:
+        say(plain(f"The last columns are about the worst of the faults {', '.join(faults)}.", "dim"))
+
+
+def _row(ranked: Ranked, parameters: Sequence[str]) -> list[Cell]:
+    assessment = ranked.assessment
+    row: list[Cell] = [f"{ranked.rank}{' *' if ranked.pareto else ''}", *parameters]
+    row += [Share(assessment.q_eoi), Share(assessment.q_avg), f"{assessment.time:.2f}"]
+    return [*row, *_fault_cells(assessment.faults, assessment.candidate.skill.retried_faults)]
+
+
+def _fault_cells(faults: Mapping[str, FaultMetrics], retried: Collection[str]) -> list[Styled]:
+    """Delays of the worst fault in each, and when all is done after the worst that is retried; none without faults."""
+    if not faults:
+        return []
+    style = "red" if any(fault.unseen > 0 for fault in faults.values()) else ""
+    cells: list[Styled] = [
+        plain(f"{max(fault.delay_mean for fault in faults.values()):.2f}", style),
+        plain(f"{max(fault.delay_worst for fault in faults.values()):.2f}", style),
+    ]
+    done = [fault.expected_time for name, fault in faults.items() if name in retried]
+    return [*cells, f"{max(done):.1f}"] if done else cells
+
+
+def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
+    """Names of the parameters in which candidates differ; the first one if they are all the same."""
+    names = list(candidates[0].parameters)
+    differing = [name for name in names if len({candidate.parameters[name] for candidate in candidates}) > 1]
+    return differing or names[:1]
+
+
+def _praise(feasible: Sequence[Ranked], by: Criterion) -> str:
+    """One sentence about why the first is first."""
+    first = feasible[0].assessment
+    name = first.candidate.name
+    if len(feasible) == 1:
+        return f"{name} can be done: {_strengths(first)}."
+    second = feasible[1].assessment
+    margin = _margin(first, second, by)
+    return f"{name} is best: {_strengths(first)}; {margin}."
+
+
+def _strengths(assessment: Assessment) -> str:
+    parts = []
+    if assessment.q_eoi is not None:
+        parts.append(f"the cameras see {100 * assessment.q_eoi:.1f} % of the events of interest")
+    if assessment.q_avg is not None:
+        parts.append(f"{100 * assessment.q_avg:.1f} % of all that must be seen")
+    seen = " and ".join(parts) or "nothing has to be seen"
+    return f"{seen} in {assessment.time:.1f} s"
+
+
+def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
+    """How the first compares with the second, by the criterion or by what broke the tie."""
+    rival = second.candidate.name
+    for criterion in (by, "q_avg", "time"):
+        own, other = criterion_figure(first, criterion), criterion_figure(second, criterion)
+        if own is None or other is None:
+            continue
+        label, scale, pattern = _SHOWN[criterion]
+        if pattern.format(scale * own) != pattern.format(scale * other):
+            return f"next comes {rival} with {label} {pattern.format(scale * other)}"
+    return f"{rival} is as good"

@@ -1,0 +1,334 @@
+"""How runs look in the terminal: live while they happen, and as tables when they are over."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+from sqrp_cli.program import Program
+from sqrp_cli.runtime.narrator import listed
+from sqrp_cli.runtime.outcome import (
+    STATE,
+    Confusion,
+    Disagreement,
+    Event,
+    FaultRecord,
+    Prediction,
+    RunReport,
+    tolerance,
+)
+from sqrp_cli.terminal.console import Column, Show, joined, live, plain, print_table, say
+
+if TYPE_CHECKING:
+    from sqrp_cli.runtime.audit import AuditReport
+    from sqrp_cli.runtime.simulated_run import SweepRun, SweepSummary
+
+MOST_DISAGREEMENTS = 8
+"""Groups of disagreements that a table lists."""
+
+_STYLES = {"true": "green", "false": "cyan", "blind": "yellow"}
+
+_INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
+_TIME = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
+
+_REPLAY_SPEED = 4.0
+"""How many times as fast as it happened a replay is shown."""
+
+
+class LiveView:
+    """What happens now, on stderr if that is a terminal: a listener of a run and a context manager."""
+
+    def __init__(self, cameras: Sequence[str], *, pace: bool = False) -> None:
+        """pace: show events at a steady pace, not as they come."""
+        self._cameras, self._pace = list(cameras), pace
+        self._stack = ExitStack()
+        self._show: Show | None = None
+        self._doing, self._last, self._t = "looks", "", 0.0
+        self._literals: Mapping[str, Any] = {}
+
+    def __enter__(self) -> LiveView:
+        self._show = self._stack.enter_context(live())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def __call__(self, event: Event) -> None:
+        """Show an event."""
+        if self._show is None or event.kind == STATE:
+            return
+        if self._pace and event.t > self._t:
+            time.sleep((event.t - self._t) / _REPLAY_SPEED)
+        self._t = event.t
+        match event.kind:
+            case "primitive":
+                self._doing = event.fields["name"]
+            case "evidence":
+                self._literals = event.fields["literals"]
+            case "stopping":
+                self._doing = "stops"
+            case "moving on":
+                self._doing, self._last = "moves on to look", f"{event.t:.2f} s: {_line(event)}"
+            case "injected" | "happened" | "fault" | "retry":
+                self._last = f"{event.t:.2f} s: {_line(event)}"
+        self._show(self._text())
+
+    def _text(self) -> Any:  # noqa: ANN401
+        width = max((len(atom) for atom in self._literals), default=0)
+        parts: list[Any] = [(f"{self._t:7.2f} s  {self._doing}", "bold"), "\n"]
+        for atom, found in self._literals.items():
+            value = found["value"] if found["asked"] else f"({found['value']})"
+            parts += [f"  {atom:{width}}  ", (f"{value:8}", _STYLES[found["value"]])]
+            for camera in self._cameras:
+                vote = found["cameras"].get(camera)
+                parts.append((f" {camera}" if vote else " " + "·" * len(camera), _STYLES.get(vote or "", "dim")))
+            parts.append("  blind as predicted\n" if found["value"] == "blind" and not found["predicted"] else "\n")
+        return joined([*parts, (self._last, "yellow")])
+
+
+def _line(event: Event) -> str:
+    match event.kind:
+        case "injected":
+            return f"{event.fields['fault']} is made to happen"
+        case "happened":
+            return f"{event.fields['fault']} has happened"
+        case "fault":
+            return f"{event.fields['name']} is seen"
+        case "moving on":
+            return f"moves on to where `{event.fields['to_see']}` can be seen"
+    return f"tries again ({event.fields['attempt']} of {event.fields['of']})"
+
+
+def print_run(workspace: str, report: RunReport, period: float | None = None) -> None:
+    """The outcome of a run: what was done, the faults, and whether predictions came true.
+
+    period: between images of the slowest camera [s], None if that is not known.
+    """
+    what = "; ".join(step.label for step in report.steps)
+    tries = sum(step.attempts - 1 for step in report.steps)
+    after = f" after {tries} {'retry' if tries == 1 else 'retries'}" if tries else ""
+    if report.outcome == "done":
+        say(joined([f"{what} in {workspace}: ", ("done", "bold green"), f"{after}, {report.time:.2f} s"]))
+    else:
+        say(joined([f"{what} in {workspace}: ", ("stopped", "bold red"), f" at {report.time:.2f} s"]))
+        say(f"The robot stopped because {short_times(report.reason or '')}.")
+    _print_unseen(report)
+    if report.faults:
+        say()
+        _print_faults(report)
+        _print_late(report.faults, period)
+    say()
+    _print_prediction(report.prediction, report.total)
+    _print_disagreements(report.disagreements)
+    say()
+    times = "once" if report.conflicts == 1 else f"{report.conflicts} times"
+    conflicts = f"cameras contradicted each other {times}" if report.conflicts else ""
+    tracking = f"the tool was off its path by {1000 * (report.tracking or 0.0):.3f} mm rms"
+    say("; ".join(part for part in (conflicts, tracking) if part).capitalize() + ".")
+
+
+def _print_unseen(report: RunReport) -> None:
+    """What no camera saw at the end of steps that are done, so that nobody knows whether it held."""
+    for number, step in enumerate(report.steps, 1):
+        if step.end is not None and step.unseen:
+            end = "the motion" if len(report.steps) == 1 else f"step {number}"
+            atoms = listed([f"{atom} ({_last(t)})" for atom, t in step.unseen.items()])
+            say(
+                f"At the end of {end} no image shows {atoms}: a fault after that would not be noticed by then.",
+                "yellow",
+            )
+
+
+def _last(t: float | None) -> str:
+    return "never before" if t is None else f"last at {t:.2f} s"
+
+
+def _print_faults(report: RunReport) -> None:
+    columns = ("injected", "t_f", "t_r", "t_r - t_f", "predicted", "t_redo", "t_e")
+    rows = [
+        [
+            report.label_of(fault),
+            *(_seconds(t) for t in (fault.injected, fault.happened, fault.detected, fault.delay)),
+            _seconds(fault.predicted_delay, "<="),
+            *(_seconds(t) for t in (fault.acted, fault.recovered)),
+        ]
+        for fault in report.faults
+    ]
+    print_table([Column("fault [s]"), *(Column(title, right=True) for title in columns)], rows)
+    say("t_f happened, t_r seen, t_redo the robot responded, t_e the step was done", "dim")
+    for fault in report.faults:
+        if fault.moved_on is not None:
+            say(
+                f"After it had seen {fault.name}, the robot moved on to look for {fault.moved_on:.2f} s: where it was, "
+                "the cameras could not judge whether to try again."
+            )
+
+
+def _print_late(faults: Sequence[FaultRecord], period: float | None) -> None:
+    """Which faults were seen later than predicted, and what that may be due to."""
+    for fault in faults:
+        if fault.delay is None or fault.predicted_delay is None or period is None:
+            continue
+        late = fault.delay - fault.predicted_delay
+        if late > tolerance(period) + 1e-9:
+            say(
+                f"The images showed {fault.name} {late:.2f} s later than predicted: before tool and object have parted "
+                "by some 2 pixels, as at the very start of a lift, no image can show that they part."
+            )
+
+
+def short_times(text: str) -> str:
+    """A text with the times of the formulas in it as people read them, with two decimals."""
+    return _INTERVAL.sub(lambda interval: _TIME.sub(lambda t: f"{float(t[0]):.2f}", interval[0]), text)
+
+
+def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:
+    columns = [
+        Column("literal"),
+        Column("camera"),
+        *(Column(title, right=True) for title in ("predicted", "and seen", "not predicted", "but seen")),
+    ]
+    rows = []
+    for number, step in enumerate(prediction, 1):
+        for atom, cameras in step.items():
+            shown = {name: found for name, found in cameras.items() if found.tp + found.fp + found.fn}
+            for index, (name, found) in enumerate(shown.items()):
+                label = atom if len(prediction) == 1 else f"{number}: {atom}"
+                rows.append([label if index == 0 else "", name, *_cells(found)])
+    rows.append([plain("all", "bold"), "", *_cells(total)])
+    print_table(columns, rows)
+
+
+def _cells(found: Confusion) -> list[Any]:
+    share = found.precision
+    right = "-" if share is None else f"{found.tp}  {100 * share:5.1f} %"
+    style = "" if share is None or share >= 0.97 else "yellow" if share >= 0.9 else "red"
+    return [str(found.tp + found.fp), plain(right, style), str(found.tn + found.fn), str(found.fn or "-")]
+
+
+def _print_disagreements(found: Sequence[Disagreement]) -> None:
+    """Where predictions were wrong: stretches of images of a camera, the overconfident ones first."""
+    groups: dict[tuple[bool, str, str, str], list[Disagreement]] = {}
+    for entry in found:
+        groups.setdefault((not entry.predicted, entry.atom, entry.camera, entry.seen), []).append(entry)
+    if not groups:
+        return
+    say()
+    rows = []
+    for (_, atom, camera, seen), entries in sorted(groups.items())[:MOST_DISAGREEMENTS]:
+        what = f"{seen} ({', '.join(sorted({e.because for e in entries}))})" if entries[0].predicted else seen
+        shares = [entry.share for entry in entries]
+        rows.append(
+            [
+                atom,
+                camera,
+                "seen" if entries[0].predicted else "not",
+                what,
+                str(len(entries)),
+                f"{min(e.t for e in entries):.1f} - {max(e.t for e in entries):.1f}",
+                f"{100 * min(shares):.0f} - {100 * max(shares):.0f}",
+            ]
+        )
+    print_table(
+        [
+            Column("literal"),
+            Column("camera"),
+            Column("predicted"),
+            Column("shown"),
+            Column("images", right=True),
+            Column("from - to [s]", right=True),
+            Column("judged [%]", right=True),
+        ],
+        rows,
+    )
+    if len(groups) > MOST_DISAGREEMENTS:
+        say(f"and {len(groups) - MOST_DISAGREEMENTS} more; --json lists every image", "dim")
+
+
+def print_sweep(
+    program: Program, number: int, workspace: str, text: str, runs: Sequence[SweepRun], summary: SweepSummary
+) -> None:
+    """The runs of a sweep, and how predicted and measured delays compare. number: of the step that was swept."""
+    step = "" if len(program.steps) == 1 else f"step {number}, "
+    say(f"{step}{program.steps[number - 1].short_task} in {workspace}: {text} at {len(runs)} instants")
+    say()
+    columns = ("slip at", "t_f", "t_r", "t_r - t_f", "predicted", "t_e")
+    print_table(
+        [*(Column(title, right=True) for title in columns), Column("outcome")],
+        [
+            [
+                f"{run.x:.2f}",
+                *(_seconds(t) for t in (run.fault.happened, run.fault.detected, run.fault.delay)),
+                _seconds(run.fault.predicted_delay, "<="),
+                _seconds(run.fault.recovered),
+                run.report.outcome,
+            ]
+            for run in runs
+        ],
+    )
+    clocks = "all in s" if len(program.steps) == 1 else f"in s of the run (slip at: of step {number})"
+    say(f"t_f it happened, t_r it was seen, t_e the step was done, {clocks}", "dim")
+    _print_stops(runs)
+    say()
+    within = f"within {1000 * summary.tolerance:.0f} ms (a frame period and the time to look at an image)"
+    say(
+        f"{summary.seen} of {summary.predictable} slips that the prediction says can be seen were seen: "
+        f"{summary.as_predicted} as predicted, {within}, {summary.sooner} sooner and {summary.later} later."
+    )
+    if summary.lateness:
+        sooner, worse = max(0.0, -min(summary.lateness)), max(0.0, max(summary.lateness))
+        say(f"They were seen at most {sooner:.2f} s sooner and {worse:.2f} s later than predicted.")
+    if summary.delays:
+        done = f"; done after {sum(summary.ends) / len(summary.ends):.1f} s on average" if summary.ends else ""
+        mean = sum(summary.delays) / len(summary.delays)
+        say(f"Seen after {mean:.2f} s on average, {max(summary.delays):.2f} s at worst{done}.")
+
+
+def _print_stops(runs: Sequence[SweepRun]) -> None:
+    """Why runs of a sweep stopped, each reason once."""
+    stopped: dict[str, list[str]] = {}
+    for run in runs:
+        if run.report.reason:
+            stopped.setdefault(run.report.reason, []).append(f"{run.x:.2f}")
+    for reason, places in stopped.items():
+        say(f"Stopped with the slip at {', '.join(places)}: {short_times(reason)}.")
+
+
+def print_audit(program: Program, workspace: str, report: AuditReport, threshold: float) -> None:
+    """What recorded frames say about a program's predictions."""
+    what = "; ".join(step.short_task for step in program.steps)
+    say(f"{what} in {workspace}: {report.images} images compared, {report.skipped} skipped (not as planned)")
+    if report.repeated:
+        say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
+    say()
+    _print_prediction(report.prediction, report.total)
+    _print_disagreements(report.disagreements)
+    say()
+    precision = report.total.precision
+    if precision is None:
+        say("No image was predicted to show anything, so there is nothing to confirm.")
+    else:
+        verdict = "at least" if precision >= threshold else "less than"
+        say(f"{100 * precision:.1f} % of what was predicted to be seen was seen, {verdict} {100 * threshold:g} %.")
+
+
+def wall_time(report: RunReport) -> str:
+    """Where the wall time of a run went, in one line."""
+    wall = dict(report.wall)
+    total, apart = wall.pop("all"), wall.pop("perception (in parallel)")
+    parts = [f"{name} {seconds:.1f}" for name, seconds in wall.items()]
+    rest = total - sum(wall.values())
+    return (
+        f"{total:.1f} s of wall time for {report.time:.1f} s and {report.images} images: "
+        f"{', '.join(parts)}, the rest {rest:.1f} s; perception {apart:.1f} s of CPU in its own processes"
+    )
+
+
+def _seconds(t: float | None, sign: str = "") -> str:
+    return "-" if t is None else f"{sign}{t:.2f}"

@@ -1,0 +1,113 @@
+"""What `sqrp score` and `sqrp diff` print."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sqrp_cli.scoring.findings import Findings, Result, listed
+from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say
+
+_STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
+
+
+def print_report(findings: Findings) -> None:
+    """The table with a row per task, then a sentence for everything that is not as it should be."""
+    if findings.results:
+        print_results(findings.results)
+    for result in findings.results:
+        score = result.score
+        for reason in score.reasons:
+            named = score.task is None or reason.startswith(score.task)
+            where = score.workspace if named else _name(result)
+            say(joined(["\n", (score.status, _STYLES[score.status]), f" {where}: {reason}"]))
+    print_comparison(findings)
+    if findings.results:
+        say()
+    if findings.results or findings.interrupted:
+        say(verdict(findings))
+
+
+def print_results(results: Sequence[Result]) -> None:
+    """The table with a row per task."""
+    columns = [Column("workspace", shrink=True), Column("task", shrink=True), Column("best", shrink=True)]
+    columns += [Column(title, right=True) for title in ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")]
+    print_table([*columns, Column("")], [_row(result) for result in results])
+
+
+def print_comparison(findings: Findings) -> None:
+    """Improvements, new and vanished tasks, and what changed where nothing got worse."""
+    for result in findings.results:
+        comparison = result.comparison
+        if comparison is None:
+            continue
+        for change in comparison.ways:
+            if not change.worse:
+                say(joined(["\n", ("improved", "green"), f" {_name(result)} for {change}"]))
+        if comparison.verdict == "new":
+            say(joined(["\n", ("new", "yellow"), f" {_name(result)} is not in the baseline"]))
+        for way in comparison.gone:
+            say(joined(["\n", ("gone", "yellow"), f" {_name(result)} for {way}: there is no such way any more"]))
+    for workspace, task in findings.vanished:
+        say(joined(["\n", ("vanished", "yellow"), f" {workspace}, {task} is only in the baseline"]))
+    worse = {result.score.workspace for result in findings.results if result.comparison and result.comparison.ways}
+    for workspace, changes in findings.changes.items():
+        if changes and workspace not in worse:
+            say(joined(["\n", ("changed", "dim"), f" {workspace}, with no effect: {listed(changes)}"]))
+
+
+def print_difference(findings: Findings) -> None:
+    """What differs between two versions, and what that does to every way of doing a task."""
+    if findings.interrupted:
+        say("Interrupted before the two versions could be compared.")
+        return
+    changes = [change for changes in findings.changes.values() for change in changes]
+    say("What differs in the workspace:" if changes else "Nothing that matters differs in the workspace.")
+    for change in changes:
+        say(f"  {change}")
+    ways = [(result, change) for result in findings.results if result.comparison for change in result.comparison.ways]
+    say("\nWhat that does:" if ways else "\nNo task gets better or worse.")
+    for result, way in ways:
+        mark = ("worse ", "red") if way.worse else ("better", "green")
+        say(joined(["  ", mark, f"  {result.score.task} for {way}"]))
+    for result in findings.results:
+        if result.comparison and result.comparison.verdict == "new":
+            say(joined(["  ", ("new   ", "yellow"), f"  {result.score.task}"]))
+        for name in result.comparison.gone if result.comparison else ():
+            say(joined(["  ", ("gone  ", "yellow"), f"  {result.score.task} for {name}"]))
+    for _, task in findings.vanished:
+        say(joined(["  ", ("gone  ", "yellow"), f"  {task}"]))
+
+
+def verdict(findings: Findings) -> str:
+    """The sentence that ends a run."""
+    total = len(findings.results) + findings.unfinished
+    of_all = f"of {total} task{'s' if total != 1 else ''}"
+    counts = [f"{findings.count('passed')} {of_all} passed"]
+    if findings.interrupted:
+        done = len(findings.results)
+        were = "was" if 1 in (done, total) else "were"
+        counts = [f"Interrupted: {done} {of_all} {were} finished", f"{findings.count('passed')} passed"]
+    counts += [f"{findings.count('failed')} failed"] if findings.count("failed") else []
+    errors = findings.count("error")
+    counts += [f"{errors} could not be scored"] if errors else []
+    return ", ".join(counts) + "."
+
+
+def _name(result: Result) -> str:
+    score = result.score
+    return score.workspace if score.task is None else f"{score.workspace}, {score.task}"
+
+
+def _row(result: Result) -> list[Styled]:
+    score = result.score
+    status = plain(score.status, _STYLES[score.status])
+    if score.best is None:
+        return [score.workspace, score.task or "", "", "", "", "", "", status]
+    best = score.best.assessment
+    delay = best.delay_worst
+    figures = [_percent(best.q_eoi), _percent(best.q_avg), f"{best.time:.2f}", "-" if delay is None else f"{delay:.2f}"]
+    return [score.workspace, score.task or "", best.candidate.name, *figures, status]
+
+
+def _percent(quality: float | None) -> str:
+    return "-" if quality is None else f"{100 * quality:.1f}"

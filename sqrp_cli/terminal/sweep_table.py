@@ -1,0 +1,62 @@
+"""What `sqrp score --vary` prints."""
+
+from __future__ import annotations
+
+from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
+from sqrp_cli.terminal.console import Column, Styled, plain, print_table, say
+
+ROWS = 20
+"""Variants that the table shows; the document has all."""
+
+_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "tasks\npassed")
+
+
+def print_sweep(sweep: Sweep) -> None:
+    """The table of variants, the best first."""
+    paths = [path for path, _ in max((scored.variant.values for scored in sweep.variants), key=len)]
+    short = _short(paths)
+    columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in short)]
+    columns += [Column(title, right=True) for title in _FIGURES]
+    shown = list(enumerate(sweep.variants[:ROWS], 1))
+    shown += [
+        (rank, scored) for rank, scored in enumerate(sweep.variants, 1) if rank > ROWS and not scored.variant.values
+    ]
+    print_table(columns, [_row(rank, scored, paths) for rank, scored in shown])
+    for reason, ranks in _reasons(shown).items():
+        say(f"{', '.join(f'#{rank}' for rank in ranks)}: {reason}")
+    if len(sweep.variants) > len(shown):
+        say(plain(f"{len(sweep.variants) - len(shown)} more are in the document of --json.", "dim"))
+    say(plain("Figures are means over every choice of objects of every task; Q of what cannot be done is 0.", "dim"))
+
+
+def _row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
+    values = dict(scored.variant.values)
+    cells: list[Styled] = [str(rank), *(values.get(path, "as it is") for path in paths)]
+    figures = [_figure(scored.q_eoi, 100, 1), _figure(scored.q_avg, 100, 1), _figure(scored.time, 1, 2)]
+    figures.append(_figure(scored.delay, 1, 2))
+    errors = scored.findings.count("error")
+    passed = f"{scored.passed} of {len(scored.findings.results)}"
+    return [*cells, *figures, plain("error", "bold red") if errors else passed]
+
+
+def _reasons(shown: list[tuple[int, ScoredVariant]]) -> dict[str, list[int]]:
+    """Why variants cannot be scored, each reason with the ranks of those that it keeps."""
+    found: dict[str, list[int]] = {}
+    for rank, scored in shown:
+        errors = [result.score for result in scored.findings.results if result.score.status == "error"]
+        if errors:
+            found.setdefault(errors[0].reasons[0], []).append(rank)
+    return found
+
+
+def _figure(value: float | None, scale: float, digits: int) -> str:
+    return "-" if value is None else f"{scale * value:.{digits}f}"
+
+
+def _short(paths: list[str]) -> list[str]:
+    """The paths without what they all begin with, but with two words at least."""
+    words = [path.split(".") for path in paths]
+    common = 0
+    while all(len(path) > common + 2 for path in words) and len({path[common] for path in words}) == 1:
+        common += 1
+    return [".".join(path[common:]) for path in words]

@@ -1,0 +1,231 @@
+"""The coverage of a candidate as rows of signs over time, one per literal and camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.programming.assessment import Assessment, Study
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.explanation import CauseTotal, cause_totals, first_failures
+from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.robustness import without_each_camera
+from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.terminal.accuracy import accuracy
+from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
+
+MOST_SIGNS = 50
+"""Signs in a row, where the terminal is wide enough; each stands for an equal share of the motion's time."""
+
+LEAST_SIGNS = 20
+"""Signs in a row, however narrow the terminal is."""
+
+FIGURES = 12
+"""Width of the figures behind the rows."""
+
+LABEL = 18
+"""Width of the names in front of the rows."""
+
+SIGNS: dict[Cause, tuple[str, str]] = {
+    Cause.NONE: ("█", "green"),
+    Cause.TOO_NEAR: ("n", "yellow"),
+    Cause.TOO_FAR: ("f", "yellow"),
+    Cause.OUT_OF_IMAGE: ("o", "blue"),
+    Cause.DETECTOR_NEAR: ("n", "yellow"),
+    Cause.DETECTOR_FAR: ("f", "yellow"),
+    Cause.OBLIQUE: ("a", "magenta"),
+    Cause.TOO_SMALL: ("s", "magenta"),
+    Cause.HIDDEN: ("h", "red"),
+}
+"""Sign and colour of each cause."""
+
+NOT_ASKED = ("·", "dim")
+"""Sign where no formula asks for a literal."""
+
+LEGEND = "█ covered  h hidden  o out of image  f too far  n too near  a angle  s too small  - not covered  · not asked"
+
+
+def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampling) -> None:
+    """The timeline of a candidate, the totals of its causes, the verdict and how exact that is.
+
+    Of an infeasible one the reasons.
+    """
+    assessment = ranked.assessment
+    if study is None:
+        say(f"{assessment.candidate.name} is infeasible:")
+        for reason in assessment.reasons:
+            say(f"- {reason}")
+        return
+    figures = [f"time {assessment.time:.2f} s"]
+    for label, quality in (("Q_eoi", assessment.q_eoi), ("Q_avg", assessment.q_avg)):
+        figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
+    place = f"rank {ranked.rank}" + (", Pareto-optimal" if ranked.pareto else "")
+    say(joined([(assessment.candidate.name, "bold"), f": {place}, {', '.join(figures)}\n"]))
+    for row in _Chart(study, study.motion.time).rows(cell):
+        say(row)
+    say(plain(LEGEND, "dim"))
+    for name, fault in assessment.faults.items():
+        unseen = f", in {100 * fault.unseen:.0f} % of cases only at the end" if fault.unseen else ""
+        retried = name in study.candidate.skill.retried_faults
+        done = f"; done after one retry at {fault.expected_time:.1f} s" if retried else ""
+        say(
+            f"\n{name}: noticed after {fault.delay_mean:.2f} s on average, {fault.delay_worst:.2f} s at worst{unseen};"
+            f" longest blind stretch {fault.blind_longest:.2f} s{done}"
+        )
+    say(f"\n{_camera_failures(cell, study, assessment)}")
+    totals = cause_totals(cell, study)
+    if totals:
+        say()
+        print_table(
+            [Column("literal"), Column("camera"), Column("seconds", right=True), Column("does not see it because")],
+            ((str(t.atom), t.camera, f"{t.duration:.2f}", _because(t)) for t in totals),
+        )
+    say(f"\n{assessment.verdict}")
+    say(plain(accuracy(sampling, [ranked]), "dim"))
+
+
+def print_comparison(explained: Sequence[tuple[Ranked, Study | None]], sampling: Sampling) -> None:
+    """Every candidate's coverage on one scale of time, a row each, and the verdicts."""
+    longest = max((study.motion.time for _, study in explained if study is not None), default=0.0)
+    say(plain(" " * LABEL + _axis(longest)))
+    for ranked, study in explained:
+        name = ranked.assessment.candidate.name
+        if study is None:
+            say(joined([*_label(name, ""), (f"infeasible: {ranked.assessment.reasons[0]}", "red")]))
+            continue
+        chart = _Chart(study, longest)
+        figures = f" {_percent(ranked.assessment.q_eoi)} {_percent(ranked.assessment.q_avg)}"
+        say(joined([*_label(name), *chart.state_signs(), figures]))
+        say(plain(" " * LABEL + chart.primitives_row()))
+    say(
+        plain(
+            "On the right Q_eoi and Q_avg [%]. █ covered  - not covered  ! not covered in an event of interest", "dim"
+        )
+    )
+    for ranked, study in explained:
+        if study is not None:
+            say(f"\n{ranked.assessment.candidate.name}: {ranked.assessment.verdict}")
+    if feasible := [ranked for ranked, study in explained if study is not None]:
+        say(plain(f"\n{accuracy(sampling, feasible)}", "dim"))
+
+
+def _label(name: str, style: str = "bold") -> list[Styled | tuple[str, str]]:
+    """A name in front of a row; one that is too long gets a line of its own."""
+    return [(name.ljust(LABEL), style), *(["\n" + " " * LABEL] if len(name) >= LABEL else [])]
+
+
+def _percent(quality: float | None) -> str:
+    return "    -" if quality is None else f"{100 * quality:5.1f}"
+
+
+def _width() -> int:
+    """Signs in a row that fit the terminal."""
+    return max(LEAST_SIGNS, min(MOST_SIGNS, terminal_width() - LABEL - FIGURES))
+
+
+def _axis(time: float) -> str:
+    end = f"{time:.1f} s"
+    return "0".ljust(_width() - len(end)) + end
+
+
+def _camera_failures(cell: Cell, study: Study, assessment: Assessment) -> str:
+    """One sentence about what each camera's failure would cost."""
+    needed, spare = [], []
+    for name, without in without_each_camera(cell, study).items():
+        losses = [
+            f"{label} to {100 * left:.1f} %"
+            for label, left, now in (
+                ("Q_eoi", without.q_eoi, assessment.q_eoi),
+                ("Q_avg", without.q_avg, assessment.q_avg),
+            )
+            if left is not None and now is not None and round(left, 3) < round(now, 3)
+        ]
+        if losses:
+            needed.append(f"without {name} {' and '.join(losses)}")
+        else:
+            spare.append(name)
+    parts = [f"If a camera fails: {'; '.join(needed)}." if needed else "No single camera is needed."]
+    if spare and needed:
+        parts.append(f"Not needed here: {', '.join(spare)}.")
+    return " ".join(parts)
+
+
+def _because(total: CauseTotal) -> str:
+    words = total.cause.words
+    match total.cause:
+        case Cause.HIDDEN:
+            return f"{words} by {total.by}"
+        case Cause.OUT_OF_IMAGE:
+            return f"{words} ({total.by})"
+        case _:
+            return words
+
+
+class _Chart:
+    """Rows over the time of one study, on a scale of `longest` seconds."""
+
+    def __init__(self, study: Study, longest: float) -> None:
+        self._study, self._scale = study, _width() / max(longest, 1e-9)
+        samples = study.timeline.samples
+        moments = (np.arange(round(study.motion.time * self._scale)) + 0.5) / self._scale
+        before = np.clip(np.searchsorted(samples.t, moments, side="right") - 1, 0, len(samples) - 2)
+        later = samples.t[before + 1] - moments < moments - samples.t[before]
+        self._row: NDArray[np.int64] = before + later
+
+    def rows(self, cell: Cell) -> list[Styled]:
+        """Axis, primitives, events of interest, the state, and every literal with its cameras."""
+        study, timeline = self._study, self._study.timeline
+        interesting = "".join("◆" if flag else " " for flag in timeline.interesting[self._row])
+        rows: list[Styled] = [plain(" " * LABEL + _axis(study.motion.time)), plain(" " * LABEL + self.primitives_row())]
+        if interesting.strip():
+            rows.append(plain("event of interest".ljust(LABEL) + interesting))
+        rows.append(self._coverage("all literals", timeline.covered, timeline.monitored))
+        observation = timeline.observation
+        for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+            required = observation.required[:, column]
+            rows += ["", self._coverage(str(target.atom), observation.covered[:, column], required)]
+            for index, camera in enumerate(cell.observer.cameras):
+                causes = [failure.cause for failure in first_failures(boxes, np.arange(len(required)), index)]
+                signs = [SIGNS[causes[row]] if required[row] else NOT_ASKED for row in self._row]
+                seen = np.array([cause is Cause.NONE for cause in causes])
+                share = self._share(seen & required, required)
+                rows.append(joined([*_label(f"  {camera.name}", ""), *signs, share]))
+        return rows
+
+    def state_signs(self) -> list[tuple[str, str]]:
+        """The coverage of the state, with what is not covered in an event of interest marked."""
+        timeline = self._study.timeline
+        missed = np.where(timeline.interesting, "!", "-")
+        return self._signs(timeline.covered, timeline.monitored, missed)
+
+    def primitives_row(self) -> str:
+        """Where each primitive begins: its name, as far as there is room until the next one."""
+        primitives = self._study.motion.primitives
+        starts = [round(primitive.start * self._scale) for primitive in primitives]
+        row = [" "] * len(self._row)
+        for primitive, start, end in zip(primitives, starts, [*starts[1:], len(row)], strict=True):
+            name = f"|{primitive.name}"[: max(end - start, 0)]
+            row[start : start + len(name)] = name
+        return "".join(row)
+
+    def _coverage(self, label: str, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> Styled:
+        signs = self._signs(covered, asked, np.full(len(asked), "-"))
+        return joined([*_label(label), *signs, self._share(covered, asked)])
+
+    def _signs(
+        self, covered: NDArray[np.bool_], asked: NDArray[np.bool_], missed: NDArray[np.str_]
+    ) -> list[tuple[str, str]]:
+        return [
+            NOT_ASKED if not asked[row] else ("█", "green") if covered[row] else (str(missed[row]), "red")
+            for row in self._row
+        ]
+
+    def _share(self, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> str:
+        """Share of the time between neighbouring samples that are both covered, as Q counts it."""
+        steps = np.nan_to_num(self._study.timeline.steps)
+        total = float(steps[asked[:-1] & asked[1:]].sum())
+        seen = covered & asked
+        return f" {100 * float(steps[seen[:-1] & seen[1:]].sum()) / total:5.1f} %" if total else ""

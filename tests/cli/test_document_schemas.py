@@ -1,0 +1,82 @@
+"""`sqrp schema COMMAND` describes what `COMMAND --json` prints: documents fit their schemas, and no other key does."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from sqrp_cli.report.documents.schemas import DOCUMENTS, NAMES, schema_of
+
+CELLS = Path(__file__).parents[2] / "workspaces"
+TABLETOP, TOWER = CELLS / "tabletop", CELLS / "tower"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_name_has_a_schema(sqrp, name):
+    jsonschema.Draft202012Validator.check_schema(json.loads(sqrp("schema", name).out))
+
+
+COMMANDS = [
+    ("check", TABLETOP),
+    ("check", TOWER, "pickup blue"),
+    ("rank", TABLETOP, "pickup object=g1,g6", "--samples", "3"),
+    ("rank", TABLETOP, "pickup g2", "--samples", "3", "--calibration", "5 mm, 0.5 deg"),
+    ("rank", TABLETOP, "pickup g2", "--dt", "0.5"),
+    ("explain", TABLETOP, "pickup g2", "--samples", "3"),
+    ("explain", TABLETOP, "pickup object=g2,g6", "--samples", "3", "--all"),
+    ("explain", TABLETOP, "pickup g6"),
+    ("show", TABLETOP),
+    ("show", CELLS / "screws"),
+    ("show", TOWER),
+    ("score", TABLETOP, "--samples", "3"),
+    ("score", TABLETOP, "--samples", "3", "--vary", "cameras.cam2.pose.position[2]=1.3:1.5:2"),
+    ("diff", TABLETOP, TABLETOP, "--samples", "3"),
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=[" ".join(Path(str(w)).name for w in c) for c in COMMANDS])
+def test_documents_fit_their_schemas(sqrp, command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    document = sqrp(*command, "--json").document
+    validate(document, command[0])
+    assert_no_other_key_fits(document, command[0])
+
+
+def test_documents_of_new_workspaces_and_of_programs_fit_their_schemas(sqrp, tmp_path):
+    validate(sqrp("init", tmp_path / "cell", "--json").document, "init")
+    program = tmp_path / "pick.yaml"
+    sqrp("rank", TABLETOP, "pickup g2", "--samples", "3", "--program", program)
+    validate(sqrp("program", program, "--json").document, "program")
+
+
+def test_documents_of_runs_and_audits_fit_their_schemas(sqrp, tmp_path):
+    program, frames = tmp_path / "pick.yaml", tmp_path / "frames"
+    sqrp("rank", TABLETOP, "pickup g2", "--program", program)
+    validate(sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--frames", frames, "--json").document, "run")
+    validate(sqrp("audit", program, frames, "--json").document, "audit")
+
+
+def validate(document: dict, name: str) -> None:
+    jsonschema.validate(document, strict(schema_of(name)), cls=jsonschema.Draft202012Validator)
+
+
+def assert_no_other_key_fits(document: dict, name: str) -> None:
+    with pytest.raises(jsonschema.ValidationError):
+        validate({**document, "another": 1}, name)
+
+
+def strict(schema: dict) -> dict:
+    """The schema, where keys that it does not describe are errors."""
+    for entry in schema.get("$defs", {}).values():
+        if "properties" in entry:
+            entry["additionalProperties"] = False
+    if "properties" in schema:
+        schema["additionalProperties"] = False
+    return schema
+
+
+def test_the_documents_are_those_of_the_commands_that_print_json():
+    assert set(DOCUMENTS) == {"rank", "explain", "check", "program", "run", "audit", "score", "diff", "show", "init"}

@@ -1,0 +1,52 @@
+"""Every command in the documentation has been run, and prints what is shown."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.docs.page import BLOCK, PAGES, ROOT, blocks, played
+
+RUN = [page for page in PAGES if any(block.kind in ("console", "sh") for block in blocks(page.read_text()))]
+
+LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]+)?(?:#([^)\s]+))?\)")
+
+MADE = {"commands.md", "workspace.md", "skill.md", "findings.md"}
+"""Pages that are made from the code."""
+
+
+@pytest.mark.parametrize("page", RUN, ids=[str(page.relative_to(ROOT)) for page in RUN])
+def test_commands_print_what_the_page_shows(page: Path) -> None:
+    for block, printed in played(page):
+        assert printed == block.output, block.command
+
+
+PYTHON = re.compile(r"^```python\n(?P<code>.*?)^```$", re.DOTALL | re.MULTILINE)
+
+WITH_CODE = [page for page in PAGES if PYTHON.search(page.read_text())]
+
+
+@pytest.mark.parametrize("page", WITH_CODE, ids=[str(page.relative_to(ROOT)) for page in WITH_CODE])
+def test_python_on_a_page_runs_from_top_to_bottom(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    names: dict[str, object] = {}
+    for code in PYTHON.findall(page.read_text()):
+        exec(compile(code, str(page), "exec"), names)  # noqa: S102 - our own pages
+
+
+@pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
+def test_links_lead_to_files_that_exist(page: Path) -> None:
+    for target, _ in LINK.findall(BLOCK.sub("", page.read_text())):
+        assert not target or (page.parent / target).exists() or Path(target).name in MADE, target
+
+
+def test_the_readme_is_a_front_door_and_not_the_house() -> None:
+    assert len((ROOT / "README.md").read_bytes()) <= 10_240
+
+
+def test_the_readme_shows_the_main_commands() -> None:
+    text = (ROOT / "README.md").read_text()
+    for command in ("check", "rank", "explain", "program", "run", "audit", "score", "diff", "show", "init", "schema"):
+        assert f"sqrp {command}" in text, command

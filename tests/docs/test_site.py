@@ -1,0 +1,46 @@
+"""`make docs` builds a site whose pages, made from the code, name everything there is."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.knowledge.file_schemas import FILES, file_schema
+from tests.docs.page import ROOT
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    built = subprocess.run(
+        command, cwd=ROOT, env={**os.environ, "NO_MKDOCS_2_WARNING": "1"}, capture_output=True, text=True
+    )
+    assert built.returncode == 0, built.stderr
+    assert built.stderr == ""
+    return folder
+
+
+def test_every_command_has_its_section(site: Path) -> None:
+    page = (site / "reference" / "commands.html").read_text()
+    for command in ("check", "rank", "explain", "program", "run", "audit", "score", "diff", "show", "schema", "init"):
+        assert f'id="sqrp-{command}"' in page
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_every_key_of_a_file_is_on_its_page(site: Path, file: str) -> None:
+    page, schema = (site / "reference" / f"{file}.html").read_text(), file_schema(file)
+    entries = [schema, *(entry for entry in schema["$defs"].values() if "properties" in entry)]
+    for key in {key for entry in entries for key in entry["properties"]}:
+        assert f"<code>{key}</code>" in page, key
+
+
+def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
+    for page in site.rglob("*.html"):
+        text = page.read_text()
+        assert '<script src="http' not in text, page
+        assert '<link rel="stylesheet" href="http' not in text, page
