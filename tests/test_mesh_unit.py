@@ -98,7 +98,7 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Wor
 
     cell = Cell.load(workspace)
     (shown,) = (part for part in ShowDocument.of(cell).opaque if part.parent == "g1")
-    assert shown["scale"] == [0.0254] * 3
+    assert shown.scale == [0.0254] * 3
     (drawn,) = (solid for solid in model_document(cell)["solids"] if solid["parent"] == "g1")
     np.testing.assert_allclose(spans(STEP * np.array(drawn["vertices"]).reshape(-1, 3)), spans(CORNERS), atol=STEP)
 
