@@ -13,11 +13,12 @@ from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import Program, Step
 from sqrp_cli.runtime.expectation import Expectation, values_when_open
 from sqrp_cli.runtime.frame import Frame
+from sqrp_cli.runtime.image_size import ImageSize, check_recorded, read_png
 from sqrp_cli.runtime.judge import Judge
 from sqrp_cli.runtime.outcome import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Watchlist
-from sqrp_cli.runtime.perception.vision import read_png
+from sqrp_cli.runtime.perception.vision import decoded
 from sqrp_cli.runtime.prediction_check import PredictionCheck
 from sqrp_cli.runtime.recording import FrameEntry, read_frames
 from sqrp_cli.runtime.simulated_run import knowledge_of
@@ -51,6 +52,7 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
     InputError for a folder or an image that cannot be used.
     """
     entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
+    check_recorded(workspace, {entry.camera for entry in entries})
     twin = Twin.load(workspace.robot)
     checks = []
     compared = skipped = repeated = 0
@@ -86,15 +88,10 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
 
 
 def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
-    image = read_png(entry.file)
     camera = workspace.cameras[entry.camera]
+    image = decoded(read_png(entry.file, ImageSize(camera.width, camera.height), camera.name))
     if image is None:
-        raise InputError(Problem("unreadable", "this image cannot be read", Place(entry.file)))
-    if image.shape[:2] != (camera.height, camera.width):
-        found, expected = f"{image.shape[1]}x{image.shape[0]}", f"{camera.width}x{camera.height}"
-        raise InputError(
-            Problem("wrong-size", f"this image is {found}, {camera.name} has {expected}", Place(entry.file))
-        )
+        raise InputError(Problem("unreadable", "this PNG file is damaged or cut off", Place(entry.file)))
     return Frame(entry.camera, entry.t or 0.0, image)
 
 

@@ -199,7 +199,7 @@ def obj_bombs() -> dict[str, Bomb]:
     lines = {
         "face of 100,000 corners": (
             "f" + " 1" * 100_000,
-            "21: found a polygon with 100,000 corners, expected 3 to 500",
+            "21: found a polygon with 100,000 corners, expected 3 to 1000",
         ),
         "corner 0": ("f 0 1 2", "21: found the vertex 0"),
         "corner too large": ("f 1 2 9", "21: found the vertex 9, of 8"),

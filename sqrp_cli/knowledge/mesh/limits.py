@@ -15,7 +15,7 @@ MAX_TEXT_BYTES = 64_000_000
 MAX_TRIANGLES = 500_000
 """Largest mesh that is accepted, of which the loader makes half a gigabyte in some five seconds."""
 
-MAX_CORNERS = 500
+MAX_CORNERS = 1000
 """Most corners of a polygon; the time to cut one into triangles grows with their number squared."""
 
 MAX_PIECES = 10_000

@@ -181,12 +181,14 @@ def direction(camera: Camera, pixel: Array) -> Array:
 
 def write_png(path: Path, image: Image) -> None:
     """Write an image as a PNG file."""
-    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    path.write_bytes(content.tobytes())
 
 
-def read_png(path: Path) -> Image | None:
-    """Read an image; None if it cannot be read."""
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+def decoded(content: bytes) -> Image | None:
+    """The image of an image file's content, in eight bits and without transparency; None if it is damaged."""
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
