@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
+
+from sqrp_cli.paths_as_text import json_line
 
 Document = dict[str, Any]
 
@@ -13,4 +14,4 @@ SCHEMA = 1
 
 def as_text(document: Document) -> str:
     """A document as one line of JSON. Raises ValueError if a figure is not finite."""
-    return json.dumps(document, ensure_ascii=False, allow_nan=False)
+    return json_line(document)

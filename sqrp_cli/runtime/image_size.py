@@ -46,7 +46,9 @@ def check_simulated(workspace: Workspace) -> None:
         _check(workspace, camera, MOST_SIMULATED, "simulated")
     together = sum(camera.width * camera.height for camera in cameras)
     if together > MOST_SIMULATED_TOGETHER:
-        message = f"the images of all cameras have {together:,} pixels; simulated are at most {MOST_SIMULATED_TOGETHER:,}"
+        message = (
+            f"the images of all cameras have {together:,} pixels; simulated are at most {MOST_SIMULATED_TOGETHER:,}"
+        )
         raise InputError(Problem("image-too-large", message, workspace.places.get("cameras")))
 
 

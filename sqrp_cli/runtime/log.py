@@ -13,6 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.source import missing_file
+from sqrp_cli.paths_as_text import json_line
 from sqrp_cli.runtime.log_events import first_words, wrong_field
 from sqrp_cli.runtime.outcome import STATE, Event, RunReport
 
@@ -35,7 +36,7 @@ class LogWriter:
     def __call__(self, event: Event) -> None:
         """Write an event."""
         line = {"t": event.t, "event": event.kind, **event.fields}
-        self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+        self._file.write(json_line(line) + "\n")
 
     def finish(self, report: RunReport) -> None:
         """Write the report as the last line."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -14,6 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
 from sqrp_cli.knowledge.source import Scalar, missing_file
+from sqrp_cli.paths_as_text import json_line
 from sqrp_cli.programming.coverage import Coverage
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Sampling
@@ -115,7 +115,7 @@ def baseline_of(
 
 def save_baseline(baseline: Baseline, path: Path) -> None:
     """Write a baseline, the same bytes for the same scores. Raises InputError where it cannot be written."""
-    text = json.dumps(baseline.model_dump(mode="json"), ensure_ascii=False, indent=1, sort_keys=False)
+    text = json_line(baseline.model_dump(mode="json"), indent=1)
     write_atomically(path, text + "\n")
 
 

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.paths_as_text import json_line
 from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.coverage import BlindSpan, Coverage, TargetCoverage
 from sqrp_cli.programming.faults import FaultMetrics
@@ -56,7 +57,7 @@ class Outcome:
 
 
 def _as_line(document: Numbers) -> str:
-    return json.dumps(document, ensure_ascii=False, allow_nan=False)
+    return json_line(document)
 
 
 def _checksum(document: Numbers) -> str:

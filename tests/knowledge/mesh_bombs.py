@@ -179,7 +179,7 @@ _DAE_EDITS: dict[str, tuple[bytes, bytes, str]] = {
     "stride too small": (b'count="8" stride="3"', b'count="8" stride="1"', "3 parameters and the stride 1"),
     "stride zero": (b'count="8" stride="3"', b'count="8" stride="0"', "stride 0"),
     "offset in the array": (b'count="8" stride="3"', b'count="8" stride="3" offset="4"', "4 . 8 x 3 values"),
-    "offset of an input": (b'source="#normals" offset="1"', b'source="#normals" offset="99999999"', "`offset` is 99,999,999"),
+    "offset of an input": (b'"#normals" offset="1"', b'"#normals" offset="99999999"', "`offset` is 99,999,999"),
     "offset too large": (b'source="#normals" offset="1"', b'source="#normals" offset="3"', "its <p> has 18"),
     "no source": (b'source="#normals" offset', b'source="#normal" offset', "did you mean `#normals`"),
     "no array": (b'source="#normals-array"', b'source="#places-array"', "expected `#normals-array`"),

@@ -11,7 +11,7 @@ import pytest
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.mesh_file import check_mesh
-from tests.knowledge.mesh_bombs import bombs, sound_meshes
+from tests.knowledge.mesh_bombs import bombs
 
 BOMBS = bombs()
 
