@@ -43,7 +43,7 @@ def check_pixels(width: int, height: int) -> None:
     """Raises PydanticCustomError for an image of more than `MAX_PIXELS`."""
     if width * height > MAX_PIXELS:
         message = f"found {width:,} x {height:,} = {width * height:,} pixels, expected at most {MAX_PIXELS:,}"
-        raise PydanticCustomError("image-too-large", message)  # type: ignore[arg-type] # it wants a literal
+        raise PydanticCustomError("image-too-large", message)
 
 
 class ToolBoxEntry(Entry):

@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -338,7 +339,7 @@ def _indices(element: Element) -> Integers:
     return numbers
 
 
-def _numbers(element: Element, kind: np.dtype) -> NDArray:
+def _numbers(element: Element, kind: np.dtype[Any]) -> NDArray[Any]:
     text = "".join(element.pieces)
     element.pieces.clear()
     if not text.strip():
@@ -349,7 +350,7 @@ def _numbers(element: Element, kind: np.dtype) -> NDArray:
         raise _wrong(element, f"{element}: {_first_wrong(text, kind)}") from error
 
 
-def _first_wrong(text: str, kind: np.dtype) -> str:
+def _first_wrong(text: str, kind: np.dtype[Any]) -> str:
     """Which word of a list of numbers is none."""
     for number, word in enumerate(text.split(), 1):
         try:
