@@ -131,6 +131,7 @@ def dae_bombs() -> dict[str, Bomb]:
         "instances of nothing": Bomb(".dae", dae(place.format(29), _doubling(30, "")), "limit is 10,000"),
         "many instances": Bomb(".dae", dae(f"<node>{geometry}</node>" * 50_000), "limit is 10,000"),
         "node in itself": Bomb(".dae", dae(place.format(0), ring), "places itself"),
+        "two nodes of one name": Bomb(".dae", dae(place.format(2), _doubling(3, geometry) * 2), "more than one node"),
         "nodes in a chain": Bomb(".dae", dae(place.format(0), chain), "64 levels"),
         "nodes in nodes": Bomb(".dae", dae(deep), "64 levels"),
         "entities": Bomb(".dae", dae(declaration=f"<!DOCTYPE c [{laughs}]>"), "entity"),

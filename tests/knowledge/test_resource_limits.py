@@ -73,6 +73,8 @@ def test_an_xml_file_cannot_unfold_or_open_others(cell: Path) -> None:
         assert refusal(cell).code == "xml-entity"
     (cell / "arm.urdf").write_text(text.replace("</robot>", "<a>" * 100_000))
     assert refusal(cell).code == "nesting-too-deep"
+    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a/>" * 300_000 + "</robot>"))
+    assert refusal(cell).code == "too-many-elements"
 
 
 def test_a_robot_of_thousands_of_joints_is_refused(cell: Path) -> None:

@@ -85,6 +85,7 @@ class _Collada:
 
     def __init__(self, path: Path, root: Element) -> None:
         self._path, self._root = path, root
+        self._ambiguous: set[str] = set()
         self._named: dict[str, Element] = {}
         self._counts: dict[str, int] = {}
         self._geometries: dict[str, _Load] = {}
@@ -125,6 +126,8 @@ class _Collada:
         if name in self._named and element.tag != "node":
             message = f"{element} has the id `{name}`, as the element of line {self._named[name].place.line} has"
             raise _wrong(element, message)
+        if name in self._named:  # of nodes, which matters only where one of them is placed by its name
+            self._ambiguous.add(name)
         self._named.setdefault(name, element)
 
     def _add(self, geometry: Element) -> None:
@@ -164,6 +167,8 @@ class _Collada:
                 instance,
                 f"{instance} refers to `{url[:60]}`, which is no {tag} of this file; {expected_names(url, names)}",
             )
+        if url.removeprefix("#") in self._ambiguous:
+            raise _wrong(instance, f"{instance} refers to `{url[:60]}`, which more than one node is called")
         return found
 
 
