@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import AliasChoices, BeforeValidator, Field, Tag
+from pydantic import AliasChoices, BeforeValidator, Field, Tag, model_validator
 
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.geometry import Array, read_only
@@ -21,7 +21,7 @@ from sqrp_cli.knowledge.camera import DISTORTION_LENGTHS, DistortionModel
 from sqrp_cli.knowledge.entries import ForeignEntry, Number, mapping_or_else
 from sqrp_cli.knowledge.source import Document, KeyPath, read_document
 from sqrp_cli.knowledge.validation import validate
-from sqrp_cli.knowledge.workspace_file import DistortionEntry, ImageEntry, PixelCount
+from sqrp_cli.knowledge.workspace_file import DistortionEntry, ImageEntry, PixelCount, check_pixels
 
 _OPENCV_MODELS: dict[int, DistortionModel] = {5: "plumb_bob", 8: "rational_polynomial"}
 """The model that a number of coefficients means in a file that names none."""
@@ -77,6 +77,11 @@ class _CalibrationFile(ForeignEntry):
     distortion_model: str | None = None
     distortion_coefficients: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_D_KEYS))
     projection_matrix: Any = Field(default=None, validation_alias=AliasChoices(*_P_KEYS))
+
+    @model_validator(mode="after")
+    def _size(self) -> _CalibrationFile:
+        check_pixels(self.image_width, self.image_height)
+        return self
 
 
 def read_calibration(path: Path) -> tuple[Intrinsics, Document]:

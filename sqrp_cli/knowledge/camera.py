@@ -18,6 +18,10 @@ DISTORTION_LENGTHS: dict[DistortionModel, int] = {
 """Number of coefficients of each distortion model, in the order of ROS camera calibration files."""
 
 
+MAX_PIXELS = 200_000_000
+"""Most pixels of an image; industrial cameras have up to 150 million."""
+
+
 @dataclass(frozen=True, eq=False)
 class Camera:
     """A camera with its calibration, place and sensing range.

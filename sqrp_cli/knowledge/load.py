@@ -20,6 +20,7 @@ from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
 from sqrp_cli.logic.domain import merge_domains
+from sqrp_cli.paths_as_text import shown_name
 
 WORKSPACE_FILE = "workspace.yaml"
 
@@ -59,7 +60,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     if problems:
         raise InputError(*problems)
     return Workspace(
-        name=file_path.parent.name if file_path.name == WORKSPACE_FILE else file_path.stem,
+        name=shown_name(file_path.parent.name if file_path.name == WORKSPACE_FILE else file_path.stem),
         path=file_path,
         robot=robot,
         cameras=cameras,

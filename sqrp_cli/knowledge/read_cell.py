@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
@@ -248,10 +248,16 @@ class CellReader:
 
 
 def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:
-    """Add a mesh file to the digest. Raises InputError if it is too large, damaged or cannot be read."""
+    """Add a mesh file to the digest; place: what names it.
+
+    Raises InputError if it is too large, damaged or cannot be read.
+    """
     try:
         digest.add_file(role, path)  # which first sees to it that this is a regular file
         check_mesh(path)
+    except InputError as error:
+        told = (replace(problem, message=f"{problem.message}; {place} names this file") for problem in error.problems)
+        raise InputError(*told) from error
     except OSError as error:
         raise InputError(Problem("unreadable-file", f"{path}: {error.strerror}", place)) from error
 

@@ -118,9 +118,10 @@ class RobotReader:
         self.digest.add_file(role, urdf.path)
         parts = link_parts(urdf, self.entry.geometry, partial(resolve_mesh, self.roots))
         self._parts += parts
-        for part in parts:
+        pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
+        for part, piece in zip(parts, pieces, strict=True):
             if isinstance(part.shape, Mesh):
-                add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, urdf.links[part.parent].place)
+                add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, piece.place)
         return urdf
 
     def _read_tool(self, entry: ToolEntry) -> UrdfModel:

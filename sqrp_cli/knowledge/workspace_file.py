@@ -9,7 +9,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.knowledge.bounds import LARGEST, SMALLEST_SIZE
-from sqrp_cli.knowledge.camera import DistortionModel
+from sqrp_cli.knowledge.camera import MAX_PIXELS, DistortionModel
 from sqrp_cli.knowledge.detector import DetectorKind
 from sqrp_cli.knowledge.entries import (
     Angle,
@@ -45,6 +45,13 @@ Padding = Annotated[float, In(LENGTH, 0.0, 10.0)]
 PerJoint = Annotated[
     Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[AnyQuantity, Tag("<else>")], mapping_or_else()
 ]
+
+
+def check_pixels(width: int, height: int) -> None:
+    """Raises PydanticCustomError for an image of more than `MAX_PIXELS`."""
+    if width * height > MAX_PIXELS:
+        message = f"found {width:,} x {height:,} = {width * height:,} pixels, expected at most {MAX_PIXELS:,}"
+        raise PydanticCustomError("image-too-large", message)
 
 
 class ToolBoxEntry(Entry):
@@ -197,6 +204,11 @@ class ImageEntry(Entry):
         default=None, description="Principal point; default the middle of the image, (height - 1) / 2."
     )
     distortion: DistortionEntry | None = Field(default=None, description="Default: none.")
+
+    @model_validator(mode="after")
+    def _size(self) -> ImageEntry:
+        check_pixels(self.width, self.height)
+        return self
 
     @model_validator(mode="after")
     def _one_focal_length(self) -> ImageEntry:

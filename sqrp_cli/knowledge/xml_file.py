@@ -18,19 +18,28 @@ MAX_BYTES = 10_000_000
 """Largest XML file that is read."""
 MAX_DEPTH = 64
 """Deepest nesting of elements."""
+MAX_ELEMENTS = 200_000
+"""Most elements of a file."""
 
+
+_BUFFER = 1 << 20
+"""Bytes of text that are handed on at once."""
 
 _TAG_MISMATCH = expat.errors.codes[expat.errors.XML_ERROR_TAG_MISMATCH]
 
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """An XML element; text between elements is not kept, URDF and SRDF have none that matters."""
+    """An XML element.
+
+    pieces: the text in it, where the reader was asked to keep it; URDF and SRDF have none that matters.
+    """
 
     tag: str
     attributes: dict[str, str]
     place: Place
     children: list[Element] = field(default_factory=list)
+    pieces: list[str] = field(default_factory=list)
 
     def all(self, tag: str) -> Iterator[Element]:
         """The children with a tag, in file order."""
@@ -88,8 +97,8 @@ class Element:
         return InputError(Problem(code, message, self.place))
 
     def __str__(self) -> str:
-        name = self.attributes.get("name")
-        return f'<{self.tag} name="{name}">' if name else f"<{self.tag}>"
+        key = next((key for key in ("name", "id") if self.attributes.get(key)), None)
+        return f'<{self.tag} {key}="{self.attributes[key]}">' if key else f"<{self.tag}>"
 
 
 def read_xml(path: Path, root_tag: str) -> Element:
@@ -101,18 +110,30 @@ def read_xml(path: Path, root_tag: str) -> Element:
     return parse_xml(path, read_input(path, MAX_BYTES), root_tag)
 
 
-def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
-    """As `read_xml`, of content that is at hand; path: what problems name."""
+def parse_xml(path: Path, content: bytes, root_tag: str, texts: frozenset[str] = frozenset()) -> Element:
+    """As `read_xml`, of content that is at hand; path: what problems name.
+
+    texts: tags of elements whose text is kept. It must be in one piece: where a comment or another element interrupts
+    it, one reader takes the whole and another one what comes first.
+    """
     parser = expat.ParserCreate()
     recognised = f"<{root_tag}".encode() in content  # else it may be another file, named to see what it says
+    parser.specified_attributes = True  # other readers know nothing of a DOCTYPE's default values
+    parser.buffer_text, parser.buffer_size = True, _BUFFER
     top: list[Element] = []
     open_elements: list[Element] = []
+    count = 0
 
     def here() -> Place:
         return Place(path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal count
+        count += 1
         element = Element(tag, attributes, here())
+        if count > MAX_ELEMENTS:
+            raise element.error("too-many-elements", f"the file has more than {MAX_ELEMENTS:,} elements")
+        interrupt()
         if len(open_elements) == MAX_DEPTH:
             raise element.error("nesting-too-deep", f"elements are nested deeper than {MAX_DEPTH} levels")
         (open_elements[-1].children if open_elements else top).append(element)
@@ -120,6 +141,15 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
 
     def end(_tag: str) -> None:
         open_elements.pop()
+
+    def keep(text: str) -> None:
+        if open_elements and open_elements[-1].tag in texts:
+            open_elements[-1].pieces.append(text)
+
+    def interrupt(*_what: object) -> None:
+        if open_elements and open_elements[-1].tag in texts:
+            problem = Problem("xml-text", f"the text of {open_elements[-1]} is interrupted, expected one piece", here())
+            raise InputError(problem)
 
     def unclosed(error: expat.ExpatError) -> str:
         if error.code != _TAG_MISMATCH or not open_elements:
@@ -133,6 +163,9 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
 
     parser.StartElementHandler, parser.EndElementHandler = start, end
     parser.EntityDeclHandler = refuse_entity
+    if texts:
+        parser.CharacterDataHandler = keep
+        parser.CommentHandler = parser.ProcessingInstructionHandler = parser.StartCdataSectionHandler = interrupt
     try:
         parser.Parse(content, True)
     except expat.ExpatError as error:

@@ -5,8 +5,9 @@ The one place that turns shapes into coal's classes.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -70,7 +71,15 @@ def load_solid(part: Part, name: str | None = None) -> Solid:
 
     Raises InputError for a mesh that cannot be read, is empty or reaches too far. Files have passed `check_mesh`.
     """
-    geometry, shape_vertices, triangles = _load_shape(part.shape)
+    try:
+        geometry, shape_vertices, triangles = _load_shape(part.shape)
+    except InputError as error:
+        raise InputError(
+            *(
+                replace(problem, message=f"{problem.message}; it is the mesh of `{part.name}`")
+                for problem in error.problems
+            )
+        ) from error
     vertices = transform(part.X_PG, shape_vertices)
     low, high = shape_vertices.min(axis=0), shape_vertices.max(axis=0)
     corners = transform(part.X_PG, (low + high) / 2 + BOX_SIGNS * (high - low) / 2)
@@ -112,9 +121,10 @@ def _load_shape(shape: Shape) -> tuple[Any, Array, NDArray[np.int64]]:
 
 def _load_mesh(path: Path, scale: tuple[float, float, float]) -> tuple[Any, Array, NDArray[np.int64]]:
     try:
-        geometry = coal.MeshLoader(coal.BV_OBBRSS).load(str(path), np.array(scale))
+        # As bytes, since not every name of a file is text.
+        geometry = coal.MeshLoader(coal.BV_OBBRSS).load(os.fsencode(path), np.array(scale))
     except (RuntimeError, ValueError) as error:
-        message = "this mesh cannot be read: it is damaged, has no triangle with an area, or is no STL, OBJ or DAE file"
+        message = f"this mesh cannot be loaded: {_because(str(error))}"
         raise InputError(Problem("mesh-unreadable", message, Place(path))) from error
     count = geometry.num_tris
     if count == 0:
@@ -125,6 +135,12 @@ def _load_mesh(path: Path, scale: tuple[float, float, float]) -> tuple[Any, Arra
         raise InputError(Problem("mesh-too-large", message, Place(path), mend="check its `scale`"))
     triangles = np.array([[t[0], t[1], t[2]] for t in map(geometry.tri_indices, range(count))], dtype=np.int64)
     return geometry, vertices, triangles
+
+
+def _because(said: str) -> str:
+    """What coal says without its places in code, hints, and the path again."""
+    said = said.partition("Could not load resource")[2].partition("\nHint")[0].partition("\n")[2] or said
+    return "no triangle of it has an area" if said.startswith("No meshes remaining") else " ".join(said.split())
 
 
 def _prism(radius: float, length: float) -> tuple[Array, NDArray[np.int64]]:

@@ -25,6 +25,9 @@ _MARGIN = 8
 _THUMB = 320
 """Width of a picture in a contact sheet [pixels]."""
 
+_TALLEST = 4 * _THUMB
+"""Greatest height of one; the image of a camera may be a single column."""
+
 _INK, _FAINT, _PAPER = (23, 33, 43), (91, 104, 117), (255, 255, 255)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(BOX_SIGNS[a] - BOX_SIGNS[b]).sum() == 2]
 _LEAST_Z = 0.01
@@ -115,7 +118,7 @@ def _silhouette(corners: Array, projection: Projection) -> list[tuple[float, flo
 
 def _small(picture: Picture) -> Any:  # noqa: ANN401
     photo = picture.photo
-    height = round(photo.height * _THUMB / photo.width)
+    height = min(max(1, round(photo.height * _THUMB / photo.width)), _TALLEST)
     return _framed(photo.resize((_THUMB, height), _pillow("Image").Resampling.LANCZOS), picture.captions, 13)
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import ceil, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import make_folder, write_atomically
 from sqrp_cli.geometry import box_corners, inverse, transform
+from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.assessment import Study
 from sqrp_cli.programming.cell import Cell
@@ -28,6 +30,9 @@ from sqrp_cli.report.paint import COVERED, CULPRIT, HIDDEN, solid_colors
 from sqrp_cli.report.rays import check_rays
 
 SHEET = "contact-sheet.png"
+
+MOST_PIXELS = 4_000_000
+"""Most pixels of a picture; that of a camera with more is drawn smaller."""
 
 
 @dataclass(frozen=True)
@@ -94,9 +99,10 @@ def _picture(
     cell: Cell, study: Study, interval: BlindInterval, states: SceneStates, photographer: Photographer, index: int
 ) -> Picture:
     """The picture of one camera."""
-    camera = cell.observer.cameras[index]
+    camera, step = _drawable(cell.observer.cameras[index])
     colors = solid_colors(cell)
-    captions = [Caption(f"{camera.name} at {interval.t:.2f} s")]
+    smaller = f", 1/{step} of its size" if step > 1 else ""
+    captions = [Caption(f"{camera.name} at {interval.t:.2f} s{smaller}")]
     outlines = []
     X_CW = inverse(states.camera_poses(camera)[0])
     for target, failure, failures in _asked(study, interval.row, index):
@@ -109,6 +115,17 @@ def _picture(
             culprit = cell.solid_name(failure.by)
             colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
     return outlined(photographer.image(camera, colors), Projection.of(camera), outlines, captions)
+
+
+def _drawable(camera: Camera) -> tuple[Camera, int]:
+    """A camera with the same view and at most `MOST_PIXELS`, and how many of its pixels in a row become one."""
+    step = ceil(sqrt(camera.width * camera.height / MOST_PIXELS))
+    width, height = max(1, camera.width // step), max(1, camera.height // step)
+    if step == 1:
+        return camera, 1
+    matrix = np.diag([1 / step, 1 / step, 1.0]) @ camera.matrix
+    matrix[:2, 2] -= 0.5 - 0.5 / step  # the centre of the first pixel is (0, 0)
+    return replace(camera, width=width, height=height, matrix=matrix), step
 
 
 def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[Target, Failure, list[Cause]]]:

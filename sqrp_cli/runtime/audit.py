@@ -9,23 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.input_file import read_input
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import Program, Step
 from sqrp_cli.runtime.expectation import Expectation, values_when_open
 from sqrp_cli.runtime.frame import Frame
+from sqrp_cli.runtime.image_size import ImageSize, check_recorded, read_png
 from sqrp_cli.runtime.judge import Judge
 from sqrp_cli.runtime.outcome import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Watchlist
-from sqrp_cli.runtime.perception.vision import image_of, png_size
+from sqrp_cli.runtime.perception.vision import decoded
 from sqrp_cli.runtime.prediction_check import PredictionCheck
 from sqrp_cli.runtime.recording import FrameEntry, read_frames
 from sqrp_cli.runtime.simulated_run import knowledge_of
 from sqrp_cli.runtime.twin import Twin
-
-MAX_IMAGE = 100_000_000
-"""Largest image file that is read [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +52,7 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
     InputError for a folder or an image that cannot be used.
     """
     entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
+    check_recorded(workspace, {entry.camera for entry in entries})
     twin = Twin.load(workspace.robot)
     checks = []
     compared = skipped = repeated = 0
@@ -90,15 +88,10 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
 
 
 def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
-    content = read_input(entry.file, MAX_IMAGE)
     camera = workspace.cameras[entry.camera]
-    size = png_size(content)
-    if size is not None and size != (camera.width, camera.height):
-        message = f"this image is {size[0]}x{size[1]}, {camera.name} has {camera.width}x{camera.height}"
-        raise InputError(Problem("wrong-size", message, Place(entry.file)))
-    image = None if size is None else image_of(content)
+    image = decoded(read_png(entry.file, ImageSize(camera.width, camera.height), camera.name))
     if image is None:
-        raise InputError(Problem("unreadable", "this is no PNG file, or a damaged one", Place(entry.file)))
+        raise InputError(Problem("unreadable", "this PNG file is damaged or cut off", Place(entry.file)))
     return Frame(entry.camera, entry.t or 0.0, image)
 
 

@@ -21,6 +21,7 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.files import make_folder, naming
 from sqrp_cli.knowledge.input_file import read_text
 from sqrp_cli.knowledge.source import describe
+from sqrp_cli.paths_as_text import is_utf8
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.sighting import Evidence, Sighting
 from sqrp_cli.runtime.perception.vision import Image, Video, drawn, png_of, resized
@@ -162,7 +163,10 @@ class Film:
     """A film of all cameras side by side, boxes drawn in: green the thing is seen, blue background, red neither."""
 
     def __init__(self, path: Path, cameras: Sequence[str], rate: float) -> None:
-        """rate: images per second of the fastest camera."""
+        """rate: images per second of the fastest camera. Raises InputError for a path that is not UTF-8."""
+        if not is_utf8(path):
+            message = "OpenCV can write a film only to a path that is UTF-8"
+            raise InputError(Problem("cannot-write", message, Place(path)))
         self._path = path
         self._video = Video(path, rate)
         self._tiles: dict[str, Image] = {name: np.zeros((_TILE[1], _TILE[0], 3), np.uint8) for name in cameras}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from sqrp_cli.knowledge.input_file import missing_file, read_text
 from sqrp_cli.knowledge.json_file import json_document, parse_json
 from sqrp_cli.knowledge.source import Scalar, describe
 from sqrp_cli.knowledge.validation import problems_of
+from sqrp_cli.paths_as_text import json_line
 from sqrp_cli.programming.coverage import Coverage
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
@@ -161,7 +161,7 @@ def save_baseline(baseline: Baseline, path: Path) -> None:
 
     Raises InputError where it cannot be written, or would be too large to be read again.
     """
-    text = json.dumps(baseline.model_dump(mode="json"), ensure_ascii=False, indent=1, sort_keys=False) + "\n"
+    text = json_line(baseline.model_dump(mode="json"), indent=1) + "\n"
     if len(text.encode()) > MAX_BYTES:
         message = f"this baseline would have more than {MAX_BYTES:,} bytes, the limit"
         raise InputError(Problem("file-too-large", message, Place(path), mend="make several, of fewer workspaces each"))

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.load import WORKSPACE_FILE, workspace_file
+from sqrp_cli.paths_as_text import shown_name
 
 
 def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
@@ -52,5 +53,5 @@ def short_names(files: Sequence[Path]) -> Mapping[Path, str]:
             other.parts[-count:] == path.parts[-count:] for at, other in paths.items() if at != file
         ):
             count += 1
-        names[file] = "/".join(path.parts[-count:])
+        names[file] = shown_name("/".join(path.parts[-count:]))
     return names

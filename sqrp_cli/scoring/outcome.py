@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -14,6 +13,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.entries import Entry
 from sqrp_cli.knowledge.json_file import parse_json
 from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.paths_as_text import json_line
 from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.coverage import BlindSpan, Coverage, TargetCoverage
 from sqrp_cli.programming.faults import FaultMetrics
@@ -62,7 +62,7 @@ class Outcome:
 
 
 def _as_line(document: Numbers) -> str:
-    return json.dumps(document, ensure_ascii=False, allow_nan=False)
+    return json_line(document)
 
 
 def _checksum(document: Numbers) -> str:

@@ -136,3 +136,31 @@ def test_a_missing_library_is_named_with_the_command_that_installs_it(
     assert outcome.code == 2
     assert mend in outcome.err
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(("width", "height"), [(12_000, 9_000), (100_000, 1), (1, 100_000)])
+def test_the_picture_of_a_large_camera_is_drawn_smaller_with_the_same_view(sqrp, own_watch, tmp_path, width, height):
+    path = own_watch / "workspace.yaml"
+    text = path.read_text(encoding="utf-8")
+    image = f"image: {{width: {width}, height: {height}, fx: {400 * width / 641}, fy: {400 * height / 481}}}"
+    path.write_text(text.replace("image: {width: 641, height: 481, fx: 400}", image), encoding="utf-8")
+    outcome = sqrp("explain", own_watch, "watch turned", "--images", tmp_path / "pictures")
+    assert outcome.code == 0, outcome.err
+    for made in (tmp_path / "pictures").iterdir():
+        assert read(made).size < 30_000_000
+    if width == 12_000:
+        picture = read(next((tmp_path / "pictures").glob("01*.png"))).astype(int)
+        assert picture.shape[1] == 2000, "a sixth"
+        column = round((320 - 400 * 0.3 / 1.95 + 0.5) * 2000 / 641)
+        assert picture[750, column, 1] > picture[750, column, 0] + 20, "the green face is where it was"
+
+
+def test_an_image_larger_than_any_cameras_is_refused_where_it_stands(sqrp, own_watch):
+    path = own_watch / "workspace.yaml"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("width: 641, height: 481", "width: 30000, height: 30000"), encoding="utf-8")
+    outcome = sqrp("check", own_watch)
+    assert outcome.code == 2
+    assert "30,000 x 30,000 = 900,000,000 pixels, expected at most 200,000,000" in outcome.err
+    line = next(number for number, words in enumerate(path.read_text().splitlines(), 1) if "30000" in words)
+    assert f"workspace.yaml:{line}:" in outcome.err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import struct
 import time
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.mesh_file import check_mesh
 from sqrp_cli.knowledge.urdf import read_urdf
+from tests.knowledge.mesh_bombs import dae
 
 
 @pytest.fixture(autouse=True)
@@ -72,6 +74,8 @@ def test_an_xml_file_cannot_unfold_or_open_others(cell: Path) -> None:
         assert refusal(cell).code == "xml-entity"
     (cell / "arm.urdf").write_text(text.replace("</robot>", "<a>" * 100_000))
     assert refusal(cell).code == "nesting-too-deep"
+    (cell / "arm.urdf").write_text(text.replace("</robot>", "<a/>" * 300_000 + "</robot>"))
+    assert refusal(cell).code == "too-many-elements"
 
 
 def test_a_robot_of_thousands_of_joints_is_refused(cell: Path) -> None:
@@ -119,10 +123,13 @@ def test_a_mesh_of_millions_of_triangles_is_refused_from_its_header(tmp_path: Pa
 
 
 def test_meshes_as_text_are_counted_without_loading_them(tmp_path: Path) -> None:
-    (tmp_path / "big.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 2_100_000, encoding="ascii")
-    (tmp_path / "big.dae").write_text('<COLLADA><triangles material="m" count="10000000"></triangles></COLLADA>')
-    for name, count in (("big.obj", "2,100,000"), ("big.dae", "10,000,000")):
-        with pytest.raises(InputError, match=f"{count} triangles, the limit is 2,000,000"):
+    (tmp_path / "big.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\n" + "f 1 2 3\n" * 600_000, encoding="ascii")
+    geometry, numbers = dae(), re.search(rb"<p>(.*)</p>", dae())
+    assert numbers is not None
+    many = geometry.replace(numbers[1], (numbers[1] + b" ") * 65_536).replace(b'count="12"', b'count="786432"')
+    (tmp_path / "big.dae").write_bytes(many)
+    for name, count in (("big.obj", "600,000"), ("big.dae", "786,432")):
+        with pytest.raises(InputError, match=f"{count} triangles, the limit is 500,000"):
             check_mesh(tmp_path / name)
 
 

@@ -185,16 +185,10 @@ def png_of(image: Image) -> bytes:
     return bytes(content)
 
 
-def png_size(content: bytes) -> tuple[int, int] | None:
-    """Width and height that the head of a PNG file states; None for what is none. A huge one may be small as a file."""
-    if len(content) < 24 or not content.startswith(b"\x89PNG\r\n\x1a\n"):
-        return None
-    return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
-
-
-def image_of(png: bytes) -> Image | None:
-    """The image in a PNG file; None if it is damaged."""
-    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
+def decoded(content: bytes) -> Image | None:
+    """The image of an image file's content, in eight bits and without transparency; None if it is damaged."""
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 

@@ -36,12 +36,14 @@ class SimulatedCell:
         """The cell at rest in a world, at t = 0; an object of unknown pose is not in it. seed: of the image noise.
 
         Raises InputError without the extra `sim` or without OpenGL (with the command that installs it), and for a mesh
-        that cannot be used.
+        that cannot be used or images that are too large.
         """
+        from sqrp_cli.runtime.image_size import check_simulated
         from sqrp_cli.runtime.simulation.model import build_model
         from sqrp_cli.runtime.simulation.physics import Physics, things_of
         from sqrp_cli.runtime.simulation.render_pool import RenderPool
 
+        check_simulated(workspace)
         self._workspace = workspace
         self._model = build_model(workspace, things_of(world))
         self._physics = Physics(workspace, world, self._model)

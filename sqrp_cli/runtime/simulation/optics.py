@@ -18,6 +18,10 @@ _MOST_PIXELS = 2048
 """Largest width and height of a drawn picture."""
 
 
+_BAND = 1_000_000
+"""Pixels whose distortion is undone at once."""
+
+
 @dataclass(frozen=True, eq=False)
 class Optics:
     """How to draw the image of a camera.
@@ -68,7 +72,18 @@ def _undistorted(camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
 
     OpenCV undoes the distortion by iteration, so a pixel counts only if distorting the result leads back to it.
     """
-    v, u = np.mgrid[0 : camera.height, 0 : camera.width].astype(float)
+    rows = max(1, _BAND // camera.width)
+    plane = np.empty((camera.height, camera.width, 2))
+    seen = np.empty((camera.height, camera.width), dtype=bool)
+    for first in range(0, camera.height, rows):
+        band = slice(first, first + rows)
+        plane[band], seen[band] = _undistorted_band(camera, first, min(first + rows, camera.height))
+    return plane, seen
+
+
+def _undistorted_band(camera: Camera, first: int, end: int) -> tuple[Array, NDArray[np.bool_]]:
+    """As `_undistorted`, of some rows: OpenCV needs hundreds of bytes for each pixel."""
+    v, u = np.mgrid[first:end, 0 : camera.width].astype(float)
     pixels = np.stack([u, v], axis=-1).reshape(-1, 1, 2)
     K, coefficients = np.array(camera.matrix), np.array(camera.distortion)
     stop = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-10)
@@ -80,6 +95,6 @@ def _undistorted(camera: Camera) -> tuple[Array, NDArray[np.bool_]]:
         rays = np.concatenate([plane, np.ones_like(plane[..., :1])], axis=-1)
         back, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), K, coefficients)
     error = np.linalg.norm(back.reshape(-1, 2) - pixels.reshape(-1, 2), axis=1)
-    shape = (camera.height, camera.width)
+    shape = (end - first, camera.width)
     seen = (error < 1e-2) & np.isfinite(error)
     return plane.reshape(*shape, 2).astype(float), seen.reshape(shape)

@@ -1,0 +1,58 @@
+"""How large mesh files may be, and how a refusal of one is worded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem
+
+MAX_BYTES = 200_000_000
+"""Largest STL file that is read."""
+
+MAX_TEXT_BYTES = 64_000_000
+"""Largest OBJ and DAE file: the loaders keep several copies of their text."""
+
+MAX_TRIANGLES = 500_000
+"""Largest mesh that is accepted, of which the loader makes half a gigabyte in some five seconds."""
+
+MAX_CORNERS = 1000
+"""Most corners of a polygon; the time to cut one into triangles grows with their number squared."""
+
+MAX_PIECES = 10_000
+"""Most pieces (objects, groups, materials, nodes, placed geometries) of a mesh; the loader needs kilobytes for each."""
+
+
+def damaged(message: str, path: Path, line: int | None = None) -> InputError:
+    """A mesh file that contradicts itself or its format."""
+    return InputError(Problem("mesh-damaged", message, Place(path, line), mend="export it again"))
+
+
+def check_bytes(path: Path, size: int, limit: int) -> None:
+    """Raises InputError for a file of more than `limit` bytes."""
+    if size > limit:
+        message = f"this mesh has {size:,} bytes, the limit is {limit:,}"
+        raise InputError(Problem("file-too-large", message, Place(path), mend="simplify the mesh"))
+
+
+def check_triangles(path: Path, count: int) -> None:
+    """Raises InputError for a mesh without triangles, and for one with more than `MAX_TRIANGLES`."""
+    if count == 0:
+        raise InputError(Problem("mesh-empty", "this mesh has no triangles", Place(path)))
+    if count > MAX_TRIANGLES:
+        message = f"this mesh has {count:,} triangles, the limit is {MAX_TRIANGLES:,}"
+        raise InputError(Problem("mesh-too-large", message, Place(path), mend="simplify the mesh"))
+
+
+def check_pieces(path: Path, count: int, what: str) -> None:
+    """Raises InputError for a mesh of more than `MAX_PIECES` pieces; what: what they are."""
+    if count > MAX_PIECES:
+        message = f"this mesh has {count:,} {what}, the limit is {MAX_PIECES:,}"
+        raise InputError(Problem("mesh-too-large", message, Place(path), mend="join its pieces"))
+
+
+def check_corners(path: Path, count: int, line: int) -> None:
+    """Raises InputError for a polygon with fewer than three or more than `MAX_CORNERS` corners."""
+    if not 3 <= count <= MAX_CORNERS:
+        message = f"found a polygon with {count:,} corners, expected 3 to {MAX_CORNERS}"
+        mend = "triangulate the mesh when exporting it"
+        raise InputError(Problem("mesh-damaged", message, Place(path, line), mend=mend))
