@@ -106,14 +106,14 @@ def _record(made: Path) -> None:
     program, frames = watched / "program.yaml", watched / FRAMES
     _do("rank", watched, TASK, "--samples", "2", "--program", program)
     _do("run", program, "--sim", "--log", watched / LOG, "--frames", frames, "--json")
-    (frames / "frames.csv").rename(frames / "all.csv")
-    kept = (frames / "all.csv").read_text(encoding="utf-8").splitlines()[: 1 + FRAMES_KEPT]
-    first = kept[1].split(",")[1]
-    (frames / "frames.csv").write_text("\n".join(kept).replace(first, FRAME) + "\n", encoding="utf-8")
+    columns, *rows = (frames / "frames.csv").read_text(encoding="utf-8").splitlines()
+    planned = [row for row in rows if not row.endswith(",")]
+    kept, first = planned[:FRAMES_KEPT], planned[0].split(",")[1]
+    for file in {row.split(",")[1] for row in rows} - {row.split(",")[1] for row in kept}:
+        (frames / file).unlink()
     (frames / first).rename(frames / FRAME)
-    for file in frames.iterdir():
-        if not any(file.name in row for row in ["frames.csv", FRAME, *kept]):
-            file.unlink()
+    text = "\n".join([columns, *kept]).replace(first, FRAME)
+    (frames / "frames.csv").write_text(text + "\n", encoding="utf-8")
 
 
 def _do(*words: object) -> str:

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
+from types import FrameType, ModuleType
 from typing import NoReturn
 
 LONGEST, MOST = 10.0, 1000.0
@@ -111,6 +111,7 @@ def _be(command: Sequence[str], out: int, err: int, modules: int) -> NoReturn:
             os.dup2(source, target)
         sys.stdin, sys.stdout, sys.stderr = (open(fd, mode, closefd=False) for fd, mode in ((0, "r"), (1, "w"), (2, "w")))  # noqa: PTH123, SIM115
         os.environ |= {"COLUMNS": "80", "NO_COLOR": "1"}
+        sys.modules["__main__"] = ModuleType("__main__")  # so that processes which the command starts import no test
         warnings.resetwarnings()
         warnings.simplefilter("always")
         before = set(sys.modules)

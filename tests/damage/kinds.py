@@ -117,7 +117,7 @@ def _cluster(cell: Path) -> Sequence[object]:
     """A file that leads to another machine is not tried."""
     path = cell / "scheduler.json"
     address = ""
-    with suppress(OSError, ValueError, LookupError, TypeError):
+    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
         address = json.loads(path.read_text(encoding="utf-8"))["address"] if path.is_file() else ""
     return _check(cell) if _is_far(address) else ["score", cell, *SCORE, "--cluster", path]
 

@@ -19,9 +19,13 @@ from tests.damage.kinds import KINDS, Damaged, Kind, damaged
 
 _LINE = re.compile(r":(\d+)(?::\d+)?: ")
 _KEY = re.compile(r"`(?!sqrp )[^`\n]+`|<[A-Za-z_]+[ >]")
-_PART = re.compile(r"\b(?:facet|face|vertex|element|entry|row|line|frame|object|link|joint|camera|task|step|byte)s? [`\w]")
+_PART = re.compile(r"\b(?:header|facet|face|vertex|element|entry|row|line|frame|object|link|joint|camera|task|step|byte)s? [`\w]")
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{2,}|(?<=`)\w(?=`)")
 _NOISE = ("Traceback", "Warning:", "internal error", "Exception ignored")
+_CONTROL = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
+
+LONGEST_TEXT = 10_000
+"""Characters that a command may say on stderr: some screens."""
 
 LEAST_NAMED, LEAST_NEAR = 0.99, 0.95
 """Share of the refusals that must name the file and a place in it, and of those whose place is the damaged one."""
@@ -31,8 +35,10 @@ LEAST_NAMED, LEAST_NEAR = 0.99, 0.95
 class Trial:
     """One damaged input and what came of it.
 
-    named: whether the refusal names the file and a line, key or part. near: whether that is where the damage is, or
-    names what was changed; None where that cannot be told.
+    controls: whether it sent signs to the terminal that are none of text. unlike: whether the result is another than
+    without the damage, which must not change it. named: whether the refusal names the file, or what was changed in it,
+    and a line, key or part. near: whether
+    that is where the damage is, or names what was changed; None where that cannot be told.
     """
 
     number: int
@@ -43,6 +49,7 @@ class Trial:
     said: str
     seconds: float
     memory: float
+    controls: bool
     unlike: bool
     named: bool
     near: bool | None
@@ -54,9 +61,9 @@ class Trial:
     @property
     def sound(self) -> bool:
         """Whether the command ended as commands end: in time, with little memory, without a traceback or a warning."""
-        silent = not any(word in self.said for word in _NOISE)
+        silent = not any(word in self.said for word in _NOISE) and len(self.said) <= LONGEST_TEXT
         small = self.seconds < LONGEST and self.memory < MOST
-        return self.code in (0, 1, 2, 3) and silent and small and not self.unlike
+        return self.code in (0, 1, 2, 3) and silent and small and not self.controls and not self.unlike
 
 
 def try_damages(cell: Path, numbers: Sequence[int]) -> Iterator[Trial]:
@@ -84,6 +91,7 @@ def _try(cell: Path, number: int) -> Trial:
         said=said,
         seconds=done.seconds,
         memory=done.memory,
+        controls=_CONTROL.search(done.said + ("" if "--json" in damage.command else done.out)) is not None,
         unlike=unlike,
         named=_names(message, kind, damage),
         near=None if damage.lines is None else _is_near(message, damage),
@@ -98,13 +106,18 @@ def _first_error(said: str) -> str:
 def _names(message: str, kind: Kind, damage: Damaged) -> bool:
     """Whether a message names the file and something in it; a frame is itself a part, of a folder."""
     parts = (pattern.search(message) for pattern in (_LINE, _KEY, _PART))
-    return damage.name in message and (any(parts) or kind.name == "frame")
+    culprit = damage.name in message or _names_words(message, damage)
+    return culprit and (any(parts) or kind.name == "frame")
+
+
+def _names_words(message: str, damage: Damaged) -> bool:
+    return any(word.lower() in damage.words for word in _NAME.findall(message))
 
 
 def _is_near(message: str, damage: Damaged) -> bool:
     line = _LINE.search(message)
-    words = {word.lower() for word in _NAME.findall(message)}
-    return (line is not None and damage.lines is not None and int(line[1]) in damage.lines) or bool(words & damage.words)
+    at = line is not None and damage.lines is not None and int(line[1]) in damage.lines
+    return at or _names_words(message, damage)
 
 
 def report(trials: Sequence[Trial], worst: int) -> str:
@@ -138,7 +151,7 @@ def shown(trial: Trial) -> str:
     where = "" if trial.lines is None else f", lines {trial.lines.start} to {trial.lines.stop - 1}"
     spent = f"exit {trial.code}{', another result' if trial.unlike else ''}, {trial.seconds:.1f} s, {trial.memory:.0f} MB"
     wrong = "unsound" if not trial.sound else "" if not trial.refused else "unnamed" if not trial.named else "named"
-    said = trial.said.rstrip()
+    said = trial.said.rstrip().encode("unicode_escape").decode("ascii").replace("\\n", "\n") if trial.controls else trial.said.rstrip()
     return f"--- {trial.number}: {trial.kind}, {trial.what}{where}; {spent}; {wrong}\n{said[:1200]}"
 
 
