@@ -16,7 +16,11 @@ first, last = (int(word) for word in sys.argv[1:3]) if len(sys.argv) > 2 else (0
 began = time.monotonic()
 with tempfile.TemporaryDirectory() as folder:
     cell = whole_cell(Path(folder) / "cell")
-    trials = list(try_damages(cell, range(first, last)))
+    trials = []
+    for trial in try_damages(cell, range(first, last)):
+        trials.append(trial)
+        if len(trials) % 500 == 0:
+            print(f"{len(trials)} of {last - first}, {time.monotonic() - began:.0f} s", file=sys.stderr)
 if len(trials) <= FEW:
     print("\n".join(map(shown, trials)))
 print(report(trials, worst=60))

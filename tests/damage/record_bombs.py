@@ -230,7 +230,7 @@ TASKS = (
     "pickup object=r1 object=r1", "pickup object=r1,", "pickup object=,r1", "pickup object=" + "r1," * 20_000 + "r1", "pickup object=g1,g2,g3,r1",
     "pickup lift=" + "1" * 400, "pickup lift=" + "1" * 5000, "pickup lift=1e999", "pickup lift=-1e999", "pickup lift=nan", "pickup lift=inf", "pickup lift=1e-320",
     "pickup lift=0x10", "pickup lift=1_0", "pickup lift=١", "pickup lift=1e300m", "pickup lift=5ccm", "pickup lift=5cm,6cm,7cm", "pickup lift=1e3",
-    "pickup lift=" + ",".join(f"{k}mm" for k in range(1, 200)), "pickup lift=" + ",".join(f"{k / 1e4:g}" for k in range(1, 20_000)),
+    "pickup lift=" + ",".join(f"{k}mm" for k in range(1, 30)), "pickup lift=" + ",".join(f"{k / 1e4:g}" for k in range(1, 20_000)),
     "pickup speed=0", "pickup speed=1e-300", "pickup speed=1.0000001", "pickup speed=100%", "pickup elbow=", "pickup elbow=sideways", "pickup elbow=any,up,down",
     "pickup approach_yaw=1e18", "pickup approach_yaw=360deg", "pickup approach_yaw=" + "9" * 400 + "deg", "pickup {a: 1}", "pickup [1]", "pickup !!python/object:x y", "pickup &a *a", "pickup 'red", 'pickup "red', "pickup `red`", "pickup $(red)",
     "pickup;red", "pickup/red", "../pickup red", "pickup a=1 b=2 c=3", "pickup red at " + "a " * 1000, "pickup " + "a=b " * 10_000, "pickup " + "lift=5cm " * 2,
