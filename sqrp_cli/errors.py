@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 from typing import Literal
+
+
+_LONG_QUOTE = re.compile(r"`(?!sqrp )([^`]{60})[^`]{200,}`")
+"""A quoted name or value of more than a few lines; a command is for typing, and stays whole."""
 
 
 class ExitCode(IntEnum):
@@ -50,6 +55,10 @@ class Problem:
     severity: Literal["error", "warning"] = "error"
     mend: str | None = None
     excerpt: str | None = None
+
+    def __post_init__(self) -> None:
+        """Shorten what the message quotes: names and values may be as long as a file."""
+        object.__setattr__(self, "message", _LONG_QUOTE.sub(r"`\1...`", self.message))
 
     def __str__(self) -> str:
         return f"{self.place}: {self.message}" if self.place else self.message

@@ -17,7 +17,8 @@ from sqrp_cli.runtime.judge import Judge
 from sqrp_cli.runtime.outcome import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Watchlist
-from sqrp_cli.runtime.perception.vision import read_png
+from sqrp_cli.runtime.perception.vision import decoded_png
+from sqrp_cli.runtime.png_file import DamagedPngError, check_png, png_size
 from sqrp_cli.runtime.prediction_check import PredictionCheck
 from sqrp_cli.runtime.recording import FrameEntry, read_frames
 from sqrp_cli.runtime.simulated_run import knowledge_of
@@ -86,15 +87,19 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
 
 
 def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
-    image = read_png(entry.file)
-    camera = workspace.cameras[entry.camera]
+    camera, content = workspace.cameras[entry.camera], entry.file.read_bytes()
+    try:
+        width, height = png_size(content)
+        if (width, height) != (camera.width, camera.height):
+            message = f"this image is {width}x{height}, {camera.name} has {camera.width}x{camera.height}"
+            raise InputError(Problem("wrong-size", message, Place(entry.file)))
+        check_png(content)
+    except DamagedPngError as error:
+        message = f"this image is no PNG file, or damaged: {error}"
+        raise InputError(Problem("unreadable", message, Place(entry.file))) from error
+    image = decoded_png(content)
     if image is None:
         raise InputError(Problem("unreadable", "this image cannot be read", Place(entry.file)))
-    if image.shape[:2] != (camera.height, camera.width):
-        found, expected = f"{image.shape[1]}x{image.shape[0]}", f"{camera.width}x{camera.height}"
-        raise InputError(
-            Problem("wrong-size", f"this image is {found}, {camera.name} has {expected}", Place(entry.file))
-        )
     return Frame(entry.camera, entry.t or 0.0, image)
 
 

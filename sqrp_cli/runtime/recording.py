@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +108,7 @@ def _entry(row: Mapping[str, str], folder: Path, cameras: Sequence[str], steps: 
     if not 1 <= step <= steps:
         raise InputError(Problem("wrong-value", f"`step` is {step}, the program has {steps}", place))
     file_path = folder / (row["file"] or "")
-    if not file_path.is_file():
+    if not os.path.isfile(file_path):  # noqa: PTH113 # of names that no file can have `Path` raises errors
         raise InputError(Problem("missing-file", f"there is no file `{row['file']}`", place))
     return FrameEntry(row["camera"], file_path, step, t)
 

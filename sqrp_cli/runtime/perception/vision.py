@@ -180,13 +180,14 @@ def direction(camera: Camera, pixel: Array) -> Array:
 
 
 def write_png(path: Path, image: Image) -> None:
-    """Write an image as a PNG file."""
-    cv2.imwrite(str(path), cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    """Write an image as a PNG file. Raises OSError where that cannot be written."""
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+    path.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes())
 
 
-def read_png(path: Path) -> Image | None:
-    """Read an image; None if it cannot be read."""
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+def decoded_png(content: bytes) -> Image | None:
+    """The image of a PNG file; None if it cannot be decoded."""
+    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR) if content else None
     return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
