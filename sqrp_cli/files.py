@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shlex
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -28,8 +29,7 @@ def check_writable(path: Path) -> None:
         if not os.access(folder, os.W_OK):
             raise InputError(Problem("cannot-write", f"the folder {folder} cannot be written to", Place(path)))
     except OSError as error:
-        message = f"this file cannot be written: {error.strerror or error}"
-        raise InputError(Problem("cannot-write", message, Place(path))) from error
+        raise InputError(_cannot_write(path, error)) from error
 
 
 def no_folder(folder: Path, path: Path) -> Problem:
@@ -49,8 +49,7 @@ def make_folder(path: Path) -> None:
         message = "this is a file; expected the name of a folder"
         raise InputError(Problem("cannot-write", message, Place(path))) from error
     except OSError as error:
-        message = f"this folder cannot be made: {error.strerror or error}"
-        raise InputError(Problem("cannot-write", message, Place(path))) from error
+        raise InputError(_cannot_write(path, error, "this folder cannot be made")) from error
 
 
 def check_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
@@ -114,8 +113,21 @@ def write_atomically(path: Path, content: str | bytes, *, executable: bool = Fal
         else:
             _replace(path.resolve(), data, executable=executable)
     except OSError as error:
-        message = f"this file cannot be written: {error.strerror or error}"
-        raise InputError(Problem("cannot-write", message, Place(path))) from error
+        raise InputError(_cannot_write(path, error)) from error
+
+
+@contextmanager
+def naming(path: Path, what: str = "this file cannot be written") -> Iterator[None]:
+    """Raises InputError with the name of a file or folder where writing fails meanwhile, as on a full disk."""
+    try:
+        yield
+    except OSError as error:
+        raise InputError(_cannot_write(path, error, what)) from error
+
+
+def _cannot_write(path: Path, error: OSError, what: str = "this file cannot be written") -> Problem:
+    why = error.args[0][-1][-1] if isinstance(error, shutil.Error) else error.strerror or error
+    return Problem("cannot-write", f"{what}: {why}", Place(path))
 
 
 def _replace(path: Path, content: bytes, *, executable: bool) -> None:

@@ -22,6 +22,8 @@ from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.program import Program
 from sqrp_cli.program_check import Flaw, Keys, flaws, flaws_in
 
+_KEYS = ("sqrp_program", "workspace", "digest", "steps")
+
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
 
 _NOT_SUMMED = {"checksum", "marks", "workspace"}
@@ -31,7 +33,7 @@ _SIGNS = string.ascii_letters + string.digits + "+-"
 
 def load_program(path: Path) -> Program:
     """Read and validate a program file. Raises InputError with the place of what is wrong, see `program_check`."""
-    document = read_document(path)
+    document = read_document(path, keys=_KEYS)
     if "sqrp_program" not in document.data:
         message = "this is no program: it lacks the key `sqrp_program`"
         raise InputError(Problem("no-program", message, Place(path), mend="sqrp rank WORKSPACE TASK --program FILE"))
@@ -110,7 +112,7 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
     if program.digest != workspace.digest:
         raise InputError(stale(program, path, workspace))
     if any(flaws_in(program, workspace)):
-        raise InputError(*_problems(read_document(path), flaws_in(program, workspace)))
+        raise InputError(*_problems(read_document(path, keys=_KEYS), flaws_in(program, workspace)))
     check_unedited(program, path)
 
 

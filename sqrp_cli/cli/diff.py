@@ -9,7 +9,7 @@ import typer
 
 from sqrp_cli.cli import score_options as option
 from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Seed, Tolerance, job_count, read_sampling
-from sqrp_cli.errors import ExitCode
+from sqrp_cli.errors import ExitCode, InputError
 
 NAME = "diff"
 
@@ -35,7 +35,7 @@ def command(
 
     with connected(cluster, option.tell) as workers:
         from sqrp_cli.cli.console import progress
-        from sqrp_cli.cli.score_run import show
+        from sqrp_cli.cli.score_run import show, why_not_scored
         from sqrp_cli.cli.score_table import print_difference
         from sqrp_cli.scoring.compute import Means, open_computer
         from sqrp_cli.scoring.difference import difference, read_versions
@@ -44,4 +44,6 @@ def command(
         old, new = read_versions(before, after)
         with open_computer(means) as computer:
             findings = difference(old, new, computer, allow, progress)
+        if findings.count("error"):
+            raise InputError(*why_not_scored(findings))
         return show(findings, print_difference, as_json=as_json)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -57,20 +58,20 @@ def run_once(
         if path is not None:
             check_writable(path)
     gallery = _gallery(workspace, kept)
-    writer = LogWriter(kept.log, header(program, workspace, simulation.seed, faults)) if kept.log is not None else None
     recorder = EventRecorder()
-    try:
+    with ExitStack() as closing:  # one that cannot be closed keeps no other from being
+        if gallery is not None:
+            closing.callback(gallery.close)
+        writer = None
+        if kept.log is not None:
+            writer = LogWriter(kept.log, header(program, workspace, simulation.seed, faults))
+            closing.callback(writer.close)
         with LiveView(list(workspace.cameras)) as view:
             listeners = [listener for listener in (writer, view, recorder) if listener is not None]
             # Without a page or a log nobody wants to know where everything really is.
             report = simulation.run(faults, listeners, gallery, witnessed=page is not None or writer is not None)
         if writer is not None:
             writer.finish(report)
-    finally:
-        if writer is not None:
-            writer.close()
-        if gallery is not None:
-            gallery.close()
     if page is not None:
         cell = RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace)
         write_run(cell, report, recorder.events, page, arguments)

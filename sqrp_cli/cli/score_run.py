@@ -12,7 +12,7 @@ from sqrp_cli.cli.documents import as_text
 from sqrp_cli.cli.score_document import score_document
 from sqrp_cli.cli.score_outputs import Outputs
 from sqrp_cli.cli.score_table import print_report
-from sqrp_cli.errors import ExitCode
+from sqrp_cli.errors import ExitCode, InputError, Problem
 from sqrp_cli.files import check_not_read
 from sqrp_cli.memory import keep_all_so_far
 from sqrp_cli.programming.outside import intervals_outside
@@ -39,7 +39,8 @@ class ScoreRequest:
 def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
     """Score all, compare with the baseline, write the files that were asked for and print; arguments: of the command.
 
-    Raises InputError for paths, folders and files of no use.
+    Raises InputError for paths, folders and files of no use, and where nothing at all can be scored; a result of some is
+    printed, with the others in it as errors.
     """
     outputs = request.outputs
     check_not_read(outputs.paths, [request.baseline])
@@ -59,7 +60,25 @@ def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, 
             raise
         note("interrupted before all files were written")
         findings = replace(findings, interrupted=True)
+    except InputError:  # a file that cannot be written takes nothing from what was scored
+        if findings is not None and not nothing_scored(findings):
+            show(findings, print_report, as_json=as_json)
+        raise
+    if nothing_scored(findings):
+        raise InputError(*why_not_scored(findings))
     return show(findings, print_report, as_json=as_json)
+
+
+def nothing_scored(*found: Findings) -> bool:
+    """Whether every task or workspace is an error, so that there is no result to print."""
+    statuses = {result.score.status for findings in found for result in findings.results}
+    return statuses == {"error"} and not any(findings.interrupted for findings in found)
+
+
+def why_not_scored(*found: Findings) -> list[Problem]:
+    """Why what could not be scored could not be, each reason once."""
+    scores = (result.score for findings in found for result in findings.results if result.score.status == "error")
+    return [Problem("not-scored", why) for why in dict.fromkeys(reason for one in scores for reason in one.reasons)]
 
 
 def show(findings: Findings, print_findings: Callable[[Findings], None], *, as_json: bool) -> ExitCode:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from sqrp_cli.cli.console import note, print_problems, progress, say, say_raw
 from sqrp_cli.cli.documents import as_text
+from sqrp_cli.cli.score_run import nothing_scored, why_not_scored
 from sqrp_cli.cli.sweep_table import print_sweep, sweep_document
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 from sqrp_cli.files import check_writable, write_atomically
@@ -58,6 +59,9 @@ def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode
         count = len(read)
         note(f"interrupted before all {count} variants were scored, so none is named the best and no patch is written")
         return ExitCode.INTERRUPTED
+    each = [variant.findings for variant in found.variants]
+    if nothing_scored(*each):
+        raise InputError(*why_not_scored(*each))
     if found.patch:
         write_atomically(patch, f"{MARK}\n{found.patch}")
     if as_json:

@@ -75,7 +75,7 @@ def read_calibration(path: Path) -> tuple[Intrinsics, Document]:
     The projection matrix, if any, is that of the rectified image and is not used: cameras see through their lens.
     Raises InputError, with the line, for missing keys, unknown models, wrong lengths and matrices that no camera has.
     """
-    document = read_document(path, tags=frozenset({"!!opencv-matrix"}))
+    document = read_document(path, frozenset({"!!opencv-matrix"}), ("image_width", "width", *_K_KEYS))
     file = validate(document, _CalibrationFile)
     K_path, K_numbers = _numbers(document, _K_KEYS, file.camera_matrix, 9)
     D_path, coefficients = _numbers(document, _D_KEYS, file.distortion_coefficients, None)

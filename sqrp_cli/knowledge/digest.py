@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from sqrp_cli.knowledge.input_file import open_input
+
 
 @dataclass(frozen=True)
 class SourceFile:
@@ -30,8 +32,8 @@ class ContentDigest:
         self.files[role] = SourceFile(path, hashlib.sha256(content).hexdigest())
 
     def add_file(self, role: str, path: Path) -> None:
-        """Add a file that is read elsewhere, such as a mesh. Raises OSError if it cannot be read."""
-        with path.open("rb") as file:
+        """Add a file that is read elsewhere, such as a mesh. Raises as `open_input`."""
+        with open_input(path) as file:
             self.files[role] = SourceFile(path, hashlib.file_digest(file, "sha256").hexdigest())
 
     def hexdigest(self) -> str:

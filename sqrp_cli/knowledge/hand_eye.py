@@ -85,7 +85,7 @@ def read_hand_eye(path: Path) -> tuple[HandEye, Document]:
 
     Raises InputError, with the line, for missing keys, values of the wrong kind and a quaternion whose length is not 1.
     """
-    document = read_document(path)
+    document = read_document(path, keys=("parameters", "transform", "transformation", "tracking_base_frame"))
     if "tracking_base_frame" in document.data:
         flat = validate(document, _FlatFile)
         return _hand_eye(document, flat, flat, ()), document

@@ -42,10 +42,7 @@ def formulas_against_the_action(skill: Skill) -> Iterator[Problem]:
 
 def _place(skill: Skill) -> Place:
     """The line of the skill's action in its PDDL file."""
-    lines = skill.domain.path.read_text(encoding="utf-8-sig").lower().splitlines()
-    words = (":action", skill.action.name)
-    found = (number for number, line in enumerate(lines, 1) if all(word in line for word in words))
-    return Place(skill.domain.path, next(found, 1))
+    return Place(skill.domain.path, skill.action.place.line)
 
 
 def _literals(condition: Condition) -> tuple[set[Claim], set[Claim]]:

@@ -9,11 +9,12 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
+from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry, read_input
 from sqrp_cli.knowledge.read_cell import WORLD, CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.source import YAML_ENDINGS, Document, nearest_entry, parse_document, read_document
+from sqrp_cli.knowledge.source import MAX_BYTES, Document, parse_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
@@ -34,7 +35,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     found, each with its place.
     """
     file_path = workspace_file(path)
-    document = read_document(file_path) if content is None else parse_document(file_path, content)
+    document = read_workspace_document(file_path, content)
     file = validate(document, WorkspaceFile)
     digest = ContentDigest()
     digest.add("workspace", file_path, document.content)
@@ -73,6 +74,12 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         warnings=(*robot_reader.warnings, *cell.warnings, *taken_as_held),
         places=document.places,
     )
+
+
+def read_workspace_document(path: Path, content: bytes | None = None) -> Document:
+    """A workspace file as YAML; content: what to read in place of the file's own. Raises as `read_document`."""
+    keys = ("robot", "cameras", "objects", "skills")
+    return parse_document(path, read_input(path, MAX_BYTES) if content is None else content, keys=keys)
 
 
 def workspace_file(path: Path) -> Path:

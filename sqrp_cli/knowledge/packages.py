@@ -9,7 +9,7 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
-from sqrp_cli.knowledge.source import missing_file
+from sqrp_cli.knowledge.input_file import missing_file
 
 _PIP_PACKAGES = {"example-robot-data": "example-robot-data"}
 """Packages of robot descriptions that pip installs, with the command line's name for them."""

@@ -245,8 +245,8 @@ class CellReader:
 def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:
     """Add a mesh file to the digest. Raises InputError if it is too large, damaged or cannot be read."""
     try:
+        digest.add_file(role, path)  # which first sees to it that this is a regular file
         check_mesh(path)
-        digest.add_file(role, path)
     except OSError as error:
         raise InputError(Problem("unreadable-file", f"{path}: {error.strerror}", place)) from error
 

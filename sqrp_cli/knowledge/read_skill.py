@@ -11,6 +11,7 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge import setting_kind, skill_file
 from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.input_file import decoded, read_input
 from sqrp_cli.knowledge.read_settings import SettingsReader
 from sqrp_cli.knowledge.skill import (
     HOME,
@@ -34,7 +35,7 @@ from sqrp_cli.knowledge.skill import (
     Waypoint,
 )
 from sqrp_cli.knowledge.skill_file import BoxEntry, FormulaEntry, PrimitiveEntry, SkillFile, WaypointEntry
-from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_bytes, read_document
+from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.logic.mtl import Always, Eventually, Formula, check_formula, children, parse_formula
 from sqrp_cli.logic.pddl import Action, Domain, parse_domain
@@ -57,7 +58,7 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
             close = nearest(required, (entry.name for entry in folder.iterdir()))
             message = f"the skill folder {folder} has no `{required}`" + (f"; did you mean `{close}`?" if close else "")
             raise InputError(Problem("missing-file", message, place))
-    document = read_document(folder / SKILL_FILE)
+    document = read_document(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
     domain = _read_domain(folder / f"{folder.name}.pddl", digest)
     digest.add(f"skills.{folder.name}.yaml", document.path, document.content)
     if folder.name not in domain.actions:
@@ -70,15 +71,9 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
 
 
 def _read_domain(path: Path, digest: ContentDigest) -> Domain:
-    content = read_bytes(path, MAX_BYTES)
+    content = read_input(path, MAX_BYTES)
     digest.add(f"skills.{path.stem}.pddl", path, content)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        message = f"byte 0x{content[error.start]:02x} is not UTF-8 text"
-        raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
-    return parse_domain(text, path)
+    return parse_domain(decoded(path, content), path)
 
 
 class _SkillReader:

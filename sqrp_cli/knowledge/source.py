@@ -7,17 +7,16 @@ not exist. Keys are always text. Numbers must be finite.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, Problem, nearest
-
-YAML_ENDINGS = (".yaml", ".yml")
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.input_file import decoded, read_input
 
 MAX_BYTES = 1_000_000
 """Largest YAML file that is read."""
@@ -36,6 +35,8 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN|Nan)")
 _CLOSING = re.compile(r"\n---\s*\Z")
 """The line that ROS prints after each message, which YAML takes for the beginning of another document."""
+_QUOTED = re.compile(r"([`']).*\1", re.DOTALL)
+"""What messages quote of a file, quotation marks within it included."""
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
 _LIMIT_CODES = {"nested deeper": "nesting-too-deep", "more than": "too-many-values"}
@@ -84,6 +85,10 @@ class Document:
         """Every value that is neither a mapping nor a list (or an empty one, as None), by its dotted path."""
         return {dotted(path): value for path, value in _leaves(self.data, ())}
 
+    def name(self, path: KeyPath) -> str:
+        """How messages name a key."""
+        return dotted(path)
+
     def key_place(self, path: KeyPath) -> Place:
         """Where a key stands; for a key that is missing, where the mapping that should have it stands."""
         while path and path not in self.keys:
@@ -96,23 +101,47 @@ class Document:
 
     def problem(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> Problem:
         """A problem with the value at `path`; the message is prefixed with its dotted path."""
-        return Problem(code, f"`{dotted(path)}`: {message}", self.value_place(path), mend=mend)
+        return Problem(code, f"`{self.name(path)}`: {message}", self.value_place(path), mend=mend)
 
 
-def read_document(path: Path, tags: frozenset[str] = frozenset()) -> Document:
+def read_document(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()) -> Document:
     """The YAML file at `path`, which must hold a mapping.
 
     tags: explicit tags (such as `!!opencv-matrix`) that are accepted and ignored; every other one is refused.
+    keys: what files of this kind have at their top. Of a file with none of them no word is quoted, for it may be
+    another one, named to see what it says; without keys every file is.
 
     Raises InputError for a file that is missing, too large, not UTF-8, empty, not a mapping, breaks YAML's syntax,
     repeats a key, or exceeds a limit of this module.
     """
-    return parse_document(path, read_bytes(path, MAX_BYTES), tags)
+    return parse_document(path, read_input(path, MAX_BYTES), tags, keys)
 
 
-def parse_document(path: Path, content: bytes, tags: frozenset[str] = frozenset()) -> Document:
+def parse_document(
+    path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()
+) -> Document:
     """As `read_document`, of content that is at hand; path: what problems name."""
     text = _decode(path, content)
+    try:
+        return _parsed(path, content, text, tags)
+    except InputError as error:
+        if not keys or _top_key(keys).search(text):
+            raise
+        raise InputError(*map(_unquoted, error.problems)) from None
+
+
+def _top_key(keys: Collection[str]) -> re.Pattern[str]:
+    """Finds a line that begins with one of some keys."""
+    return re.compile(rf"""^(?:\{{\s*)?["']?(?:{"|".join(map(re.escape, keys))})["']?\s*:""", re.MULTILINE)
+
+
+def _unquoted(problem: Problem) -> Problem:
+    """The problem without a word of the file."""
+    hint = problem.message in _SYNTAX_HINTS.values()
+    return replace(problem, message=problem.message if hint else _QUOTED.sub("`...`", problem.message), excerpt=None)
+
+
+def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> Document:
     root = _compose(path, text)
     if root is None:
         raise InputError(Problem("empty-file", "the file is empty, expected a mapping of keys to values", Place(path)))
@@ -120,60 +149,9 @@ def parse_document(path: Path, content: bytes, tags: frozenset[str] = frozenset(
     data = builder.build(root, ())
     if not isinstance(data, dict):
         place = builder.values[()]
-        raise InputError(
-            Problem("not-a-mapping", f"found {describe(data)}, expected a mapping of keys to values", place)
-        )
+        found = "text" if isinstance(data, str) else describe(data)
+        raise InputError(Problem("not-a-mapping", f"found {found}, expected a mapping of keys to values", place))
     return Document(path, content, data, builder.keys, builder.values)
-
-
-def read_bytes(path: Path, limit: int) -> bytes:
-    """Content of a file of at most `limit` bytes.
-
-    Raises InputError if it is missing (naming the file nearest in spelling), larger, or cannot be read.
-    """
-    if not path.is_file():
-        raise InputError(missing_file(path))
-    try:
-        size = path.stat().st_size
-        if size > limit:
-            raise InputError(
-                Problem("file-too-large", f"the file has {size:,} bytes, the limit is {limit:,}", Place(path))
-            )
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(Problem("unreadable-file", f"cannot be read: {error.strerror}", Place(path))) from error
-
-
-def missing_file(path: Path) -> Problem:
-    """The problem of a file that does not exist, with what is nearest to it."""
-    if path.is_dir():
-        return Problem("missing-file", "found a folder, expected a file", Place(path))
-    if path.exists() or path.is_symlink():
-        return Problem("missing-file", "found a pipe, a device or a broken link, expected a file", Place(path))
-    folder = path.parent
-    if not folder.is_dir():
-        return Problem("missing-file", f"file not found: there is no folder {folder}", Place(path))
-    close = nearest_entry(path, lambda entry: _is_alike(path, entry) and entry.is_file())
-    return Problem("missing-file", "file not found" + (f"; did you mean `{close}`?" if close else ""), Place(path))
-
-
-def nearest_entry(path: Path, could_be_meant: Callable[[Path], bool]) -> str | None:
-    """The name nearest in spelling to a path that does not exist, of what stands in its folder and could be meant.
-
-    Endings do not count: that two files have the same one makes them no nearer.
-    """
-    try:
-        names = {entry.stem: entry.name for entry in sorted(path.parent.iterdir()) if could_be_meant(entry)}
-    except OSError:
-        return None
-    close = nearest(path.stem, names)
-    return names[close] if close is not None else None
-
-
-def _is_alike(path: Path, entry: Path) -> bool:
-    """Whether a file may be meant by its ending: that of the path, or another one of the same name; by default YAML."""
-    one, other = path.suffix.lower() or YAML_ENDINGS[0], entry.suffix.lower()
-    return one == other or (one in YAML_ENDINGS and other in YAML_ENDINGS) or path.stem == entry.stem
 
 
 def _leaves(value: object, path: KeyPath) -> Iterator[tuple[KeyPath, Scalar]]:
@@ -206,12 +184,7 @@ def excerpt(line: str, column: int) -> str:
 
 
 def _decode(path: Path, content: bytes) -> str:
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        message = f"byte 0x{content[error.start]:02x} is not UTF-8 text"
-        raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
+    text = decoded(path, content)
     if text.startswith("%YAML:"):  # OpenCV's header, which YAML itself does not know
         text = "#" + text[1:]
     return _CLOSING.sub("\n", text)

@@ -18,8 +18,8 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_SIZE
+from sqrp_cli.knowledge.input_file import read_input
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Geometry, Mesh, Part, Shape, Sphere
-from sqrp_cli.knowledge.source import read_bytes
 from sqrp_cli.knowledge.xml_file import MAX_BYTES, Element, parse_xml
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
@@ -148,7 +148,7 @@ def read_urdf(path: Path) -> UrdfModel:
     repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type that is not
     supported (floating, planar), and links that do not form one tree.
     """
-    content = read_bytes(path, MAX_BYTES)
+    content = read_input(path, MAX_BYTES)
     key = (content, path.stem)
     model = _known.pop(key, None)
     if model is None:

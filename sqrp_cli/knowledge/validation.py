@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from sqrp_cli.errors import InputError, Problem, nearest
-from sqrp_cli.knowledge.source import Document, KeyPath, describe, dotted
+from sqrp_cli.knowledge.source import Document, KeyPath, describe
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -51,8 +51,13 @@ def validate(document: Document, model: type[Model]) -> Model:
     try:
         return model.model_validate(document.data)
     except ValidationError as error:
-        problems = [problem for details in error.errors() for problem in _problems(document, details)]
-        raise InputError(*sorted(problems, key=_position)) from error
+        raise InputError(*problems_of(document, error)) from error
+
+
+def problems_of(document: Document, error: ValidationError) -> list[Problem]:
+    """What Pydantic says is wrong with a document, as `validate` tells it, in order of place."""
+    problems = [problem for details in error.errors() for problem in _problems(document, details)]
+    return sorted(problems, key=_position)
 
 
 def _position(problem: Problem) -> tuple[int, int]:
@@ -66,12 +71,15 @@ def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
     kind = details["type"]
     if kind == "unknown-key":
         return [
-            Problem(kind, f"`{dotted((*path, key))}` is no known key; {expected}", document.key_place((*path, key)))
+            Problem(
+                kind, f"`{document.name((*path, key))}` is no known key; {expected}", document.key_place((*path, key))
+            )
             for key, expected in context["keys"].items()
         ]
     if kind == "missing":
-        owner = f"`{dotted(path)}`" if path else "the file"
-        return [Problem("missing-key", f"{owner} lacks the key `{absent}`", document.key_place(path))]
+        owner = f"`{document.name(path)}`" if path else "the file"
+        lack = f"the key `{absent}`" if absent else f"entry {details['loc'][-1]} (the first is 0)"
+        return [Problem("missing-key", f"{owner} lacks {lack}", document.key_place(path))]
     found = describe(details["input"])
     if kind == "no-mapping":
         keys = ", ".join(f"`{key}`" for key in context["keys"])

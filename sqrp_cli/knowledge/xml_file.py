@@ -10,7 +10,8 @@ from xml.parsers import expat
 
 from sqrp_cli.errors import InputError, Place, Problem, nearest
 from sqrp_cli.knowledge.bounds import LARGEST
-from sqrp_cli.knowledge.source import excerpt, read_bytes
+from sqrp_cli.knowledge.input_file import read_input
+from sqrp_cli.knowledge.source import excerpt
 
 MAX_BYTES = 10_000_000
 """Largest XML file that is read."""
@@ -96,7 +97,7 @@ def read_xml(path: Path, root_tag: str) -> Element:
     Raises InputError, with line and column, for a file that is missing, too large, not XML, nested too deep, or that
     declares entities: a short file can unfold to gigabytes through them, or make the reader open other files.
     """
-    return parse_xml(path, read_bytes(path, MAX_BYTES), root_tag)
+    return parse_xml(path, read_input(path, MAX_BYTES), root_tag)
 
 
 def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
@@ -136,7 +137,9 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
         line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
         message = f"not well-formed XML: {unclosed(error)}"
         place = Place(path, error.lineno, error.offset + 1)
-        raise InputError(Problem("xml-syntax", message, place, excerpt=excerpt(line, error.offset + 1))) from error
+        # What does not begin as such a file may be another one, named to see what it says.
+        shown = excerpt(line, error.offset + 1) if top and top[0].tag == root_tag else None
+        raise InputError(Problem("xml-syntax", message, place, excerpt=shown)) from error
     root = top[0]
     if root.tag != root_tag:
         raise root.error("wrong-root", f"the file begins with {root}, expected <{root_tag}>")

@@ -45,6 +45,9 @@ REQUIREMENTS = (
 
 _SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":action")
 _ACTION_KEYS = (":parameters", ":precondition", ":effect")
+_DEFINE = re.compile(r"\(\s*define\b", re.IGNORECASE)
+_WORD = re.compile(r"^[^;\w]*\w", re.MULTILINE)
+"""Finds a line with a word that is no comment."""
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists", "=", "when")
 _NUMERIC = ("increase", "decrease", "assign", "scale-up", "scale-down", "<", ">", "<=", ">=")
@@ -57,6 +60,10 @@ def parse_domain(text: str, path: Path) -> Domain:
     whatever a domain uses of these it must declare among its requirements. Raises InputError with every problem found,
     in order of place, each with line, column and an excerpt of the text.
     """
+    if _WORD.search(text) and not _DEFINE.search(
+        text
+    ):  # it may be another file, named to see what it says: do not quote it
+        raise InputError(Problem("pddl-syntax", "this is no PDDL: expected `(define (domain ...`", Place(path, 1, 1)))
     reader = _Reader(SourceText(text, Place(path, 1, 1)))
     domain = reader.read(read_list(reader.source))
     reader.stop_at_problems()

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.files import write_atomically
+from sqrp_cli.files import make_folder, write_atomically
 from sqrp_cli.geometry import box_corners, inverse, transform
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.programming.assessment import Study
@@ -134,11 +134,7 @@ def _because(cell: Cell, failure: Failure) -> str:
 
 
 def _write(path: Path, image: Any) -> None:  # noqa: ANN401
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        message = f"this folder cannot be made: {error.strerror or error}"
-        raise InputError(Problem("cannot-write", message, Place(path.parent))) from error
+    make_folder(path.parent)
     write_atomically(path, png(image))
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.input_file import read_input
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import Program, Step
 from sqrp_cli.runtime.expectation import Expectation, values_when_open
@@ -17,12 +18,15 @@ from sqrp_cli.runtime.judge import Judge
 from sqrp_cli.runtime.outcome import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Watchlist
-from sqrp_cli.runtime.perception.vision import decoded_png
-from sqrp_cli.runtime.png_file import DamagedPngError, check_png, png_size
+from sqrp_cli.runtime.perception.vision import image_of, png_size
+from sqrp_cli.runtime.png_file import png_damage
 from sqrp_cli.runtime.prediction_check import PredictionCheck
 from sqrp_cli.runtime.recording import FrameEntry, read_frames
 from sqrp_cli.runtime.simulated_run import knowledge_of
 from sqrp_cli.runtime.twin import Twin
+
+MAX_IMAGE = 100_000_000
+"""Largest image file that is read [bytes]."""
 
 
 @dataclass(frozen=True)
@@ -87,19 +91,17 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
 
 
 def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
-    camera, content = workspace.cameras[entry.camera], entry.file.read_bytes()
-    try:
-        width, height = png_size(content)
-        if (width, height) != (camera.width, camera.height):
-            message = f"this image is {width}x{height}, {camera.name} has {camera.width}x{camera.height}"
-            raise InputError(Problem("wrong-size", message, Place(entry.file)))
-        check_png(content)
-    except DamagedPngError as error:
-        message = f"this image is no PNG file, or damaged: {error}"
-        raise InputError(Problem("unreadable", message, Place(entry.file))) from error
-    image = decoded_png(content)
+    content = read_input(entry.file, MAX_IMAGE)
+    camera = workspace.cameras[entry.camera]
+    size = png_size(content)
+    if size is not None and size != (camera.width, camera.height):
+        message = f"this image is {size[0]}x{size[1]}, {camera.name} has {camera.width}x{camera.height}"
+        raise InputError(Problem("wrong-size", message, Place(entry.file)))
+    damage = png_damage(content)
+    image = None if damage else image_of(content)
     if image is None:
-        raise InputError(Problem("unreadable", "this image cannot be read", Place(entry.file)))
+        message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
+        raise InputError(Problem("unreadable", message, Place(entry.file)))
     return Frame(entry.camera, entry.t or 0.0, image)
 
 

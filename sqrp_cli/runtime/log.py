@@ -3,21 +3,30 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.source import missing_file
+from sqrp_cli.files import naming
+from sqrp_cli.knowledge.input_file import open_input
+from sqrp_cli.knowledge.json_file import parse_json
+from sqrp_cli.knowledge.source import describe
 from sqrp_cli.runtime.log_events import first_words, wrong_field
 from sqrp_cli.runtime.outcome import STATE, Event, RunReport
 
 VERSION = 1
 """Of the log's fields."""
+
+MAX_BYTES = 200_000_000
+"""Largest log that is read: that of an hour has some 100 MB."""
+
+MAX_LINE, MAX_LINES = 10_000_000, 1_000_000
+"""Most bytes of a line of a log that is read, and most lines."""
 
 SLACK = 0.01
 """By how much an event may be earlier than the one before it, as the simulation's clock goes in steps [s]."""
@@ -28,14 +37,16 @@ class LogWriter:
 
     def __init__(self, path: Path, header: Event) -> None:
         """header: what was run and how."""
-        # Line by line, so that nothing is lost where a run is interrupted.
-        self._file = path.open("w", encoding="utf-8", buffering=1)
+        self._path = path
+        with naming(path):  # line by line, so that nothing is lost where a run is interrupted
+            self._file = path.open("w", encoding="utf-8", buffering=1)
         self(Event(header.t, header.kind, {"sqrp_log": VERSION, **header.fields}))
 
     def __call__(self, event: Event) -> None:
-        """Write an event."""
+        """Write an event. Raises InputError where that is not possible."""
         line = {"t": event.t, "event": event.kind, **event.fields}
-        self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
+        with naming(self._path):
+            self._file.write(json.dumps(line, ensure_ascii=False, allow_nan=False) + "\n")
 
     def finish(self, report: RunReport) -> None:
         """Write the report as the last line."""
@@ -47,22 +58,14 @@ class LogWriter:
 
     def close(self) -> None:
         """Write nothing more."""
-        self._file.close()
+        with naming(self._path):
+            self._file.close()
 
 
 def read_log(path: Path) -> Iterator[Event]:
     """The events of a log, its header first. Raises InputError, with the line, for what is no log."""
-    if not path.is_file():
-        raise InputError(missing_file(path))
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except UnicodeDecodeError as error:
-        raise _no_log("this is no log of `sqrp run --log`: it is not UTF-8 text", Place(path)) from error
-    except OSError as error:
-        message = f"this log cannot be read: {error.strerror or error}"
-        raise InputError(Problem("unreadable", message, Place(path))) from error
-    before, joints = 0.0, -1
-    for number, line in enumerate(lines, 1):
+    before, joints, number = 0.0, -1, 0
+    for number, line in _lines(path):
         place = Place(path, number)
         event = _event(line, place)
         if number == 1 and event.fields.get("sqrp_log") != VERSION:
@@ -79,24 +82,34 @@ def read_log(path: Path) -> Iterator[Event]:
             raise _no_log(f"this event is at {event.t:g} s, before that of the line above", place)
         before = max(before, event.t)
         yield event
-    if not lines:
+    if number == 0:
         raise _no_log("this log is empty", Place(path))
 
 
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """The lines of a log, from 1, one at a time."""
+    with open_input(path, MAX_BYTES) as file:
+        for number, line in enumerate(iter(partial(file.readline, MAX_LINE + 1), b""), 1):
+            if len(line) > MAX_LINE or number > MAX_LINES:
+                message = f"this log is too large: the limit is {MAX_LINES:,} lines of {MAX_LINE:,} bytes"
+                raise InputError(Problem("file-too-large", message, Place(path, number)))
+            try:
+                yield number, line.decode("utf-8")
+            except UnicodeDecodeError as error:
+                message = "this is no log of `sqrp run --log`: it is not UTF-8 text"
+                raise _no_log(message, Place(path, number)) from error
+
+
 def _event(line: str, place: Place) -> Event:
-    try:
-        document = json.loads(line, parse_float=_finite, parse_constant=_finite)
-        event = Event(float(document.pop("t")), str(document.pop("event")), document)
-    except (ValueError, KeyError, TypeError, AttributeError):
-        raise _no_log("this line is no event of a log", place) from None
-    return event
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
-        raise ValueError
-    return number
+    document = parse_json(place.file, line, place.line or 1)
+    if not isinstance(document, dict):
+        raise _no_log(f"this line is no event of a log: found {describe(document)}, expected a mapping", place)
+    t, kind = document.pop("t", None), document.pop("event", None)
+    if isinstance(t, bool) or not isinstance(t, int | float):
+        raise _no_log(f"this line is no event of a log: `t` is {describe(t)}, expected a number of seconds", place)
+    if not isinstance(kind, str):
+        raise _no_log(f"this line is no event of a log: `event` is {describe(kind)}, expected its kind", place)
+    return Event(float(t), kind, document)
 
 
 def _no_log(message: str, place: Place) -> InputError:

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
+from sqrp_cli.knowledge.json_file import json_name
+
 Numbers3 = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 Numbers4 = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 Numbers7 = Annotated[list[FiniteFloat], Field(min_length=7, max_length=7)]
@@ -120,5 +122,5 @@ def wrong_field(kind: str, fields: Mapping[str, Any]) -> str | None:
 def first_words(error: ValidationError) -> str:
     """The first thing that is wrong, with the field."""
     first = error.errors()[0]
-    place, message = ".".join(map(str, first["loc"])), first["msg"]
+    place, message = json_name(first["loc"]), first["msg"]
     return f"`{place}`: {message[0].lower()}{message[1:]}"

@@ -10,22 +10,31 @@ import csv
 import io
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.files import make_folder
+from sqrp_cli.files import make_folder, naming
+from sqrp_cli.knowledge.input_file import read_text
+from sqrp_cli.knowledge.source import describe
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.sighting import Evidence, Sighting
-from sqrp_cli.runtime.perception.vision import Image, Video, drawn, resized, write_png
+from sqrp_cli.runtime.perception.vision import Image, Video, drawn, png_of, resized
 
 INDEX = "frames.csv"
 """The file that lists the frames of a folder."""
 
 _COLUMNS = ("camera", "file", "step", "t")
+
+MAX_INDEX = 100_000_000
+"""Largest index of a folder of frames that is read [bytes]."""
+
+LONGEST_NAME = 60
+"""Most characters of a name, or of a number, that is compared with others."""
 
 _TILE = (320, 240)
 """Width and height of a camera in a film [pixels]."""
@@ -52,8 +61,9 @@ class FrameFolder:
         if any(folder.iterdir()):
             message = "this folder is not empty, and nothing is ever overwritten; expected the name of a new folder"
             raise InputError(Problem("not-empty", message, Place(folder)))
-        self._folder = folder
-        self._file = (folder / INDEX).open("w", newline="", encoding="utf-8")
+        self._folder, self._index = folder, folder / INDEX
+        with naming(self._index):
+            self._file = self._index.open("w", newline="", encoding="utf-8")
         self._rows = csv.writer(self._file)
         self._rows.writerow(_COLUMNS)
         self._count = 0
@@ -62,12 +72,15 @@ class FrameFolder:
         """Keep an image that was taken at time t [s] of a step."""
         name = f"{frame.camera}-{self._count:06d}.png"
         self._count += 1
-        write_png(self._folder / name, frame.image)
-        self._rows.writerow([frame.camera, name, step, "" if t is None else f"{t:.6f}"])
+        with naming(self._folder / name):
+            (self._folder / name).write_bytes(png_of(frame.image))
+        with naming(self._index):
+            self._rows.writerow([frame.camera, name, step, "" if t is None else f"{t:.6f}"])
 
     def close(self) -> None:
         """Finish the index."""
-        self._file.close()
+        with naming(self._index):
+            self._file.close()
 
 
 def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[FrameEntry]:
@@ -78,39 +91,71 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
     if not path.is_file():
         message = f"there is no {INDEX} in this folder; expected one with the columns {', '.join(_COLUMNS)}"
         raise InputError(Problem("no-frames", message, Place(folder)))
+    rows = csv.reader(io.StringIO(_index_text(path), newline=""))
     try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        message = f"this is no {INDEX}: it is not UTF-8 text"
-        raise InputError(Problem("not-utf-8", message, Place(path))) from error
-    rows = csv.DictReader(io.StringIO(text, newline=""))
-    try:
-        if tuple(rows.fieldnames or ()) != _COLUMNS:
-            message = f"the columns are `{', '.join(rows.fieldnames or ())}`, expected `{', '.join(_COLUMNS)}`"
-            raise InputError(Problem("wrong-columns", message, Place(path, 1)))
+        _check_header(next(rows, []), Place(path, 1))
         for row in rows:
-            yield _entry(row, folder, cameras, steps, Place(path, rows.line_num))
+            if row:
+                yield _entry(row, folder, cameras, steps, Place(path, rows.line_num))
     except csv.Error as error:
         raise InputError(Problem("wrong-value", f"this is no CSV: {error}", Place(path, rows.line_num))) from error
 
 
-def _entry(row: Mapping[str, str], folder: Path, cameras: Sequence[str], steps: int, place: Place) -> FrameEntry:
-    if row["camera"] not in cameras:
-        message = f"there is no camera `{row['camera']}`; {expected_names(row['camera'], cameras)}"
+def _index_text(path: Path) -> str:
+    text = read_text(path, MAX_INDEX)
+    if "\0" in text:
+        line = text.count("\n", 0, text.index("\0")) + 1
+        raise InputError(Problem("wrong-value", "this is no CSV: it has a NUL character", Place(path, line)))
+    return text
+
+
+def _check_header(header: Sequence[str], place: Place) -> None:
+    if tuple(header) != _COLUMNS:
+        # What has none of them may be another file, linked here to see what it says.
+        found = f"`{', '.join(header)}`" if {*header} & {*_COLUMNS} else "others"
+        message = f"the columns are {found}, expected `{', '.join(_COLUMNS)}`"
+        raise InputError(Problem("wrong-columns", message, place))
+
+
+def _entry(row: Sequence[str], folder: Path, cameras: Sequence[str], steps: int, place: Place) -> FrameEntry:
+    if len(row) != len(_COLUMNS):
+        message = f"this row has {len(row)} columns, expected {len(_COLUMNS)}: {', '.join(_COLUMNS)}"
+        raise InputError(Problem("wrong-columns", message, place))
+    camera, name, step, t = row
+    if camera not in cameras:
+        message = f"there is no camera {describe(camera)}; {expected_names(camera[:LONGEST_NAME], cameras)}"
         raise InputError(Problem("unknown-camera", message, place))
+    return FrameEntry(camera, _file_in(folder, name, place), _step(step, steps, place), _seconds(t, place))
+
+
+def _file_in(folder: Path, name: str, place: Place) -> Path:
+    """A file of the folder, also after following all links."""
+    path = folder / name
+    if not Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder)):
+        message = f"the file {describe(name)} is not in this folder; expected a path that does not leave it"
+        raise InputError(Problem("outside-folder", message, place))
+    if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for a name that is too long
+        raise InputError(Problem("missing-file", f"there is no file {describe(name)}", place))
+    return path
+
+
+def _step(text: str, steps: int, place: Place) -> int:
+    number = int(text) if text.isdecimal() and len(text) < LONGEST_NAME else 0
+    if not 1 <= number <= steps:
+        message = f"`step` is {describe(text)}, expected a whole number from 1 to {steps}, the steps of the program"
+        raise InputError(Problem("wrong-value", message, place))
+    return number
+
+
+def _seconds(text: str, place: Place) -> float | None:
     try:
-        step, t = int(row["step"]), float(row["t"]) if row["t"] else None
-        if not math.isfinite(t or 0.0):
-            raise ValueError
-    except (TypeError, ValueError):
-        message = "`step` and `t` must be a number each (`t` may be empty)"
-        raise InputError(Problem("wrong-value", message, place)) from None
-    if not 1 <= step <= steps:
-        raise InputError(Problem("wrong-value", f"`step` is {step}, the program has {steps}", place))
-    file_path = folder / (row["file"] or "")
-    if not os.path.isfile(file_path):  # noqa: PTH113 # of names that no file can have `Path` raises errors
-        raise InputError(Problem("missing-file", f"there is no file `{row['file']}`", place))
-    return FrameEntry(row["camera"], file_path, step, t)
+        t = float(text) if text else 0.0
+    except ValueError:
+        t = math.nan
+    if not 0.0 <= t < math.inf:
+        message = f"`t` is {describe(text)}, expected seconds from 0 on, or nothing"
+        raise InputError(Problem("wrong-value", message, place))
+    return t if text else None
 
 
 class Film:
@@ -118,6 +163,7 @@ class Film:
 
     def __init__(self, path: Path, cameras: Sequence[str], rate: float) -> None:
         """rate: images per second of the fastest camera."""
+        self._path = path
         self._video = Video(path, rate)
         self._tiles: dict[str, Image] = {name: np.zeros((_TILE[1], _TILE[0], 3), np.uint8) for name in cameras}
         self._time: float | None = None
@@ -132,9 +178,11 @@ class Film:
         self._tiles[frame.camera] = resized(picture, *_TILE)
 
     def close(self) -> None:
-        """Finish the film."""
+        """Finish the film. Raises InputError where it could not be written."""
         self._video.add(self._mosaic())
-        self._video.close()
+        if not self._video.close():
+            message = "this film could not be written, or not as a whole; is the disk full?"
+            raise InputError(Problem("cannot-write", message, Place(self._path)))
 
     def _mosaic(self) -> Image:
         tiles = list(self._tiles.values())
@@ -166,6 +214,7 @@ class Gallery:
 
     def close(self) -> None:
         """Finish all files."""
-        for sink in (self._folder, self._film):
-            if sink is not None:
-                sink.close()
+        with ExitStack() as closing:  # one that cannot be finished keeps no other from being
+            for sink in (self._folder, self._film):
+                if sink is not None:
+                    closing.callback(sink.close)

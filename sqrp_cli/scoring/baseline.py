@@ -3,46 +3,89 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, PlainSerializer, PlainValidator, ValidationError
+from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import write_atomically
-from sqrp_cli.knowledge.source import Scalar, missing_file
+from sqrp_cli.knowledge.entries import Entry
+from sqrp_cli.knowledge.input_file import missing_file, read_text
+from sqrp_cli.knowledge.json_file import json_document, parse_json
+from sqrp_cli.knowledge.source import Scalar, describe
+from sqrp_cli.knowledge.validation import problems_of
 from sqrp_cli.programming.coverage import Coverage
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Sampling
+from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.scoring.cells import ScoredCell
-from sqrp_cli.scoring.outcome import coverage_numbers, read_coverage
+from sqrp_cli.scoring.outcome import CoverageRecord, Seconds
 from sqrp_cli.scoring.score import TaskScore
 from sqrp_cli.scoring.source_fields import fields_of
 
+MAX_BYTES = 100_000_000
+"""Largest baseline that is read, and written."""
 
-class _Record(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+MOST_PROBLEMS = 10
+"""Problems of a baseline that are told."""
+
+_Share = Annotated[float, Field(ge=0, le=1)]
 
 
-class WayRecord(_Record):
+def _sampling(value: object) -> Sampling:
+    """What `_sampling_text` wrote; a sampling stays as it is."""
+    if isinstance(value, Adaptive | FixedCount | FixedStep):
+        return value
+    kind, _, number = str(value).removesuffix(")").partition("=")
+    try:
+        match kind:
+            case "Adaptive(tolerance":
+                return Adaptive(float(number))
+            case "FixedCount(samples":
+                return FixedCount(int(number))
+            case "FixedStep(dt":
+                return FixedStep(float(number))
+    except ValueError:
+        pass
+    message = f"found {describe(value)}, expected how motions were sampled, such as `{_sampling_text(Adaptive())}`"
+    raise PydanticCustomError("wrong-value", "{message}", {"message": message})
+
+
+def _sampling_text(sampling: Sampling) -> str:
+    match sampling:
+        case Adaptive():
+            return f"Adaptive(tolerance={sampling.tolerance!r})"
+        case FixedCount():
+            return f"FixedCount(samples={sampling.samples!r})"
+        case FixedStep():
+            return f"FixedStep(dt={sampling.dt!r})"
+
+
+def _scalar(value: object) -> Scalar:
+    if isinstance(value, Scalar):
+        return value
+    raise PydanticCustomError("wrong-type", "{message}", {"message": f"found {describe(value)}, expected one value"})
+
+
+class WayRecord(Entry):
     """The best candidate for a choice of objects. delay: the longest time that a fault may remain unnoticed [s]."""
 
     candidate: str
     feasible: bool
     reasons: tuple[str, ...] = ()
-    time: float | None = None
-    q_avg: float | None = None
-    q_eoi: float | None = None
-    delay: float | None = None
-    coverage: dict[str, Any] | None = None
+    time: Seconds | None = None
+    q_avg: _Share | None = None
+    q_eoi: _Share | None = None
+    delay: Seconds | None = None
+    coverage: CoverageRecord | None = None
 
     @property
     def seen(self) -> Coverage | None:
         """The coverage over time, if it is known."""
-        return None if self.coverage is None else read_coverage(self.coverage)
+        return None if self.coverage is None else self.coverage.coverage()
 
     @staticmethod
     def of(ranked: Ranked, coverage: Coverage | None) -> WayRecord:
@@ -56,18 +99,18 @@ class WayRecord(_Record):
             q_avg=assessment.q_avg,
             q_eoi=assessment.q_eoi,
             delay=assessment.delay_worst,
-            coverage=None if coverage is None else coverage_numbers(coverage),
+            coverage=None if coverage is None else CoverageRecord.of(coverage),
         )
 
 
-class TaskRecord(_Record):
+class TaskRecord(Entry):
     """A task: how its best candidate is called (None: none is feasible), and every way of doing it."""
 
     best: str | None
     ways: dict[str, WayRecord]
 
 
-class WorkspaceRecord(_Record):
+class WorkspaceRecord(Entry):
     """A workspace: its digest, the digest of each of its files by role, and its tasks."""
 
     digest: str
@@ -75,13 +118,13 @@ class WorkspaceRecord(_Record):
     tasks: dict[str, TaskRecord]
 
 
-class Baseline(_Record):
+class Baseline(Entry):
     """Scores of workspaces by name. sampling: how motions were sampled. fields: what files say, by their digest."""
 
     format: Literal["sqrp baseline 1"] = "sqrp baseline 1"
-    sampling: str
+    sampling: Annotated[Any, PlainValidator(_sampling), PlainSerializer(_sampling_text)]
     workspaces: dict[str, WorkspaceRecord]
-    fields: dict[str, dict[str, Scalar]] = Field(default={})
+    fields: dict[str, dict[str, Annotated[Any, PlainValidator(_scalar)]]] = Field(default={})
 
 
 def baseline_of(
@@ -110,57 +153,66 @@ def baseline_of(
         }
         workspaces[cell.name] = WorkspaceRecord(digest=cell.workspace.digest, files=files, tasks=tasks)
     known = {digest: found for digest, found in fields.items() if found}
-    return Baseline(sampling=repr(sampling), workspaces=workspaces, fields=known)
+    return Baseline(sampling=sampling, workspaces=workspaces, fields=known)
 
 
 def save_baseline(baseline: Baseline, path: Path) -> None:
-    """Write a baseline, the same bytes for the same scores. Raises InputError where it cannot be written."""
-    text = json.dumps(baseline.model_dump(mode="json"), ensure_ascii=False, indent=1, sort_keys=False)
-    write_atomically(path, text + "\n")
+    """Write a baseline, the same bytes for the same scores.
+
+    Raises InputError where it cannot be written, or would be too large to be read again.
+    """
+    text = json.dumps(baseline.model_dump(mode="json"), ensure_ascii=False, indent=1, sort_keys=False) + "\n"
+    if len(text.encode()) > MAX_BYTES:
+        message = f"this baseline would have more than {MAX_BYTES:,} bytes, the limit"
+        raise InputError(Problem("file-too-large", message, Place(path), mend="make several, of fewer workspaces each"))
+    write_atomically(path, text)
 
 
 def load_baseline(path: Path, sampling: Sampling) -> Baseline:
-    """Read a baseline. Raises InputError for a file that `save_baseline` did not write, or from another sampling."""
-    mend = f"make it with: sqrp score ... --save-baseline {path}"
+    """Read a baseline. Raises InputError for a file that `save_baseline` did not write, or from another sampling.
+
+    What is wrong with a file is told with line and key, such as `workspaces.cell.tasks["pickup green"].ways.g1.q_avg`.
+    """
     if not path.is_file():
-        raise InputError(replace(missing_file(path), mend=None if path.is_dir() else mend))
+        mend = None if path.is_dir() else f"make it with: sqrp score ... --save-baseline {path}"
+        raise InputError(replace(missing_file(path), mend=mend))
     try:
-        baseline = _with_known_coverage(Baseline.model_validate_json(path.read_bytes()))
-    except OSError as error:
-        message = f"the baseline cannot be read: {error.strerror or error}"
-        raise InputError(Problem("missing-file", message, Place(path), mend=mend)) from error
-    except (ValidationError, ValueError, LookupError, TypeError, AttributeError) as error:
-        message = "this is no baseline, or of another version"
+        baseline = _parsed(path)
+    except InputError as error:
         # Whatever it is, it is not for a mend to replace.
-        another = path.with_name(f"{path.stem}-new.json")
-        mend = f"make one with: sqrp score ... --save-baseline {another}"
-        raise InputError(Problem("bad-baseline", message, Place(path), mend=mend)) from error
-    if baseline.sampling != repr(sampling):
-        made, asked = (_sampling_options(text) for text in (baseline.sampling, repr(sampling)))
+        mend = f"make one with: sqrp score ... --save-baseline {path.with_name(f'{path.stem}-new.json')}"
+        raise InputError(*(_no_baseline(one, mend) for one in error.problems[:MOST_PROBLEMS])) from error
+    if baseline.sampling != sampling:
+        made, asked = _option(baseline.sampling), _option(sampling)
         message = f"the baseline was made with {made}, but this run samples with {asked}"
         mend = "give the options --samples, --dt or --tolerance that it was made with, or make it again"
         raise InputError(Problem("other-sampling", message, Place(path), mend=mend))
     return baseline
 
 
-def _sampling_options(text: str) -> str:
-    """The option that stands for the representation of a sampling."""
-    found = re.fullmatch(r"(Adaptive|FixedCount|FixedStep)\(\w+=([\d.e+-]+)\)", text)
-    if found is None:
-        return "an unknown sampling"
-    kind, value = found[1], float(found[2])
-    if kind == "Adaptive":
-        return f"--tolerance {100 * value:g}{' (the default)' if value == DEFAULT_TOLERANCE else ''}"
-    return f"--{'samples' if kind == 'FixedCount' else 'dt'} {value:g}"
+def _parsed(path: Path) -> Baseline:
+    text = read_text(path, MAX_BYTES)
+    data = parse_json(path, text)
+    try:
+        return Baseline.model_validate(data)
+    except ValidationError as error:
+        raise InputError(*problems_of(json_document(path, text, data), error)) from error
 
 
-def _with_known_coverage(baseline: Baseline) -> Baseline:
-    """The baseline; raises as `read_coverage` where a coverage in it cannot be read."""
-    for workspace in baseline.workspaces.values():
-        for task in workspace.tasks.values():
-            for way in task.ways.values():
-                way.seen  # noqa: B018
-    return baseline
+def _no_baseline(problem: Problem, mend: str) -> Problem:
+    message = f"this is no baseline, or a damaged one: {problem.message}"
+    return replace(problem, code="bad-baseline", message=message, mend=mend)
+
+
+def _option(sampling: Sampling) -> str:
+    """The option that stands for a sampling."""
+    match sampling:
+        case Adaptive(tolerance):
+            return f"--tolerance {100 * tolerance:g}{' (the default)' if tolerance == DEFAULT_TOLERANCE else ''}"
+        case FixedCount(samples):
+            return f"--samples {samples}"
+        case FixedStep(dt):
+            return f"--dt {dt:g}"
 
 
 def vanished(baseline: Baseline, names: Mapping[str, Sequence[str]]) -> tuple[tuple[str, str], ...]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
 import concurrent.futures
-import json
 import logging
 import threading
 from collections.abc import Callable, Iterator
@@ -12,11 +12,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.input_file import read_text
+from sqrp_cli.knowledge.json_file import parse_json
 from sqrp_cli.scoring.cluster_tasks import prepare_worker
 
-CONNECT_TIMEOUT = 10.0
-"""How long to wait for the scheduler [s]."""
+CONNECT_TIMEOUT = 5.0
+"""How long to wait for the scheduler, first until it says who it is, then until it knows us [s]."""
+
+MAX_BYTES = 1_000_000
+"""Largest scheduler file that is read."""
+
+_MEND = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
 
 LOOKS = 5.0
 """How often it is asked whether there are workers [s]."""
@@ -79,11 +86,26 @@ def _client(cluster: str) -> Any:  # noqa: ANN401 # a client of Dask's
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
-        return distributed.Client(_checked_address(cluster), timeout=CONNECT_TIMEOUT, set_as_default=False)
+        address = _checked_address(cluster)
+        asyncio.run(asyncio.wait_for(_greeted(address), CONNECT_TIMEOUT))
+        return distributed.Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
+    except MemoryError as error:  # the first bytes of a greeting say how long it is
+        raise InputError(_no_cluster(cluster, "what answers there is something else")) from error
     except (OSError, ValueError, TypeError, LookupError) as error:
-        message = f"no Dask scheduler answers at `{cluster}`: {error}"
-        mend = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
-        raise InputError(Problem("no-cluster", message, mend=mend)) from error
+        why = str(error) or f"nothing was said within {CONNECT_TIMEOUT:g} s"
+        raise InputError(_no_cluster(cluster, why)) from error
+
+
+def _no_cluster(cluster: str, why: str) -> Problem:
+    return Problem("no-cluster", f"no Dask scheduler answers at `{cluster}`: {why}", mend=_MEND)
+
+
+async def _greeted(address: str) -> None:
+    """Returns once whoever listens has said who it is; a client would wait for minutes for one that says nothing."""
+    from distributed.comm import connect
+
+    comm = await connect(address, timeout=CONNECT_TIMEOUT)
+    comm.abort()
 
 
 def _checked_address(cluster: str) -> str:
@@ -95,8 +117,18 @@ def _checked_address(cluster: str) -> str:
     from distributed.comm.registry import get_backend
 
     path = Path(cluster)
-    address = str(json.loads(path.read_text(encoding="utf-8"))["address"]) if path.is_file() else cluster
+    address = _address_in(path) if path.is_file() else cluster
     scheme, place = parse_address(address)
     get_backend(scheme)
     parse_host_port(place)
+    return address
+
+
+def _address_in(path: Path) -> str:
+    """The address in a scheduler file. Raises InputError, with file and line, for what is none."""
+    data = parse_json(path, read_text(path, MAX_BYTES))
+    address = data.get("address") if isinstance(data, dict) else None
+    if not isinstance(address, str):
+        message = "this is no scheduler file: it lacks the text `address`, such as `tcp://HOST:8786`"
+        raise InputError(Problem("no-cluster", message, Place(path), mend=_MEND))
     return address

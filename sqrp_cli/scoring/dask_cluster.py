@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.knowledge.input_file import LARGEST, read_input
 from sqrp_cli.scoring.cluster_tasks import run_packed
 from sqrp_cli.scoring.dask_client import Cluster
 from sqrp_cli.scoring.identity import program_digest
@@ -56,5 +57,5 @@ class DaskWorkers:
     def _content(self, path: Path, digest: str) -> Any:  # noqa: ANN401 # a future of Dask's
         if digest not in self._contents:
             key = f"sqrp-file-{digest}"
-            self._contents[digest] = self._client.submit(bytes, path.read_bytes(), key=key)
+            self._contents[digest] = self._client.submit(bytes, read_input(path, LARGEST), key=key)
         return self._contents[digest]

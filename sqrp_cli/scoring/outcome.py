@@ -5,8 +5,14 @@ from __future__ import annotations
 import hashlib
 import json
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
+from pydantic import Field
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.entries import Entry
+from sqrp_cli.knowledge.json_file import parse_json
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.coverage import BlindSpan, Coverage, TargetCoverage
@@ -33,7 +39,7 @@ class Outcome:
         document = {
             **{name: getattr(assessment, name) for name in _PLAIN},
             "faults": {name: asdict(fault) for name, fault in assessment.faults.items()},
-            "coverage": None if self.coverage is None else coverage_numbers(self.coverage),
+            "coverage": None if self.coverage is None else CoverageRecord.of(self.coverage).model_dump(mode="json"),
         }
         return _as_line({**document, "checksum": _checksum(document)}) + "\n"
 
@@ -41,7 +47,7 @@ class Outcome:
     def from_text(text: str, candidate: Candidate) -> Outcome:
         """What `to_text` wrote of a candidate. Raises ValueError for text that it did not write."""
         try:
-            document = json.loads(text)
+            document = parse_json(Path("outcome"), text)
             if document.pop("checksum") != _checksum(document):
                 raise ValueError("this outcome of a candidate is not as it was written")
             assessment = Assessment(
@@ -50,8 +56,8 @@ class Outcome:
                 **{name: _plain(document[name]) for name in _PLAIN},
             )
             numbers = document["coverage"]
-            return Outcome(assessment, None if numbers is None else read_coverage(numbers))
-        except (LookupError, TypeError, AttributeError) as error:
+            return Outcome(assessment, None if numbers is None else CoverageRecord.model_validate(numbers).coverage())
+        except (InputError, LookupError, TypeError, AttributeError) as error:
             raise ValueError(f"no outcome of a candidate: {error!r}") from error
 
 
@@ -64,41 +70,64 @@ def _checksum(document: Numbers) -> str:
     return hashlib.sha256(_as_line(document).encode()).hexdigest()
 
 
-def coverage_numbers(coverage: Coverage) -> Numbers:
-    """A coverage as plain lists and numbers, times to 1 ms."""
-    return {
-        "primitives": {name: _rounded(end) for name, end in coverage.primitives.items()},
-        "targets": {
-            atom: {
-                "needed": target.needed,
-                "required": [_ends(stretch) for stretch in target.required],
-                "blind": {
-                    camera: [[*_ends(span.stretch), span.cause.label, span.by] for span in spans]
-                    for camera, spans in target.blind.items()
-                },
-            }
-            for atom, target in coverage.targets.items()
-        },
-    }
+Seconds = Annotated[float, Field(ge=0)]
+CauseLabel = Literal[
+    "too_near", "too_far", "out_of_image", "detector_near", "detector_far", "oblique", "too_small", "hidden"
+]
 
 
-def read_coverage(numbers: Numbers) -> Coverage:
-    """What `coverage_numbers` made. Raises LookupError, TypeError, ValueError or AttributeError for anything else."""
-    return Coverage(
-        dict(numbers["primitives"]),
+class _TargetRecord(Entry):
+    """A `TargetCoverage`: stretches as start and end, those that are not seen with cause and what is in the way."""
+
+    needed: Annotated[int, Field(ge=1)]
+    required: tuple[tuple[Seconds, Seconds], ...]
+    blind: dict[str, tuple[tuple[Seconds, Seconds, CauseLabel, str | None], ...]]
+
+
+class CoverageRecord(Entry):
+    """A coverage in plain lists and numbers, times to 1 ms."""
+
+    primitives: dict[str, Seconds]
+    targets: dict[str, _TargetRecord]
+
+    @staticmethod
+    def of(coverage: Coverage) -> CoverageRecord:
+        """The record of a coverage."""
+        return CoverageRecord(
+            primitives={name: _rounded(end) for name, end in coverage.primitives.items()},
+            targets={atom: _target_record(target) for atom, target in coverage.targets.items()},
+        )
+
+    def coverage(self) -> Coverage:
+        """The coverage that this is the record of."""
+        return Coverage(
+            dict(self.primitives),
+            {
+                atom: TargetCoverage(
+                    target.needed,
+                    tuple(Stretch(start, end) for start, end in target.required),
+                    {
+                        camera: tuple(
+                            BlindSpan(Stretch(start, end), Cause[label.upper()], by) for start, end, label, by in spans
+                        )
+                        for camera, spans in target.blind.items()
+                    },
+                )
+                for atom, target in self.targets.items()
+            },
+        )
+
+
+def _target_record(target: TargetCoverage) -> _TargetRecord:
+    return _TargetRecord.model_validate(
         {
-            atom: TargetCoverage(
-                target["needed"],
-                tuple(Stretch(start, end) for start, end in target["required"]),
-                {
-                    camera: tuple(
-                        BlindSpan(Stretch(start, end), Cause[label.upper()], by) for start, end, label, by in spans
-                    )
-                    for camera, spans in target["blind"].items()
-                },
-            )
-            for atom, target in numbers["targets"].items()
-        },
+            "needed": target.needed,
+            "required": [_ends(stretch) for stretch in target.required],
+            "blind": {
+                camera: [(*_ends(span.stretch), span.cause.label, span.by) for span in spans]
+                for camera, spans in target.blind.items()
+            },
+        }
     )
 
 
@@ -106,8 +135,8 @@ def _plain(value: Any) -> Any:  # noqa: ANN401 # JSON has no tuples
     return tuple(map(_plain, value)) if isinstance(value, list) else value
 
 
-def _ends(stretch: Stretch) -> list[float]:
-    return [_rounded(stretch.start), _rounded(stretch.end)]
+def _ends(stretch: Stretch) -> tuple[float, float]:
+    return _rounded(stretch.start), _rounded(stretch.end)
 
 
 def _rounded(t: float) -> float:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import errno
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.files import make_folder, write_atomically
+from sqrp_cli.knowledge.input_file import read_text
 
 LOCK = ".lock"
+
+MAX_BYTES = 10_000_000
+"""Largest outcome that is read again; one of an hour's motion has less than a megabyte."""
 
 
 @contextmanager
@@ -52,8 +56,9 @@ class Results:
         if key not in self._texts and self.folder is not None:
             path = self._path(self.folder, key)
             if path.is_file():
-                # What is damaged is for whoever reads it to find out; so is what is no text.
-                self._texts[key] = path.read_text(encoding="utf-8", errors="replace")
+                # What is damaged is for whoever reads it to find out.
+                with suppress(InputError):
+                    self._texts[key] = read_text(path, MAX_BYTES)
         return self._texts.get(key)
 
     def keep(self, key: str, text: str) -> None:

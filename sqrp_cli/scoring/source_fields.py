@@ -9,7 +9,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.source import Scalar, read_document
+from sqrp_cli.knowledge.input_file import read_input
+from sqrp_cli.knowledge.source import MAX_BYTES, Scalar, read_document
 from sqrp_cli.knowledge.units import read_quantity
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.knowledge.xml_file import Element, read_xml
@@ -59,7 +60,7 @@ def _attributes(element: Element, path: str) -> Iterator[tuple[str, Scalar]]:
 
 def _statements(path: Path) -> Iterator[tuple[str, Scalar]]:
     """The sections of a PDDL file, those of an action by its name; without comments and layout."""
-    lines = (line.split(";")[0] for line in path.read_text(encoding="utf-8").splitlines())
+    lines = (line.split(";")[0] for line in read_input(path, MAX_BYTES).decode(errors="replace").splitlines())
     words = " ".join(" ".join(lines).replace("(", " (").replace(")", ") ").split())
     action = ""
     for keyword, content in zip(*[iter(_SECTION.split(words)[1:])] * 2, strict=True):

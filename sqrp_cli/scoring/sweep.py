@@ -12,7 +12,8 @@ import numpy as np
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.edit import edited
-from sqrp_cli.knowledge.source import Document, read_document
+from sqrp_cli.knowledge.load import read_workspace_document
+from sqrp_cli.knowledge.source import Document
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
 from sqrp_cli.scoring.compute import Computer
 from sqrp_cli.scoring.findings import Findings, Progress, score_cells
@@ -100,7 +101,7 @@ def read_variants(file: Path, values: Sequence[Values], advance: Callable[[], No
 
     Raises InputError where a value is not in the file, or the workspace as it is cannot be used.
     """
-    document = read_document(file)
+    document = read_workspace_document(file)
     variants = []
     for chosen in (AS_IT_IS, *values):
         content = edited(document, dict(chosen)) if chosen else document.content

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.input_file import missing_file
 from sqrp_cli.knowledge.packages import package_roots, resolve
-from sqrp_cli.knowledge.source import missing_file
 from sqrp_cli.knowledge.srdf import read_srdf
 from sqrp_cli.knowledge.urdf import MeshReference, UrdfModel, read_urdf
 from sqrp_cli.knowledge.xml_file import read_xml

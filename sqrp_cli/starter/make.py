@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.files import no_folder
+from sqrp_cli.files import naming, no_folder
 from sqrp_cli.knowledge.lint import lint
 from sqrp_cli.knowledge.load import WORKSPACE_FILE, load_workspace
 from sqrp_cli.knowledge.urdf import UrdfJoint
@@ -62,18 +62,15 @@ def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None) ->
     _check_free(folder)
     draft = folder.with_name(f".{folder.name}.{os.getpid()}")  # beside it, so that relative paths stay true
     try:
-        try:
+        with naming(folder, "this folder cannot be made"):
             _copy_shipped(draft, own_arm=robot is None)
-        except OSError as error:
-            message = f"this folder cannot be made: {error.strerror or error}"
-            raise InputError(Problem("cannot-write", message, Place(folder))) from error
-        description = describe_robot(str(draft / OWN_ARM) if robot is None else robot, draft)
-        layout, warnings = _fill(draft, description, guessed=robot is not None)
-        if crowd is not None and layout.cubes:
-            cell = _load(draft, layout)
-            layout = crowded(layout, cell, search.arm_reach(cell.model), crowd)
-            _write(draft, layout)
-        _move(draft, folder)
+            description = describe_robot(str(draft / OWN_ARM) if robot is None else robot, draft)
+            layout, warnings = _fill(draft, description, guessed=robot is not None)
+            if crowd is not None and layout.cubes:
+                cell = _load(draft, layout)
+                layout = crowded(layout, cell, search.arm_reach(cell.model), crowd)
+                _write(draft, layout)
+            _move(draft, folder)
     finally:
         shutil.rmtree(draft, ignore_errors=True)
     cubes = tuple(cube.name for cube in layout.cubes)

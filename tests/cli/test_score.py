@@ -515,3 +515,46 @@ def test_a_sweep_of_what_is_not_there_is_refused(sqrp, own_watch):
     outcome = sqrp("score", own_watch, "--vary", "cameras.eve.near=1:2:2")
     assert (outcome.code, outcome.out) == (2, "")
     assert "did you mean `cameras.eye.near`?" in outcome.err
+
+
+@pytest.mark.parametrize("arguments", [[], ["--json"], ["--vary", "cameras.eye.near=0.5:0.6:2"]], ids=" ".join)
+def test_where_nothing_can_be_scored_stdout_is_empty_and_each_reason_is_told_once(
+    sqrp, own_watch, tmp_path, monkeypatch, arguments
+):
+    monkeypatch.chdir(tmp_path)
+    edit(own_watch, "task: watch green", "task: watch nobody")
+    outcome = sqrp("score", own_watch, *arguments)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.count("nobody") == 1
+    assert not list(tmp_path.glob("*.patch"))
+
+
+@pytest.mark.parametrize("as_json", [[], ["--json"]], ids=["table", "document"])
+def test_what_could_be_scored_is_printed_and_what_could_not_is_in_it_as_an_error(sqrp, cells, as_json):
+    outcome = sqrp("score", cells, *as_json)
+    assert outcome.code == 2
+    words = ("good", "passed", "low", "failed", "broken", "error", "50 kg")
+    assert [word for word in words if word not in outcome.out] == []
+    assert "error:" not in outcome.err  # said once, where the results are
+    shutil.rmtree(cells / "good")
+    shutil.rmtree(cells / "low")
+    alone = sqrp("score", cells, *as_json)
+    assert (alone.code, alone.out) == (2, "")
+    assert "50 kg" in alone.err
+
+
+def test_where_nothing_can_be_scored_the_files_for_ci_are_written_nevertheless(sqrp, cells, tmp_path):
+    junit, summary = tmp_path / "junit.xml", tmp_path / "summary.md"
+    outcome = sqrp("score", cells / "broken", "--junit", junit, "--summary", summary)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert ElementTree.parse(junit).getroot().get("errors") == "1"  # noqa: S314 - our own file
+    assert "50 kg" in summary.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("command", ["score", "diff"])
+def test_where_no_candidate_can_be_computed_nothing_is_printed(sqrp, watch, own_watch, monkeypatch, command):
+    monkeypatch.setattr("sqrp_cli.programming.assessment.MAX_SAMPLES", 1)
+    edit(own_watch, "far: 4 m", "far: 3.9 m")
+    outcome = sqrp(command, watch, own_watch, "--samples", 10)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "the limit is 1" in outcome.err

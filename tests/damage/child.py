@@ -109,7 +109,9 @@ def _be(command: Sequence[str], out: int, err: int, modules: int) -> NoReturn:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         for target, source in ((0, os.open(os.devnull, os.O_RDONLY)), (1, out), (2, err)):
             os.dup2(source, target)
-        sys.stdin, sys.stdout, sys.stderr = (open(fd, mode, closefd=False) for fd, mode in ((0, "r"), (1, "w"), (2, "w")))  # noqa: PTH123, SIM115
+        sys.stdin, sys.stdout, sys.stderr = (
+            open(fd, mode, closefd=False) for fd, mode in ((0, "r"), (1, "w"), (2, "w"))
+        )  # noqa: PTH123, SIM115
         os.environ |= {"COLUMNS": "80", "NO_COLOR": "1"}
         sys.modules["__main__"] = ModuleType("__main__")  # so that processes which the command starts import no test
         warnings.resetwarnings()

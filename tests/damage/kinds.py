@@ -98,7 +98,15 @@ def _replay_page(cell: Path) -> Sequence[object]:
 
 
 def _replay_program(cell: Path) -> Sequence[object]:
-    return ["run", cell / WATCHED / "program.yaml", "--replay", cell / WATCHED / LOG, "--report", cell / "page.html", "--json"]
+    return [
+        "run",
+        cell / WATCHED / "program.yaml",
+        "--replay",
+        cell / WATCHED / LOG,
+        "--report",
+        cell / "page.html",
+        "--json",
+    ]
 
 
 def _audit(cell: Path) -> Sequence[object]:
@@ -133,14 +141,30 @@ def _is_far(address: object) -> bool:
 def _task(cell: Path, random: Random, turn: int) -> Damaged:
     """A task on the command line."""
     if turn % 2 == 0:
-        text, what = record_bombs.TASKS[turn // 2 % len(record_bombs.TASKS)], f"task {turn // 2 % len(record_bombs.TASKS)}"
+        text, what = (
+            record_bombs.TASKS[turn // 2 % len(record_bombs.TASKS)],
+            f"task {turn // 2 % len(record_bombs.TASKS)}",
+        )
     else:
         done = damage(record_bombs.TASK.encode(), random)
         text, what = done.content.decode(errors="surrogateescape"), done.what
     return Damaged(what, ["check", cell, text.replace("\0", "")], "")
 
 
-_ODD = (b"c\xe9ll", b"\xff", b"a b'c\"d", b"-x", b"\xe2\x80\xae", b"line\nend", b"\x1b[31m", b"x" * 250, b"$(x)", b"~", b"%41", b"#")
+_ODD = (
+    b"c\xe9ll",
+    b"\xff",
+    b"a b'c\"d",
+    b"-x",
+    b"\xe2\x80\xae",
+    b"line\nend",
+    b"\x1b[31m",
+    b"x" * 250,
+    b"$(x)",
+    b"~",
+    b"%41",
+    b"#",
+)
 
 
 def _path(cell: Path, random: Random, turn: int) -> Damaged:

@@ -134,14 +134,19 @@ _P = "<p>0 1 3"
 def _instances(levels: int) -> str:
     """Nodes each of which has the one before twice: 2 ** levels cubes."""
     nodes = '<node id="n0"><instance_geometry url="#cube"/></node>'
-    nodes += "".join(f'<node id="n{k}">{f"""<instance_node url="#n{k - 1}"/>""" * 2}</node>' for k in range(1, levels + 1))
+    nodes += "".join(
+        f'<node id="n{k}">{f"""<instance_node url="#n{k - 1}"/>""" * 2}</node>' for k in range(1, levels + 1)
+    )
     return f"<library_nodes>{nodes}</library_nodes>"
 
 
 def _nested(levels: int) -> Bomb:
     def edit(content: bytes, _random: Random) -> bytes:
         text = content.decode().replace("<library_visual_scenes>", _instances(levels) + "<library_visual_scenes>")
-        return text.replace('<instance_geometry url="#cube"/></node>\n    </visual', f'<instance_node url="#n{levels}"/></node>\n    </visual').encode()
+        return text.replace(
+            '<instance_geometry url="#cube"/></node>\n    </visual',
+            f'<instance_node url="#n{levels}"/></node>\n    </visual',
+        ).encode()
 
     return edited(f"instances-2^{levels}", edit)
 

@@ -143,7 +143,9 @@ def png(width: int, height: int, depth: int = 8, color: int = 2, rows: bytes | N
     row = b"\0" + bytes(width * samples * max(depth, 8) // 8)
     header = struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)
     data = zlib.compress(row * height if rows is None else rows)
-    return b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header) + b"".join(more) + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
+    return (
+        b"\x89PNG\r\n\x1a\n" + _chunk(b"IHDR", header) + b"".join(more) + _chunk(b"IDAT", data) + _chunk(b"IEND", b"")
+    )
 
 
 PNG = (

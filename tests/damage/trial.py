@@ -20,9 +20,13 @@ from tests.damage.kinds import KINDS, Damaged, Kind, damaged
 
 _LINE = re.compile(r":(\d+)(?::\d+)?: ")
 _KEY = re.compile(r"`(?!sqrp )[^`\n]+`|<[A-Za-z_]+[ >]")
-_PART = re.compile(r"\b(?:header|facet|face|vertex|element|entry|row|line|frame|object|link|joint|camera|task|step|byte)s? [`\w]")
+_PART = re.compile(
+    r"\b(?:header|facet|face|vertex|element|entry|row|line|frame|object|link|joint|camera|task|step|byte)s? [`\w]"
+)
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{2,}|(?<=`)\w(?=`)")
-_WHOLE = re.compile(r"expected a file|no file|no folder|is a folder|is a file|not a folder|is empty|[\d,]+ bytes|UTF-8|cannot be written")
+_WHOLE = re.compile(
+    r"expected a file|no file|no folder|is a folder|is a file|not a folder|is empty|[\d,]+ bytes|UTF-8|cannot be written"
+)
 _ERROR = re.compile(r"^error: ", re.MULTILINE)
 _NOISE = ("Traceback", "Warning:", "internal error", "Exception ignored", "libpng", "[ WARN", "terminate called")
 _CONTROL = re.compile("[\0-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]")
@@ -155,9 +159,15 @@ def _worst(trials: Sequence[Trial]) -> list[Trial]:
 def shown(trial: Trial) -> str:
     """A trial as a user would see it, below what was done."""
     where = "" if trial.lines is None else f", lines {trial.lines.start} to {trial.lines.stop - 1}"
-    spent = f"exit {trial.code}{', another result' if trial.unlike else ''}, {trial.seconds:.1f} s, {trial.memory:.0f} MB"
+    spent = (
+        f"exit {trial.code}{', another result' if trial.unlike else ''}, {trial.seconds:.1f} s, {trial.memory:.0f} MB"
+    )
     wrong = "unsound" if not trial.sound else "" if not trial.refused else "unnamed" if not trial.named else "named"
-    said = trial.said.rstrip().encode("unicode_escape").decode("ascii").replace("\\n", "\n") if trial.controls else trial.said.rstrip()
+    said = (
+        trial.said.rstrip().encode("unicode_escape").decode("ascii").replace("\\n", "\n")
+        if trial.controls
+        else trial.said.rstrip()
+    )
     return f"--- {trial.number}: {trial.kind}, {trial.what}{where}; {spent}; {wrong}\n{said[:1200]}"
 
 

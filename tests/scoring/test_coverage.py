@@ -15,7 +15,7 @@ from sqrp_cli.programming.coverage import coverage_of, difference, intersection
 from sqrp_cli.programming.quality import Qualities
 from sqrp_cli.programming.sampling import Adaptive, FixedCount
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.scoring.outcome import Outcome, coverage_numbers, read_coverage
+from sqrp_cli.scoring.outcome import CoverageRecord, Outcome
 
 ROOT = Path(__file__).parents[2]
 
@@ -49,9 +49,9 @@ def test_causes_fill_exactly_the_time_in_which_a_camera_does_not_see(cell, found
 
 
 def test_a_record_survives_being_written_and_read(cell, found):
-    numbers = coverage_numbers(coverage_of(cell, found))
-    assert coverage_numbers(read_coverage(numbers)) == numbers
-    outcome = Outcome(found.assessment("a verdict"), read_coverage(numbers))
+    record = CoverageRecord.of(coverage_of(cell, found))
+    assert CoverageRecord.of(record.coverage()) == record
+    outcome = Outcome(found.assessment("a verdict"), record.coverage())
     again = Outcome.from_text(outcome.to_text(), found.candidate)
     assert (again.assessment.q_avg, again.assessment.faults) == (outcome.assessment.q_avg, outcome.assessment.faults)
     assert again.to_text() == outcome.to_text()

@@ -179,15 +179,22 @@ def direction(camera: Camera, pixel: Array) -> Array:
     return unit
 
 
-def write_png(path: Path, image: Image) -> None:
-    """Write an image as a PNG file. Raises OSError where that cannot be written."""
-    options = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-    path.write_bytes(cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes())
+def png_of(image: Image) -> bytes:
+    """An image as a PNG file."""
+    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return bytes(content)
 
 
-def decoded_png(content: bytes) -> Image | None:
-    """The image of a PNG file; None if it cannot be decoded."""
-    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_COLOR) if content else None
+def png_size(content: bytes) -> tuple[int, int] | None:
+    """Width and height that the head of a PNG file states; None for what is none. A huge one may be small as a file."""
+    if len(content) < 24 or not content.startswith(b"\x89PNG\r\n\x1a\n"):
+        return None
+    return int.from_bytes(content[16:20]), int.from_bytes(content[20:24])
+
+
+def image_of(png: bytes) -> Image | None:
+    """The image in a PNG file; None if it is damaged."""
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
@@ -215,15 +222,18 @@ class Video:
         """rate: images per second."""
         self._path, self._rate = path, rate
         self._writer: Any = None
+        self._count = 0
 
     def add(self, image: Image) -> None:
         """Append an image; all have the same size."""
         if self._writer is None:
             size = (image.shape[1], image.shape[0])
             self._writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*"mp4v"), self._rate, size)
+        self._count += 1
         self._writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
 
-    def close(self) -> None:
-        """Finish the file."""
+    def close(self) -> bool:
+        """Finish the file; returns whether all images are in it, which the writer does not say."""
         if self._writer is not None:
             self._writer.release()
+        return round(cv2.VideoCapture(str(self._path)).get(cv2.CAP_PROP_FRAME_COUNT)) == self._count

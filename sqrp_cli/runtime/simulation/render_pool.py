@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
+import math
 import os
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from multiprocessing.shared_memory import SharedMemory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 from weakref import finalize
 
 import numpy as np
@@ -22,6 +23,9 @@ from sqrp_cli.runtime.processes import process_context, without_interrupts
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.simulation.engine import mujoco
+
+Memory: TypeAlias = "ctypes.Array[ctypes.c_uint8]"
+"""Memory that processes share."""
 
 MOST_WORKERS = 8
 """More would cost more memory than they save time."""
@@ -45,17 +49,18 @@ class RenderPool:
         self._index = {camera.name: index for index, camera in enumerate(cameras)}
         sizes = [camera.height * camera.width * 3 for camera in cameras]
         self._offsets = np.concatenate([[0], np.cumsum(sizes)]).tolist()
-        self._memory = SharedMemory(create=True, size=max(1, self._offsets[-1]))
         self._workers: list[BaseProcess] = []
         self._pipes: list[Connection] = []
-        self._end = finalize(self, _end, self._pipes, self._workers, self._memory)
+        self._end = finalize(self, _end, self._pipes, self._workers)
         self._ready = False
         context = process_context()
+        # Memory that has no name, which would outlive processes that are killed.
+        self._memory = context.RawArray(ctypes.c_uint8, max(1, self._offsets[-1]))
         with without_interrupts():
             for _ in range(min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)):
                 ours, theirs = context.Pipe()
                 self._pipes.append(ours)
-                arguments = (theirs, model, self._cameras, seed, self._memory.name, self._offsets)
+                arguments = (theirs, model, self._cameras, seed, self._memory, self._offsets)
                 worker = context.Process(target=_draw, args=arguments, daemon=True)
                 worker.start()
                 theirs.close()
@@ -104,28 +109,26 @@ class RenderPool:
         return _slot(self._memory, self._offsets[camera], self._cameras[camera])
 
 
-def _end(pipes: list[Connection], workers: list[BaseProcess], memory: SharedMemory) -> None:
+def _end(pipes: list[Connection], workers: list[BaseProcess]) -> None:
     for pipe in pipes:
         pipe.close()
     for worker in workers:
         worker.join()
-    memory.close()
-    memory.unlink()
 
 
-def _slot(memory: SharedMemory, offset: int, camera: Camera) -> NDArray[np.uint8]:
+def _slot(memory: Memory, offset: int, camera: Camera) -> NDArray[np.uint8]:
     """Where the image of a camera lies in the shared memory, shape (height, width, 3)."""
-    return np.ndarray((camera.height, camera.width, 3), dtype=np.uint8, buffer=memory.buf, offset=offset)
+    shape = (camera.height, camera.width, 3)
+    return np.frombuffer(memory, np.uint8, math.prod(shape), offset).reshape(shape)
 
 
 def _draw(
-    pipe: Connection, model: mujoco.MjModel, cameras: Sequence[Camera], seed: int, memory_name: str, offsets: list[int]
+    pipe: Connection, model: mujoco.MjModel, cameras: Sequence[Camera], seed: int, memory: Memory, offsets: list[int]
 ) -> None:
     """What a process does: say whether it can draw, then draw one image after the other until the pipe closes."""
     os.environ["LP_NUM_THREADS"] = "0"  # threads of Mesa's software renderer would get in the other processes' way
     from sqrp_cli.runtime.simulation.renderer import Renderer
 
-    memory = SharedMemory(memory_name)
     with suppress(EOFError, BrokenPipeError):  # the other end is closed
         try:
             renderer = Renderer(model, cameras, seed)

@@ -1,0 +1,109 @@
+"""Opening files that come from others: regular files only, of a limited size, and never one that is waited for.
+
+Every file that SQRP reads is opened here, whoever named it. A pipe or a device may never end, and so may files that the
+system makes up as they are read, such as those in /proc: they say that they are empty and are not.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from io import BufferedReader
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem, nearest
+
+LARGEST = 200_000_000
+"""Most bytes of any file that is read, meshes included."""
+
+YAML_ENDINGS = (".yaml", ".yml")
+
+
+@contextmanager
+def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
+    """A file of at most `limit` bytes, open for reading.
+
+    Raises InputError if it is missing (naming the file nearest in spelling), is no regular file on a disk, is larger,
+    or cannot be opened or read.
+    """
+    if not path.is_file():
+        raise InputError(missing_file(path))
+    try:
+        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+            _check(path, file, limit)
+            yield file
+    except OSError as error:
+        raise InputError(Problem("unreadable-file", f"cannot be read: {error.strerror}", Place(path))) from error
+
+
+def read_input(path: Path, limit: int) -> bytes:
+    """The content of a file of at most `limit` bytes. Raises as `open_input`."""
+    with open_input(path, limit) as file:
+        content = file.read(limit + 1)
+    if len(content) > limit:  # it has grown since
+        raise InputError(_too_large(path, len(content), limit))
+    return content
+
+
+def read_text(path: Path, limit: int) -> str:
+    """The text of a UTF-8 file of at most `limit` bytes. Raises as `open_input` and `decoded`."""
+    return decoded(path, read_input(path, limit))
+
+
+def decoded(path: Path, content: bytes) -> str:
+    """UTF-8 text, without a byte order mark. Raises InputError, with the line, for what is none."""
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        message = f"byte 0x{content[error.start]:02x} is not UTF-8 text"
+        raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
+
+
+def _check(path: Path, file: BufferedReader, limit: int) -> None:
+    status = os.fstat(file.fileno())
+    if not stat.S_ISREG(status.st_mode):  # another one than a moment ago
+        raise InputError(missing_file(path))
+    if status.st_size > limit:
+        raise InputError(_too_large(path, status.st_size, limit))
+    if status.st_size == 0 and file.read(1) != b"":
+        message = "the system makes up the content of this file as it is read, expected a file on a disk"
+        raise InputError(Problem("no-regular-file", message, Place(path)))
+
+
+def _too_large(path: Path, size: int, limit: int) -> Problem:
+    return Problem("file-too-large", f"the file has {size:,} bytes, the limit is {limit:,}", Place(path))
+
+
+def missing_file(path: Path) -> Problem:
+    """The problem of a file that does not exist, with what is nearest to it."""
+    if path.is_dir():
+        return Problem("missing-file", "found a folder, expected a file", Place(path))
+    if path.exists() or path.is_symlink():
+        return Problem("missing-file", "found a pipe, a device or a broken link, expected a file", Place(path))
+    folder = path.parent
+    if not folder.is_dir():
+        return Problem("missing-file", f"file not found: there is no folder {folder}", Place(path))
+    close = nearest_entry(path, lambda entry: _is_alike(path, entry) and entry.is_file())
+    return Problem("missing-file", "file not found" + (f"; did you mean `{close}`?" if close else ""), Place(path))
+
+
+def nearest_entry(path: Path, could_be_meant: Callable[[Path], bool]) -> str | None:
+    """The name nearest in spelling to a path that does not exist, of what stands in its folder and could be meant.
+
+    Endings do not count: that two files have the same one makes them no nearer.
+    """
+    try:
+        names = {entry.stem: entry.name for entry in sorted(path.parent.iterdir()) if could_be_meant(entry)}
+    except OSError:
+        return None
+    close = nearest(path.stem, names)
+    return names[close] if close is not None else None
+
+
+def _is_alike(path: Path, entry: Path) -> bool:
+    """Whether a file may be meant by its ending: that of the path, or another one of the same name; by default YAML."""
+    one, other = path.suffix.lower() or YAML_ENDINGS[0], entry.suffix.lower()
+    return one == other or (one in YAML_ENDINGS and other in YAML_ENDINGS) or path.stem == entry.stem
