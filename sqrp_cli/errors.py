@@ -10,7 +10,6 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Literal
 
-
 _LONG_QUOTE = re.compile(r"`(?!sqrp )([^`]{60})[^`]{200,}`")
 """A quoted name or value of more than a few lines; a command is for typing, and stays whole."""
 

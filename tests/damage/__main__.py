@@ -19,6 +19,8 @@ with tempfile.TemporaryDirectory() as folder:
     trials = []
     for trial in try_damages(cell, range(first, last)):
         trials.append(trial)
+        if not trial.sound:
+            print(shown(trial), file=sys.stderr)
         if len(trials) % 500 == 0:
             print(f"{len(trials)} of {last - first}, {time.monotonic() - began:.0f} s", file=sys.stderr)
 if len(trials) <= FEW:

@@ -119,7 +119,7 @@ TEXT = (
     _inserted("line-ends", b"\n" * 300_000),
     at_a(_WORD, "word-of-a-million", b"w" * 1_000_000),
     at_a(_WORD, "word-of-signs", "ä€😀".encode() * 30),
-    *(at_a(_WORD, f"{name}-in-word", lambda word, sign=sign: word[:2] + sign + word[2:])  # type: ignore[misc]
+    *(at_a(_WORD, f"{name}-in-word", lambda word, sign=sign: word[:2] + sign + word[2:])
       for name, sign in _INSIDE_WORDS.items()),
     edited("line-20000-times", _line_again),
     edited("utf-16", lambda content, _: content.decode(errors="replace").encode("utf-16")),
@@ -136,7 +136,7 @@ TEXT = (
     whole("null", b"null\n"),
     _in_place("a-folder", Path.mkdir),
     _in_place("a-pipe", os.mkfifo),
-    _in_place("gone", lambda path: None),
+    _in_place("gone", lambda _: None),
     _in_place("link-to-itself", lambda path: path.symlink_to(path.name)),
     _in_place("link-to-nowhere", lambda path: path.symlink_to("nowhere")),
     _in_place("endless", lambda path: path.symlink_to("/dev/zero")),

@@ -25,9 +25,12 @@ WORKSPACE = (
     _entries("1000-cameras", "cameras", 1000, lambda _: _CAMERA),
     _entries("200-objects", "objects", 200, lambda i: _CUBE % (-0.4 + 0.003 * i)),
     _entries("5000-objects", "objects", 5000, lambda i: _CUBE % (-0.4 + 0.0001 * i)),
-    _entries("objects-on-objects", "objects", 300, lambda i: _CUBE % 0.3 + "" if i == 0 else (_CUBE % 0.3)[:-1] + f", on: extra{i - 1}}}"),
-    replaced("5000-facts", "\nstate:", lambda: "\nstate:\n" + "".join(f"  - on(g1, g{i})\n" for i in range(5000)) + "other:"),
-    replaced("5000-tasks", "- {task: pickup green}", lambda: "- {task: pickup green}\n  " * 5000 + "- {task: pickup red}"),
+    _entries("objects-on-objects", "objects", 300, lambda i: _CUBE % 0.3 + "" if i == 0 else (_CUBE % 0.3)[:-1]
+        + f", on: extra{i - 1}}}"),
+    replaced("5000-facts", "\nstate:", lambda: "\nstate:\n" + "".join(f"  - on(g1, g{i})\n" for i in range(5000))
+        + "other:"),
+    replaced("5000-tasks", "- {task: pickup green}", lambda: "- {task: pickup green}\n  " * 5000
+        + "- {task: pickup red}"),
     replaced("5000-skills", "skills: [skills/pickup]", lambda: f"skills: [{'skills/pickup, ' * 5000}skills/pickup]"),
     replaced("skill-of-dots", "skills/pickup]", "../" * 3000 + "x]"),
     replaced("skill-nul", "skills/pickup]", '"skills\\0"]'),
@@ -53,9 +56,11 @@ WORKSPACE = (
     replaced("rate-1e-9", "rate: 10 Hz", "rate: 1e-9 Hz"),
     replaced("latency-1e9", "latency: 50 ms", "latency: 1e9 s"),
     replaced("far-1e300", "far: 6 m", "far: 1e300"),
-    replaced("image-of-1e6", "calibration: camera.yaml", "image: {width: 1000000, height: 1000000, horizontal_fov: 60 deg}"),
+    replaced("image-of-1e6", "calibration: camera.yaml",
+        "image: {width: 1000000, height: 1000000, horizontal_fov: 60 deg}"),
     replaced("image-of-1", "calibration: camera.yaml", "image: {width: 1, height: 1, horizontal_fov: 60 deg}"),
-    replaced("lens-of-180", "calibration: camera.yaml", "image: {width: 64, height: 48, horizontal_fov: 179.999 deg}"),
+    replaced("lens-of-180", "calibration: camera.yaml",
+        "image: {width: 64, height: 48, horizontal_fov: 179.999 deg}"),
     replaced("look-at-itself", "look_at: [", "look_at: [-0.32, 0.32, 0.6]  # "),
     replaced("size-1e-9", "size: [0.04, 0.04, 0.04]", "size: [1e-9, 0.04, 0.04]"),
     replaced("size-1e9", "size: [0.04, 0.04, 0.04]", "size: [1e9, 1e9, 1e9]"),
@@ -147,28 +152,38 @@ def _pddl(name: str, old: str, new: str | Callable[[], str]) -> Bomb:
 
 PDDL = (
     *TEXT,
-    *(_pddl(f"forall-{n}", _PRECONDITION, lambda n=n: _forall(n)) for n in (2, 6, 10, 15, 100)),  # type: ignore[misc]
+    *(_pddl(f"forall-{n}", _PRECONDITION, lambda n=n: _forall(n)) for n in (2, 6, 10, 15, 100)),
     _pddl("forall-in-forall", _PRECONDITION, lambda: _PRECONDITION + "".join(
         f"(forall (?n{i} - movable) " for i in range(15)) + "(not (on ?n0 ?n14))" + ")" * 15),
-    *(_pddl(f"{n}-parameters", "(?object - movable)\n", lambda n=n: "(?object " + " ".join(f"?v{i}" for i in range(n)) + " - movable)\n")  # type: ignore[misc]
+    *(_pddl(f"{n}-parameters", "(?object - movable)\n", lambda n=n: "(?object " + " ".join(f"?v{i}"
+        for i in range(n)) + " - movable)\n")
       for n in (4, 8, 15, 1000)),
-    *(_pddl(f"{n}-parameters-to-plan", "(?object - movable)\n", lambda n=n: "(?object " + " ".join(f"?v{i}" for i in range(n)) + " - movable)\n  ")  # type: ignore[misc]
+    *(_pddl(f"{n}-parameters-to-plan", "(?object - movable)\n", lambda n=n: "(?object " + " ".join(f"?v{i}"
+        for i in range(n)) + " - movable)\n  ")
       for n in (5, 10)),
-    _pddl("effect-forall-10", ":effect (and ", ":effect (and (forall (" + " ".join(f"?v{i} - movable" for i in range(10)) + ") (not (on ?v0 ?v9))) "),
+    _pddl("effect-forall-10", ":effect (and ", ":effect (and (forall (" + " ".join(f"?v{i} - movable"
+        for i in range(10)) + ") (not (on ?v0 ?v9))) "),
     _pddl("nested-not", "(not (hold ?object))", lambda: "(not " * 3000 + "(hold ?object)" + ")" * 3000),
-    _pddl("nested-and", _PRECONDITION, lambda: ":precondition " + "(and " * 3000 + "(hand_empty)" + ")" * 3000 + " (and "),
+    _pddl("nested-and", _PRECONDITION, lambda: ":precondition " + "(and " * 3000 + "(hand_empty)" + ")" * 3000
+        + " (and "),
     _pddl("or-2^20", _PRECONDITION, lambda: _PRECONDITION + "(or (hand_empty) (hold ?object)) " * 20),
     _pddl("imply", _PRECONDITION, lambda: _PRECONDITION + "(imply (hand_empty) (hand_empty)) " * 20),
-    _pddl("exists", _PRECONDITION, lambda: _PRECONDITION + "(exists (" + " ".join(f"?v{i} - movable" for i in range(12)) + ") (on ?v0 ?v11)) "),
+    _pddl("exists", _PRECONDITION, lambda: _PRECONDITION + "(exists (" + " ".join(f"?v{i} - movable"
+        for i in range(12)) + ") (on ?v0 ?v11)) "),
     _pddl("20000-literals", _PRECONDITION, lambda: _PRECONDITION + "(hand_empty) " * 20_000),
-    _pddl("20000-predicates", "(:predicates", lambda: "(:predicates " + " ".join(f"(p{i} ?x)" for i in range(20_000))),
-    _pddl("predicate-of-1000", "(:predicates", lambda: "(:predicates (p " + " ".join(f"?x{i}" for i in range(1000)) + ")"),
+    _pddl("20000-predicates", "(:predicates", lambda: "(:predicates " + " ".join(f"(p{i} ?x)"
+        for i in range(20_000))),
+    _pddl("predicate-of-1000", "(:predicates", lambda: "(:predicates (p " + " ".join(f"?x{i}" for i in range(1000))
+        + ")"),
     _pddl("20000-types", "(:types", lambda: "(:types " + " ".join(f"t{i}" for i in range(20_000))),
-    _pddl("chain-of-types", "(:types", lambda: "(:types " + " ".join(f"t{i} - t{i + 1}" for i in range(3000)) + " t3000 "),
+    _pddl("chain-of-types", "(:types", lambda: "(:types " + " ".join(f"t{i} - t{i + 1}" for i in range(3000))
+        + " t3000 "),
     _pddl("types-in-a-circle", "(:types", "(:types a - b b - a "),
-    _pddl("20000-constants", "(:predicates", lambda: "(:constants " + " ".join(f"c{i}" for i in range(20_000)) + " - movable) (:predicates"),
+    _pddl("20000-constants", "(:predicates", lambda: "(:constants " + " ".join(f"c{i}" for i in range(20_000))
+        + " - movable) (:predicates"),
     _pddl("either", "?object - movable", lambda: "?object - (either " + "movable " * 10_000 + ")"),
-    _pddl("20000-actions", "(:action pickup", lambda: "(:action x :parameters () :effect (hand_empty)) " * 20_000 + "(:action pickup"),
+    _pddl("20000-actions", "(:action pickup", lambda: "(:action x :parameters () :effect (hand_empty)) " * 20_000
+        + "(:action pickup"),
     _pddl("control-in-name", "(hand_empty))", "(hand\x01empty))"),
     _pddl("bidi-in-name", "(hand_empty))", "(hand\u202eempty))"),
     _pddl("numbers", _PRECONDITION, _PRECONDITION + "(= (total-cost) 1e999) (> (x) " + "9" * 5000 + ") "),

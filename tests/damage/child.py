@@ -13,7 +13,6 @@ import tempfile
 import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from types import FrameType, ModuleType
 from typing import NoReturn
 
@@ -21,7 +20,7 @@ LONGEST, MOST = 10.0, 1000.0
 """Processor time [s] and memory [MB] that a command may take."""
 
 _WAIT, _MEMORY = 120, 3 << 30
-"""When a command is killed [s], and the address space that it has [bytes]: more than it may take, less than there is."""
+"""When a command is killed [s], and its address space [bytes]: more than it may take, less than there is."""
 
 _SOURCES = ("sqrp_cli", "cv2", "trimesh", "collada", "distributed", "mujoco", "coal", "pinocchio", "ompl", "eaik")
 _SOURCES += ("embreex", "PIL", "fast_simplification", "lark", "rich", "yaml", "pydantic", "numpy", "ruckig")
@@ -109,9 +108,8 @@ def _be(command: Sequence[str], out: int, err: int, modules: int) -> NoReturn:
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         for target, source in ((0, os.open(os.devnull, os.O_RDONLY)), (1, out), (2, err)):
             os.dup2(source, target)
-        sys.stdin, sys.stdout, sys.stderr = (
-            open(fd, mode, closefd=False) for fd, mode in ((0, "r"), (1, "w"), (2, "w"))
-        )  # noqa: PTH123, SIM115
+        streams = ((0, "r"), (1, "w"), (2, "w"))
+        sys.stdin, sys.stdout, sys.stderr = (os.fdopen(number, mode, closefd=False) for number, mode in streams)
         os.environ |= {"COLUMNS": "80", "NO_COLOR": "1"}
         sys.modules["__main__"] = ModuleType("__main__")  # so that processes which the command starts import no test
         warnings.resetwarnings()

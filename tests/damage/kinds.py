@@ -177,11 +177,16 @@ def _path(cell: Path, random: Random, turn: int) -> Damaged:
     moved = shutil.move(cell, odd / "cell")
     other = odd / name
     commands: list[Sequence[object]] = [
-        _rank(moved), _check(moved), ["show", moved, "--json"], _replay_page(moved), _audit(moved), _baseline(moved), _cluster(moved), _after(moved),
-        [*_rank(moved), "--program", other], [*_rank(moved), "--report", odd / f"{name[:200]}.html"], ["show", other], ["check", odd, TASK], ["program", other],
-        ["program", moved / "program.yaml", "--export", odd / f"{name[:200]}.csv"], ["program", other, "--export", odd / "none" / name], ["run", "--replay", other],
-        ["audit", moved / WATCHED / "program.yaml", odd], ["score", other, *SCORE], ["score", moved, *SCORE, "--baseline", other], ["score", moved, *SCORE, "--cluster", other],
-        ["score", moved, *SCORE, "--out", other], ["init", other], ["init", odd, "--urdf", other], ["diff", other, moved], ["explain", moved, TASK, "--json", "--samples", "2"],
+        _rank(moved), _check(moved), ["show", moved, "--json"], _replay_page(moved), _audit(moved), _baseline(moved),
+            _cluster(moved), _after(moved),
+        [*_rank(moved), "--program", other], [*_rank(moved), "--report", odd / f"{name[:200]}.html"], ["show",
+            other], ["check", odd, TASK], ["program", other],
+        ["program", moved / "program.yaml", "--export", odd / f"{name[:200]}.csv"], ["program", other, "--export",
+            odd / "none" / name], ["run", "--replay", other],
+        ["audit", moved / WATCHED / "program.yaml", odd], ["score", other, *SCORE], ["score", moved, *SCORE,
+            "--baseline", other], ["score", moved, *SCORE, "--cluster", other],
+        ["score", moved, *SCORE, "--out", other], ["init", other], ["init", odd, "--urdf", other], ["diff", other,
+            moved], ["explain", moved, TASK, "--json", "--samples", "2"],
         ["score", moved, *SCORE, "--junit", odd / "none" / name], ["score", moved, *SCORE, "--save-baseline", other],
     ]  # fmt: skip
     which = turn // len(_ODD) % len(commands)

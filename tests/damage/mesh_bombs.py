@@ -78,8 +78,8 @@ def _appended(name: str, text: str | Callable[[], str]) -> Bomb:
 
 
 BINARY_STL = (
-    *(whole(f"header-of-{count}", lambda count=count: binary_stl(count)) for count in (0, 11, 13, 2**31, 2**32 - 1)),  # type: ignore[misc]
-    *(whole(f"corner-at-{x:g}", lambda x=x: binary_stl(corner=(x, 0.0, 0.0)))  # type: ignore[misc]
+    *(whole(f"header-of-{count}", lambda count=count: binary_stl(count)) for count in (0, 11, 13, 2**31, 2**32 - 1)),
+    *(whole(f"corner-at-{x:g}", lambda x=x: binary_stl(corner=(x, 0.0, 0.0)))
       for x in (float("nan"), float("inf"), 1e38, -1e20, 1e9, 1e-38)),
     whole("flat", lambda: bytes(80) + struct.pack("<I", 10_000) + bytes(500_000)),
     whole("only-a-header", bytes(80)),
@@ -106,7 +106,8 @@ TEXT_STL = (
 
 OBJ = (
     *TEXT,
-    *(_appended(f"index-{index}", f"f 1 2 {index}\n") for index in ("99999999", "0", "-99999999", "2147483648", "9" * 5000)),
+    *(_appended(f"index-{index}", f"f 1 2 {index}\n") for index in ("99999999", "0", "-99999999", "2147483648",
+        "9" * 5000)),
     _appended("index-1e9", "f 1 2 1e9\n"),
     _appended("face-of-100000-corners", "f" + " 1 2 3" * 33_000 + "\n"),
     _appended("100-faces-of-10000-corners", lambda: ("f" + " 1 2 3" * 3300 + "\n") * 100),
@@ -161,7 +162,8 @@ COLLADA = (
         ("99999999", "99999999"), ("-1", "-1"), ("2^31", "2147483648"), ("2^64", "18446744073709551616"),
         ("of-5000-digits", "9" * 5000), ("1e9", "1e9"), ("nan", "nan"))),
     *(replaced(f"count-{name}", 'triangles count="12"', f'triangles count="{count}"') for name, count in (
-        ("of-5000-digits", "9" * 5000), ("-1", "-1"), ("2^32", str(2**32)), ("0", "0"), ("empty", ""), ("word", "many"))),
+        ("of-5000-digits", "9" * 5000), ("-1", "-1"), ("2^32", str(2**32)), ("0", "0"), ("empty", ""), ("word",
+            "many"))),
     replaced("numbers-of-5000-digits", 'id="numbers" count="24"', f'id="numbers" count="{"9" * 5000}"'),
     replaced("stride-2^31", 'stride="3"', 'stride="2147483647"'),
     replaced("stride-0", 'stride="3"', 'stride="0"'),

@@ -28,7 +28,8 @@ JSON = (
     at_a(_TEXT_VALUE, "controls", b'"\\u0000\\u001b[2J\\u0007"'),
     at_a(_TEXT_VALUE, "text-of-a-million", b'"' + b"x" * 1_000_000 + b'"'),
     *(at_a(_ANY_VALUE, name, value) for name, value in (
-        ("nan-value", b"NaN"), ("infinity-value", b"-Infinity"), ("null-value", b"null"), ("true-value", b"true"), ("list-value", b"[]"), ("object-value", b"{}"),
+        ("nan-value", b"NaN"), ("infinity-value", b"-Infinity"), ("null-value", b"null"), ("true-value", b"true"),
+            ("list-value", b"[]"), ("object-value", b"{}"),
         ("nested-value", b"[" * 900 + b"]" * 900), ("deep-value", b"[" * 100_000 + b"]" * 100_000),
         ("list-of-a-million", b"[" + b"0," * 1_000_000 + b"0]"), ("text-value", b'"1"'), ("minus-0", b"-0.0"),
         ("9999-digits", b"9" * 9999))),
@@ -67,7 +68,8 @@ _LONG = {f"k{i}": "x" * 100 for i in range(1000)}
 
 LOG = (
     *JSON,
-    _in_header("10000-cameras", cameras=[f"cam{i}" for i in range(10_000)], rates={f"cam{i}": 5.0 for i in range(10_000)}),
+    _in_header("10000-cameras", cameras=[f"cam{i}" for i in range(10_000)], rates={f"cam{i}": 5.0
+        for i in range(10_000)}),
     _in_header("no-cameras", cameras=[], rates={}),
     _in_header("other-cameras", cameras=["x"], rates={"y": 1e-300}),
     _in_header("rate-1e300", rates={"cam1": 1e300, "cam2": 1e-300}),
@@ -118,9 +120,11 @@ FRAMES = (
     *(replaced(f"{name}-step", ",1,", f",{step},") for name, step in (
         ("5000-digits", "9" * 5000), ("arabic", "١"), ("real", "1.0"), ("underscore", "1_0"), ("negative", "-1"))),
     *(at_a(re.compile(rb"(?<=,)\d+\.\d+"), f"time-{name}", time) for name, time in (
-        ("1e308", b"1e308"), ("1e999", b"1e999"), ("nan", b"nan"), ("5000-digits", b"9" * 5000), ("minus", b"-1"), ("word", b"x"))),
+        ("1e308", b"1e308"), ("1e999", b"1e999"), ("nan", b"nan"), ("5000-digits", b"9" * 5000), ("minus", b"-1"),
+            ("word", b"x"))),
     *(at_a(re.compile(rb"cam\d-\d+\.png"), f"file-{name}", file) for name, file in (
-        ("nul", b"a\0b.png"), ("long", b"x" * 5000), ("dots", b"../" * 3000), ("root", b"/"), ("zero", b"/dev/zero"), ("empty", b""),
+        ("nul", b"a\0b.png"), ("long", b"x" * 5000), ("dots", b"../" * 3000), ("root", b"/"), ("zero", b"/dev/zero"),
+            ("empty", b""),
         ("itself", b"frames.csv"), ("quoted", b'"a""b\n.png"'), ("unclosed", b'"'), ("pipe", b"/dev/stdin"))),
     edited("field-of-a-million", lambda content, _: content.replace(b",1,", b"," + b"1" * 1_000_000 + b",", 1)),
     edited("fields", lambda content, _: content + b"," * 1_000_000),
@@ -150,7 +154,7 @@ def png(width: int, height: int, depth: int = 8, color: int = 2, rows: bytes | N
 
 PNG = (
     *TEXT,
-    *(whole(f"header-{w}x{h}", lambda w=w, h=h: png(w, h, rows=b"\0" * 1000)) for w, h in (  # type: ignore[misc]
+    *(whole(f"header-{w}x{h}", lambda w=w, h=h: png(w, h, rows=b"\0" * 1000)) for w, h in (
         (0, 0), (1, 1), (64, 10**6), (30_000, 30_000), (100_000, 100_000), (2**31 - 1, 2**31 - 1))),
     whole("30000x30000", lambda: png(20_000, 8_000, rows=bytes(20_000 * 8_000))),
     whole("rows-of-a-gigabyte", lambda: png(64, 48, rows=bytes(300_000_000))),
@@ -162,7 +166,8 @@ PNG = (
     whole("wrong-depth", lambda: png(64, 48, 7, 2)),
     whole("wrong-color", lambda: png(64, 48, 8, 9)),
     whole("wrong-sum", lambda: png(64, 48)[:-40] + b"\0" * 40),
-    whole("text-chunk", lambda: png(64, 48, 8, 2, None, _chunk(b"zTXt", b"a\0\0" + zlib.compress(bytes(200_000_000))))),
+    whole("text-chunk", lambda: png(64, 48, 8, 2, None, _chunk(b"zTXt", b"a\0\0"
+        + zlib.compress(bytes(200_000_000))))),
     whole("profile", lambda: png(64, 48, 8, 2, None, _chunk(b"iCCP", b"a\0\0" + zlib.compress(bytes(10_000_000))))),
     whole("chunks", lambda: png(64, 48, 8, 2, None, _chunk(b"tEXt", b"a\0b") * 100_000)),
     whole("chunk-of-2^31", lambda: png(64, 48, 8, 2, None, struct.pack(">I", 2**31 - 1) + b"tEXt")),
@@ -184,12 +189,18 @@ SCHEDULER = (
     *JSON,
     *(_address(name, address) for name, address in (
         ("nowhere", "tcp://127.0.0.1:1"), ("port-99999", "tcp://127.0.0.1:99999"), ("port--1", "tcp://127.0.0.1:-1"),
-        ("port-of-5000", "tcp://127.0.0.1:" + "9" * 5000), ("port-word", "tcp://127.0.0.1:port"), ("no-port", "tcp://127.0.0.1"),
-        ("no-host", "tcp://:1"), ("empty", ""), ("scheme", "ftp://127.0.0.1:1"), ("tls", "tls://127.0.0.1:1"), ("ucx", "ucx://127.0.0.1:1"),
-        ("ws", "ws://127.0.0.1:1"), ("inproc", "inproc://127.0.0.1/1/1"), ("six", "tcp://[::1]:1"), ("six-broken", "tcp://[::1:1"),
-        ("number", 7), ("list", ["tcp://127.0.0.1:1"]), ("null", None), ("object", {}), ("surrogate", "tcp://127.0.0.1\ud800:1"),
-        ("nul", "tcp://127.0.0.1\0:1"), ("two", "tcp://127.0.0.1:1,tcp://127.0.0.1:2"), ("schemes", "tcp://" * 1000 + "127.0.0.1:1"),
-        ("blank", "tcp:// 127.0.0.1:1"), ("arabic", "tcp://127.0.0.1:١"), ("unix", "unix:///tmp/x"), ("port-0", "tcp://127.0.0.1:0"))),
+        ("port-of-5000", "tcp://127.0.0.1:" + "9" * 5000), ("port-word", "tcp://127.0.0.1:port"), ("no-port",
+            "tcp://127.0.0.1"),
+        ("no-host", "tcp://:1"), ("empty", ""), ("scheme", "ftp://127.0.0.1:1"), ("tls", "tls://127.0.0.1:1"),
+            ("ucx", "ucx://127.0.0.1:1"),
+        ("ws", "ws://127.0.0.1:1"), ("inproc", "inproc://127.0.0.1/1/1"), ("six", "tcp://[::1]:1"), ("six-broken",
+            "tcp://[::1:1"),
+        ("number", 7), ("list", ["tcp://127.0.0.1:1"]), ("null", None), ("object", {}), ("surrogate",
+            "tcp://127.0.0.1\ud800:1"),
+        ("nul", "tcp://127.0.0.1\0:1"), ("two", "tcp://127.0.0.1:1,tcp://127.0.0.1:2"), ("schemes", "tcp://" * 1000
+            + "127.0.0.1:1"),
+        ("blank", "tcp:// 127.0.0.1:1"), ("arabic", "tcp://127.0.0.1:١"), ("unix", "unix:///tmp/x"), ("port-0",
+            "tcp://127.0.0.1:0"))),
     replaced("no-address", '"address"', '"adress"'),
 )  # fmt: skip
 
@@ -226,17 +237,30 @@ PROGRAM = (
 TASK = "pickup object=r1 speed=0.5 lift=5cm"
 
 TASKS = (
-    "", " ", "\n", "\t", "\0", "pickup", "pickup \0", "pickup red\0", "p" * 100_000, "pickup " * 20_000, "pickup " + "r" * 100_000,
-    "pickup red red", "pickup 红", "pickup \u202ered", "pickup \x1b[2J", "pickup \ud800", "pickup \udcff", "PICKUP RED", "pickup -red", "pickup --red",
-    "-1", "--json", "pickup *", "pickup object=*", "pickup object=", "pickup =r1", "pickup =", "pickup object==r1", "pickup object=r1=r1",
-    "pickup object=r1 object=r1", "pickup object=r1,", "pickup object=,r1", "pickup object=" + "r1," * 20_000 + "r1", "pickup object=g1,g2,g3,r1",
-    "pickup lift=" + "1" * 400, "pickup lift=" + "1" * 5000, "pickup lift=1e999", "pickup lift=-1e999", "pickup lift=nan", "pickup lift=inf", "pickup lift=1e-320",
-    "pickup lift=0x10", "pickup lift=1_0", "pickup lift=١", "pickup lift=1e300m", "pickup lift=5ccm", "pickup lift=5cm,6cm,7cm", "pickup lift=1e3",
-    "pickup lift=" + ",".join(f"{k}mm" for k in range(1, 30)), "pickup lift=" + ",".join(f"{k / 1e4:g}" for k in range(1, 20_000)),
-    "pickup speed=0", "pickup speed=1e-300", "pickup speed=1.0000001", "pickup speed=100%", "pickup elbow=", "pickup elbow=sideways", "pickup elbow=any,up,down",
-    "pickup approach_yaw=1e18", "pickup approach_yaw=360deg", "pickup approach_yaw=" + "9" * 400 + "deg", "pickup {a: 1}", "pickup [1]", "pickup !!python/object:x y", "pickup &a *a", "pickup 'red", 'pickup "red', "pickup `red`", "pickup $(red)",
-    "pickup;red", "pickup/red", "../pickup red", "pickup a=1 b=2 c=3", "pickup red at " + "a " * 1000, "pickup " + "a=b " * 10_000, "pickup " + "lift=5cm " * 2,
-    "pickup lift=5cm,5.0cm", "pickup red speed=0.5,0.50", "pickup 1", "pickup 1e999", "pickup r1 g1", "pickup table", "pickup object=table", "pickup object=cam1",
-    "place red", "hold(r1)", "(pickup r1)", "pickup(r1)", "pickup:red", "pickup,red", "pickup\u00a0red", "pickup\u3000red", "\ufeffpickup red", "pickup red\n\n\n",
+    "", " ", "\n", "\t", "\0", "pickup", "pickup \0", "pickup red\0", "p" * 100_000, "pickup " * 20_000, "pickup "
+        + "r" * 100_000,
+    "pickup red red", "pickup 红", "pickup \u202ered", "pickup \x1b[2J", "pickup \ud800", "pickup \udcff",
+    "PICKUP RED", "pickup -red", "pickup --red",
+    "-1", "--json", "pickup *", "pickup object=*", "pickup object=", "pickup =r1", "pickup =", "pickup object==r1",
+    "pickup object=r1=r1",
+    "pickup object=r1 object=r1", "pickup object=r1,", "pickup object=,r1", "pickup object=" + "r1," * 20_000 + "r1",
+    "pickup object=g1,g2,g3,r1",
+    "pickup lift=" + "1" * 400, "pickup lift=" + "1" * 5000, "pickup lift=1e999", "pickup lift=-1e999",
+    "pickup lift=nan", "pickup lift=inf", "pickup lift=1e-320",
+    "pickup lift=0x10", "pickup lift=1_0", "pickup lift=١", "pickup lift=1e300m", "pickup lift=5ccm",
+    "pickup lift=5cm,6cm,7cm", "pickup lift=1e3",
+    "pickup lift=" + ",".join(f"{k}mm" for k in range(1, 30)), "pickup lift=" + ",".join(f"{k / 1e4:g}"
+        for k in range(1, 20_000)),
+    "pickup speed=0", "pickup speed=1e-300", "pickup speed=1.0000001", "pickup speed=100%", "pickup elbow=",
+    "pickup elbow=sideways", "pickup elbow=any,up,down",
+    "pickup approach_yaw=1e18", "pickup approach_yaw=360deg", "pickup approach_yaw=" + "9" * 400 + "deg",
+    "pickup {a: 1}", "pickup [1]", "pickup !!python/object:x y", "pickup &a *a", "pickup 'red", 'pickup "red',
+    "pickup `red`", "pickup $(red)",
+    "pickup;red", "pickup/red", "../pickup red", "pickup a=1 b=2 c=3", "pickup red at " + "a " * 1000, "pickup "
+        + "a=b " * 10_000, "pickup " + "lift=5cm " * 2,
+    "pickup lift=5cm,5.0cm", "pickup red speed=0.5,0.50", "pickup 1", "pickup 1e999", "pickup r1 g1", "pickup table",
+    "pickup object=table", "pickup object=cam1",
+    "place red", "hold(r1)", "(pickup r1)", "pickup(r1)", "pickup:red", "pickup,red", "pickup\u00a0red",
+    "pickup\u3000red", "\ufeffpickup red", "pickup red\n\n\n",
 )  # fmt: skip
 """Tasks on the command line."""

@@ -49,9 +49,8 @@ def _sliding(limit: str) -> Bomb:
 
 
 def _meshes(reference: str) -> str:
-    return f'<link name="m"><visual><geometry><mesh filename="{reference}"/></geometry></visual></link>' + (
-        '<joint name="mj" type="fixed"><parent link="flange"/><child link="m"/></joint>'
-    )
+    joint = '<joint name="mj" type="fixed"><parent link="flange"/><child link="m"/></joint>'
+    return f'<link name="m"><visual><geometry><mesh filename="{reference}"/></geometry></visual></link>{joint}'
 
 
 ARM = (
@@ -71,12 +70,14 @@ ARM = (
     replaced("box-of-1e-9", '<link name="flange"/>', lambda: f'<link name="flange">{_boxes(1, 1e-9)}</link>'),
     replaced("far-away", '<link name="flange"/>', lambda: '<link name="flange"><collision><origin xyz="1e9 0 0"/>'
              '<geometry><sphere radius="1"/></geometry></collision></link>'),
-    *(replaced(f"joint-type-{name}", 'type="revolute"', f'type="{name}"') for name in ("floating", "planar", "fixed", "x")),
+    *(replaced(f"joint-type-{name}", 'type="revolute"', f'type="{name}"') for name in ("floating", "planar", "fixed",
+        "x")),
     *_limits(),
     *map(_sliding, ("1e6", "1e18", "1e300")),
     replaced("axis-of-nothing", '<axis xyz="', '<axis xyz="0 0 0"/><axis xyz="'),
-    *(_more(f"mesh-{name}", lambda reference=reference: _meshes(reference)) for name, reference in (  # type: ignore[misc]
-        ("zero", "/dev/zero"), ("percent", "%00%ff.stl"), ("package", "package://no/where.stl"), ("url", "http://x/y.stl"),
+    *(_more(f"mesh-{name}", lambda reference=reference: _meshes(reference)) for name, reference in (
+        ("zero", "/dev/zero"), ("percent", "%00%ff.stl"), ("package", "package://no/where.stl"), ("url",
+            "http://x/y.stl"),
         ("long", "x" * 5000 + ".stl"), ("home", "~nobody-of-that-name/x.stl"), ("folder", "."), ("empty", ""),
         ("format", "../workspace.yaml"))),
     _more("depth", lambda: "<a>" * 100_000),
@@ -96,7 +97,8 @@ GROUPS = (
         f'<group name="g{i}"><group name="g{i - 1}"/><group name="g{i - 1}"/></group>' for i in range(1, 30))),
     _more("100000-pairs", lambda: '<disable_collisions link1="base" link2="shoulder" reason="x"/>' * 100_000),
     _more("20000-states", lambda: "".join(
-        f'<group_state name="s{i}" group="arm"><joint name="joint_1" value="0"/></group_state>' for i in range(20_000))),
+        f'<group_state name="s{i}" group="arm"><joint name="joint_1" value="0"/></group_state>'
+            for i in range(20_000))),
     replaced("state-of-1e18", 'name="joint_2" value="0.1"', 'name="joint_2" value="1e18"'),
     replaced("state-of-1e300", 'name="joint_2" value="0.1"', 'name="joint_2" value="-1e300"'),
 )  # fmt: skip

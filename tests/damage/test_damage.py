@@ -21,6 +21,6 @@ def test_damaged_input_is_refused_with_file_and_place_or_still_works(
     trials = list(try_damages(cell, SAMPLE))
     with capsys.disabled():
         summary = report(trials, worst=0 if passed(trials) else 20)
-        print("\n" + "\n".join(summary.splitlines()[:3]))
+        print("\n" + "\n".join(summary.splitlines()[:4]))
     assert {trial.kind for trial in trials} == {kind.name for kind in KINDS}
     assert passed(trials), summary

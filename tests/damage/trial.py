@@ -25,7 +25,7 @@ _PART = re.compile(
 )
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{2,}|(?<=`)\w(?=`)")
 _WHOLE = re.compile(
-    r"expected a file|no file|no folder|is a folder|is a file|not a folder|is empty|[\d,]+ bytes|UTF-8|cannot be written"
+    r"expected a file|no file|no folder|is a folder|is a file|not a folder|is empty|[\d,]+ bytes|UTF-8|be written"
 )
 _ERROR = re.compile(r"^error: ", re.MULTILINE)
 _NOISE = ("Traceback", "Warning:", "internal error", "Exception ignored", "libpng", "[ WARN", "terminate called")
@@ -135,8 +135,9 @@ def report(trials: Sequence[Trial], worst: int) -> str:
     codes = Counter(trial.code for trial in trials)
     lines = [
         f"{len(trials)} damages: {', '.join(f'exit {code}: {n}' for code, n in sorted(codes.items()))}",
-        f"not sound: {sum(not t.sound for t in trials)}; file and place named: {_rate(named(trials))} (least"
-        f" {100 * LEAST_NAMED:g} %), the damaged one: {_rate(near(trials))} (least {100 * LEAST_NEAR:g} %)",
+        f"not sound: {sum(not trial.sound for trial in trials)}",
+        f"file and place named: {_rate(named(trials))}, at least {100 * LEAST_NAMED:g} %",
+        f"the damaged place named: {_rate(near(trials))}, at least {100 * LEAST_NEAR:g} %",
         f"{'':28} cases refused  named   near longest  memory",
     ]
     for kind in KINDS:

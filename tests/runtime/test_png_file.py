@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import struct
 import zlib
+
 import numpy as np
 import pytest
 
 from sqrp_cli.runtime.perception.vision import image_of, png_of
 from sqrp_cli.runtime.png_file import png_damage
-
 
 PNG = png_of(np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3))
 
