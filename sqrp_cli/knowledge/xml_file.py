@@ -120,7 +120,7 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
         open_elements.pop()
 
     def unclosed(error: expat.ExpatError) -> str:
-        if error.code != _TAG_MISMATCH or not open_elements:
+        if error.code != _TAG_MISMATCH or not open_elements or top[0].tag != root_tag:
             return expat.ErrorString(error.code)
         element = open_elements[-1]
         return f"{element} of line {element.place.line} is not closed before another closing tag"
@@ -142,5 +142,5 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
         raise InputError(Problem("xml-syntax", message, place, excerpt=shown)) from error
     root = top[0]
     if root.tag != root_tag:
-        raise root.error("wrong-root", f"the file begins with {root}, expected <{root_tag}>")
+        raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <{root_tag}>")
     return root

@@ -23,7 +23,7 @@ VERSION = 1
 """Of the log's fields."""
 
 MAX_BYTES = 200_000_000
-"""Largest log that is read: that of an hour has some 100 MB."""
+"""Largest log that is read; with six cameras a second of a run takes some 7 kB, so this is eight hours."""
 
 MAX_LINE, MAX_LINES = 10_000_000, 1_000_000
 """Most bytes of a line of a log that is read, and most lines."""
@@ -74,6 +74,8 @@ def read_log(path: Path) -> Iterator[Event]:
         kind = "run" if number == 1 else "first state" if first_state else event.kind
         if (wrong := wrong_field(kind, event.fields)) is not None:
             raise _no_log(f"this `{event.kind}` is no event of a log: {wrong}", place)
+        if event.kind == "report":
+            report_of(path, dict(event.fields), number)
         if first_state:
             joints = len(event.fields["joints"])
         if event.kind == STATE and len(event.fields.get("q", range(joints))) != joints:
@@ -116,9 +118,9 @@ def _no_log(message: str, place: Place) -> InputError:
     return InputError(Problem("no-log", message, place))
 
 
-def report_of(path: Path, fields: dict[str, Any]) -> RunReport:
+def report_of(path: Path, fields: dict[str, Any], line: int | None = None) -> RunReport:
     """The report that the last line of the log at `path` holds. Raises InputError for one that is none."""
     try:
         return TypeAdapter(RunReport).validate_python({**fields, "wall": {}})
     except ValidationError as error:
-        raise _no_log(f"the report at the end of this log is none: {first_words(error)}", Place(path)) from None
+        raise _no_log(f"the report at the end of this log is none: {first_words(error)}", Place(path, line)) from None
