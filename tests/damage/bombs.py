@@ -92,7 +92,7 @@ def _in_place(name: str, make: Callable[[Path], None]) -> Bomb:
     return Bomb(name, place)
 
 
-_INSIDE_WORDS = {"nul": b"\0", "escape": b"\x1b[31m", "bell": b"\x07", "delete": b"\x7f", "next-line": b"\xc2\x85"}
+_INSIDE_WORDS = {"nul": b"\0", "escape": b"\x1b[31m", "bell": b"\x07", "delete": b"\x7f", "next-line": b"\xc2\x85", "tab": b"\x0b"}
 _INSIDE_WORDS |= {"leftwards": b"\xe2\x80\xae", "line-separator": b"\xe2\x80\xa8", "surrogate": b"\xed\xa0\x80"}
 
 NUMBERS = (
@@ -129,6 +129,7 @@ TEXT = (
     edited("tabs", lambda content, _: content.replace(b"  ", b"\t")),
     whole("empty", b""),
     whole("blanks", b" \n" * 1000),
+    whole("only-line-ends", b"\n" * 900_000),
     whole("nuls", bytes(100_000)),
     whole("noise", lambda: Random(0).randbytes(10_000)),  # noqa: S311
     whole("a-scalar", b"42\n"),
