@@ -92,7 +92,14 @@ def _in_place(name: str, make: Callable[[Path], None]) -> Bomb:
     return Bomb(name, place)
 
 
-_INSIDE_WORDS = {"nul": b"\0", "escape": b"\x1b[31m", "bell": b"\x07", "delete": b"\x7f", "next-line": b"\xc2\x85", "tab": b"\x0b"}
+_INSIDE_WORDS = {
+    "nul": b"\0",
+    "escape": b"\x1b[31m",
+    "bell": b"\x07",
+    "delete": b"\x7f",
+    "next-line": b"\xc2\x85",
+    "tab": b"\x0b",
+}
 _INSIDE_WORDS |= {"leftwards": b"\xe2\x80\xae", "line-separator": b"\xe2\x80\xa8", "surrogate": b"\xed\xa0\x80"}
 
 NUMBERS = (

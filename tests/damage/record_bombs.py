@@ -250,7 +250,7 @@ TASKS = (
     "pickup lift=0x10", "pickup lift=1_0", "pickup lift=١", "pickup lift=1e300m", "pickup lift=5ccm",
     "pickup lift=5cm,6cm,7cm", "pickup lift=1e3",
     "pickup lift=" + ",".join(f"{k}mm" for k in range(1, 30)), "pickup lift=" + ",".join(f"{k / 1e4:g}"
-        for k in range(1, 20_000)),
+        for k in range(1, 40_000)),
     "pickup speed=0", "pickup speed=1e-300", "pickup speed=1.0000001", "pickup speed=100%", "pickup elbow=",
     "pickup elbow=sideways", "pickup elbow=any,up,down",
     "pickup approach_yaw=1e18", "pickup approach_yaw=360deg", "pickup approach_yaw=" + "9" * 400 + "deg",
