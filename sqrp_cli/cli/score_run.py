@@ -39,8 +39,8 @@ class ScoreRequest:
 def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
     """Score all, compare with the baseline, write the files that were asked for and print; arguments: of the command.
 
-    Raises InputError for paths, folders and files of no use, and where nothing at all can be scored; a result of some is
-    printed, with the others in it as errors.
+    Raises InputError for paths, folders and files of no use, and where nothing at all can be scored; else what could be
+    is printed, with the rest in it as errors.
     """
     outputs = request.outputs
     check_not_read(outputs.paths, [request.baseline])

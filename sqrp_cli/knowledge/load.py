@@ -9,12 +9,12 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
-from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry, read_input
+from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry
 from sqrp_cli.knowledge.read_cell import WORLD, CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.source import MAX_BYTES, Document, parse_document
+from sqrp_cli.knowledge.source import Document, parse_document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
@@ -79,7 +79,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
 def read_workspace_document(path: Path, content: bytes | None = None) -> Document:
     """A workspace file as YAML; content: what to read in place of the file's own. Raises as `read_document`."""
     keys = ("robot", "cameras", "objects", "skills")
-    return parse_document(path, read_input(path, MAX_BYTES) if content is None else content, keys=keys)
+    return read_document(path, keys=keys) if content is None else parse_document(path, content, keys=keys)
 
 
 def workspace_file(path: Path) -> Path:

@@ -103,6 +103,7 @@ def read_xml(path: Path, root_tag: str) -> Element:
 def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
     """As `read_xml`, of content that is at hand; path: what problems name."""
     parser = expat.ParserCreate()
+    recognised = f"<{root_tag}".encode() in content  # else it may be another file, named to see what it says
     top: list[Element] = []
     open_elements: list[Element] = []
 
@@ -120,10 +121,11 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
         open_elements.pop()
 
     def unclosed(error: expat.ExpatError) -> str:
-        if error.code != _TAG_MISMATCH or not open_elements or top[0].tag != root_tag:
+        if error.code != _TAG_MISMATCH or not open_elements:
             return expat.ErrorString(error.code)
         element = open_elements[-1]
-        return f"{element} of line {element.place.line} is not closed before another closing tag"
+        shown = element if recognised else f"<{element.tag}>"
+        return f"{shown} of line {element.place.line} is not closed before another closing tag"
 
     def refuse_entity(name: str, *_declaration: object) -> None:
         raise InputError(Problem("xml-entity", f"declares the entity `{name}`; entities are not accepted", here()))
@@ -137,8 +139,7 @@ def parse_xml(path: Path, content: bytes, root_tag: str) -> Element:
         line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
         message = f"not well-formed XML: {unclosed(error)}"
         place = Place(path, error.lineno, error.offset + 1)
-        # What does not begin as such a file may be another one, named to see what it says.
-        shown = excerpt(line, error.offset + 1) if top and top[0].tag == root_tag else None
+        shown = excerpt(line, error.offset + 1) if recognised else None
         raise InputError(Problem("xml-syntax", message, place, excerpt=shown)) from error
     root = top[0]
     if root.tag != root_tag:

@@ -63,9 +63,19 @@ def test_a_file_of_3_gb_is_refused_from_its_size(sqrp, watch, tmp_path, argument
     assert_refused(outcome, str(file), "the file has 3,221,225,472 bytes, the limit is ")
 
 
-@pytest.mark.parametrize("content", [DEEP, '{"t": 0, "event": "run", "x": ' + DEEP, f'{{"t": {ENDLESS}, "event": "run"}}',
-    '{"t": 1e999, "event": "run"}', '{"t": "1", "event": "run"}', '{"t": true, "event": "run"}', '{"t": 0, "t": 1}'],
-    ids=lambda content: content[:30])  # fmt: skip
+@pytest.mark.parametrize(
+    "content",
+    [
+        DEEP,
+        '{"t": 0, "event": "run", "x": ' + DEEP,
+        f'{{"t": {ENDLESS}, "event": "run"}}',
+        '{"t": 1e999, "event": "run"}',
+        '{"t": "1", "event": "run"}',
+        '{"t": true, "event": "run"}',
+        '{"t": 0, "t": 1}',
+    ],
+    ids=lambda content: content[:30],
+)
 def test_a_line_of_a_log_that_cannot_be_is_refused_with_its_line(sqrp, tmp_path, content):
     log = tmp_path / "log"
     first = {"t": 0.0, "event": "run", "sqrp_log": 1, "workspace": "cell", "digest": "d", "cameras": []}
@@ -157,17 +167,8 @@ def edits(document: dict[str, Any]) -> Iterator[tuple[tuple[str | int, ...], obj
         shape = ".".join("*" if isinstance(key, int) else key for key in path[:1] + path[-2:])
         shapes[shape] = shapes.get(shape, 0) + 1
         if path and shapes[shape] <= 2:
-            value = document
-            for key in path:
-                value = value[key]
-            others = [[[1]], {"x": {}}, -1e300]
-            yield from ((path, other) for other in others if _differs(path, value, other))
-
-
-def _differs(path: tuple[str | int, ...], value: object, other: object) -> bool:
-    """Whether the other value is none that could stand there."""
-    in_fields = path[0] == "fields" and len(path) == 3
-    return not (in_fields and isinstance(other, float))
+            a_field = path[0] == "fields" and len(path) == 3  # which may be any number
+            yield from ((path, other) for other in ([[1]], {"x": {}}, *([] if a_field else [-1e300])))
 
 
 def changed(document: Any, path: tuple[str | int, ...], value: object) -> Any:
@@ -182,7 +183,7 @@ def test_a_refused_baseline_says_which_entry_in_which_line_is_wrong_and_what_was
     path = tmp_path / "baseline.json"
     cases = list(edits(saved))
     assert len(cases) > 60
-    for key, value in random.Random(0).sample(cases, 60):
+    for key, value in random.Random(0).sample(cases, 60):  # noqa: S311 - no secret
         document = changed(saved, key, value)
         text = json.dumps(document, indent=1)
         path.write_text(text, encoding="utf-8")

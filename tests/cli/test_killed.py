@@ -1,4 +1,4 @@
-"""A command whose whole process group is killed leaves nothing behind that outlives it: no shared memory with a name."""
+"""A command whose whole process group is killed leaves no shared memory behind."""
 
 from __future__ import annotations
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import math
 import os
 from collections.abc import Sequence
 from contextlib import suppress
@@ -119,7 +118,7 @@ def _end(pipes: list[Connection], workers: list[BaseProcess]) -> None:
 def _slot(memory: Memory, offset: int, camera: Camera) -> NDArray[np.uint8]:
     """Where the image of a camera lies in the shared memory, shape (height, width, 3)."""
     shape = (camera.height, camera.width, 3)
-    return np.frombuffer(memory, np.uint8, math.prod(shape), offset).reshape(shape)
+    return np.ndarray(shape, dtype=np.uint8, buffer=memoryview(memory), offset=offset)
 
 
 def _draw(
