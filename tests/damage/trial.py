@@ -21,7 +21,7 @@ from tests.damage.kinds import KINDS, Damaged, Kind, damaged
 _LINE = re.compile(r":(\d+)(?::\d+)?: ")
 _KEY = re.compile(r"`(?!sqrp )[^`\n]+`|<[A-Za-z_]+[ >]")
 _PART = re.compile(
-    r"\b(?:header|facet|face|vertex|element|entry|row|line|frame|object|link|joint|camera|task|step|byte|option)s?:? [`\w]"
+    r"\b(?:header|facet|face|vertex|element|entry|row|line|frame|object|link|joint|task|step|byte|option)s?:? [`\w-]"
 )
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{2,}|(?<=`)\w(?=`)")
 _WHOLE = re.compile(
