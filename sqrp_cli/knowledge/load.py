@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
@@ -13,11 +13,13 @@ from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry
 from sqrp_cli.knowledge.read_cell import WORLD, CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.source import Document, parse_document, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
+from sqrp_cli.logic.conditions import literal_count
 from sqrp_cli.logic.domain import merge_domains
 
 WORKSPACE_FILE = "workspace.yaml"
@@ -26,6 +28,9 @@ TOOL = "tool"
 """In a skill: the tool frame, or all parts of the tool."""
 START = "@start"
 """In a skill: behind an object, where it was when the skill began."""
+
+MOST_LITERALS = 100_000
+"""Of a precondition, its quantifiers expanded over the objects of the workspace: that is done for each candidate."""
 
 
 def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
@@ -53,6 +58,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     problems += cell.problems
     for skill in skills.values():
         problems += _check_skill(skill, robot_reader.links, list(objects), list(detectors))
+        problems += _check_size(skill, objects)
     tasks = tuple(_task(entry) for entry in file.tasks)
     problems += _check_tasks(document, tasks, list(skills), list(objects))
     if problems:
@@ -130,6 +136,18 @@ def _skills(document: Document, file: WorkspaceFile, digest: ContentDigest) -> t
         except InputError as error:
             problems.extend(error.problems)
     return skills, problems
+
+
+def _check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Problem]:
+    """Says where a precondition, its quantifiers expanded, has more literals than can be looked at."""
+    types = {name: frozenset(thing.types) for name, thing in objects.items()}
+    count = literal_count(skill.action.precondition, types, skill.domain)
+    if count > MOST_LITERALS:
+        shown = f"{count:,}" if count < 10**12 else "more than 10^12"
+        message = f"the precondition of `{skill.name}` is {shown} literals long with the objects of this workspace"
+        mend = "let its `forall` and `exists` have fewer variables"
+        message = f"{message}, the limit is {MOST_LITERALS:,}"
+        yield Problem("too-many-literals", message, skill.action.place, mend=mend)
 
 
 def _check_skill(

@@ -175,3 +175,18 @@ def test_pddl_without_end_is_refused(old: str, new: str, cell: Path) -> None:
     assert problem.place is not None
     assert problem.place.file == path
     assert problem.excerpt is None or len(problem.excerpt) < 300
+
+
+@pytest.mark.parametrize("count", [12, 100])
+def test_a_precondition_about_all_tuples_of_many_objects_is_refused(count: int, cell: Path) -> None:
+    path = cell / "pickup" / "pickup.pddl"
+    variables = " ".join(f"?v{i} - object" for i in range(count))
+    text = path.read_text(encoding="utf-8").replace(
+        ":negative-preconditions", ":negative-preconditions :universal-preconditions"
+    )
+    path.write_text(text.replace("(hand_empty))\n", f"(forall ({variables}) (hand_empty)))\n", 1), encoding="utf-8")
+    problem = refusal(cell)
+    assert (problem.code, problem.place.file if problem.place else None) == ("too-many-literals", path)
+    assert problem.place is not None
+    assert problem.place.line == 5
+    assert "the limit is 100,000" in problem.message
