@@ -67,16 +67,28 @@ class SqrpError(Exception):
     """Root of every error that SQRP raises on purpose."""
 
 
+MOST_PROBLEMS = 50
+"""Problems that an error carries: a file may have one in each line."""
+
+
 class InputError(SqrpError):
-    """The input cannot be used; carries every problem that was found, most important first."""
+    """The input cannot be used; carries the problems that were found, most important first."""
 
     def __init__(self, *problems: Problem) -> None:
+        if len(problems) > MOST_PROBLEMS:
+            more = Problem("more-problems", f"{len(problems) - MOST_PROBLEMS:,} more problems are not listed")
+            problems = (*problems[:MOST_PROBLEMS], more)
         super().__init__("\n".join(str(problem) for problem in problems))
         self.problems = problems
 
 
 MOST_NAMES = 20
 """Names that a message lists."""
+
+
+def counted(count: int) -> str:
+    """A count in words that fit into a message."""
+    return f"{count:,}" if count < 10**12 else "more than 10^12"
 
 
 def nearest(name: str, valid: Iterable[str]) -> str | None:

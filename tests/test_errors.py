@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqrp_cli.errors import Problem
+from sqrp_cli.errors import InputError, Problem
 
 
 def test_a_message_quotes_no_more_than_the_beginning_of_a_long_name() -> None:
@@ -13,3 +13,11 @@ def test_a_message_quotes_no_more_than_the_beginning_of_a_long_name() -> None:
 def test_a_command_in_a_message_stays_whole() -> None:
     command = f"`sqrp run PROGRAM --replay {'folder/' * 100}log`"
     assert Problem("no-rates", f"give it as {command}").message == f"give it as {command}"
+
+
+def test_of_thousands_of_problems_the_first_are_told_and_how_many_more_there_are() -> None:
+    problems = [Problem("unknown-key", f"`key{k}` is no known key") for k in range(60_000)]
+    told = InputError(*problems).problems
+    assert told[:50] == tuple(problems[:50])
+    assert [problem.message for problem in told[50:]] == ["59,950 more problems are not listed"]
+    assert InputError(*problems[:50]).problems == tuple(problems[:50])

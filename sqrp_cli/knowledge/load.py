@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
 from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry
@@ -143,8 +143,9 @@ def _check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Pr
     types = {name: frozenset(thing.types) for name, thing in objects.items()}
     count = literal_count(skill.action.precondition, types, skill.domain)
     if count > MOST_LITERALS:
-        shown = f"{count:,}" if count < 10**12 else "more than 10^12"
-        message = f"the precondition of `{skill.name}` is {shown} literals long with the objects of this workspace"
+        message = (
+            f"the precondition of `{skill.name}` is {counted(count)} literals long with the objects of this workspace"
+        )
         mend = "let its `forall` and `exists` have fewer variables"
         message = f"{message}, the limit is {MOST_LITERALS:,}"
         yield Problem("too-many-literals", message, skill.action.place, mend=mend)

@@ -157,7 +157,7 @@ PDDL = (
         f"(forall (?n{i} - movable) " for i in range(15)) + "(not (on ?n0 ?n14))" + ")" * 15),
     *(_pddl(f"{n}-parameters", "(?object - movable)\n", lambda n=n: "(?object " + " ".join(f"?v{i}"
         for i in range(n)) + " - movable)\n")
-      for n in (4, 8, 15, 1000)),
+      for n in (2, 4, 12, 15, 1000)),
     *(_pddl(f"{n}-parameters-to-plan", "(?object - movable)\n", lambda n=n: "(?object " + " ".join(f"?v{i}"
         for i in range(n)) + " - movable)\n  ")
       for n in (5, 10)),

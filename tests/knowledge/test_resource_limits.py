@@ -184,7 +184,7 @@ def test_a_precondition_about_all_tuples_of_many_objects_is_refused(count: int, 
     text = path.read_text(encoding="utf-8").replace(
         ":negative-preconditions", ":negative-preconditions :universal-preconditions"
     )
-    path.write_text(text.replace("(hand_empty))\n", f"(forall ({variables}) (hand_empty)))\n", 1), encoding="utf-8")
+    path.write_text(text.replace("(and (on", f"(and (forall ({variables}) (hand_empty)) (on"), encoding="utf-8")
     problem = refusal(cell)
     assert (problem.code, problem.place.file if problem.place else None) == ("too-many-literals", path)
     assert problem.place is not None
