@@ -116,7 +116,6 @@ BASELINE = (
 )  # fmt: skip
 
 FRAMES = (
-    *TEXT,
     *(replaced(f"{name}-step", ",1,", f",{step},") for name, step in (
         ("5000-digits", "9" * 5000), ("arabic", "١"), ("real", "1.0"), ("underscore", "1_0"), ("negative", "-1"))),
     *(at_a(re.compile(rb"(?<=,)\d+\.\d+"), f"time-{name}", time) for name, time in (
@@ -134,6 +133,7 @@ FRAMES = (
     edited("fewer-columns", lambda content, _: re.sub(rb",[^,\n]*\n", b"\n", content)),
     edited("column-twice", lambda content, _: content.replace(b"camera,", b"camera,camera,")),
     edited("rows-reversed", lambda content, _: b"\n".join([content.splitlines()[0], *content.splitlines()[:0:-1]])),
+    *TEXT,
 )  # fmt: skip
 
 
@@ -153,7 +153,6 @@ def png(width: int, height: int, depth: int = 8, color: int = 2, rows: bytes | N
 
 
 PNG = (
-    *TEXT,
     *(whole(f"header-{w}x{h}", lambda w=w, h=h: png(w, h, rows=b"\0" * 1000)) for w, h in (
         (0, 0), (1, 1), (64, 10**6), (30_000, 30_000), (100_000, 100_000), (2**31 - 1, 2**31 - 1))),
     whole("30000x30000", lambda: png(20_000, 8_000, rows=bytes(20_000 * 8_000))),
@@ -178,6 +177,7 @@ PNG = (
     whole("exr", b"v/1\x01" + bytes(1000)),
     whole("pam", b"P6\n99999 99999\n255\n" + bytes(1000)),
     whole("hdr", b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 99999 +X 99999\n" + bytes(1000)),
+    *TEXT,
 )  # fmt: skip
 
 
