@@ -19,7 +19,7 @@ from sqrp_cli.runtime.outcome import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Watchlist
 from sqrp_cli.runtime.perception.vision import image_of, png_size
-from sqrp_cli.runtime.png_file import png_damage
+from sqrp_cli.runtime.png_file import bare_png, png_damage
 from sqrp_cli.runtime.prediction_check import PredictionCheck
 from sqrp_cli.runtime.recording import FrameEntry, read_frames
 from sqrp_cli.runtime.simulated_run import knowledge_of
@@ -98,7 +98,7 @@ def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
         message = f"this image is {size[0]}x{size[1]}, {camera.name} has {camera.width}x{camera.height}"
         raise InputError(Problem("wrong-size", message, Place(entry.file)))
     damage = png_damage(content)
-    image = None if damage else image_of(content)
+    image = None if damage else image_of(bare_png(content))
     if image is None:
         message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
         raise InputError(Problem("unreadable", message, Place(entry.file)))

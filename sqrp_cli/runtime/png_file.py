@@ -13,6 +13,7 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = struct.Struct(">IIBBBBB")
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """Numbers for each pixel, by the type of colour."""
+_PIXELS = ("IHDR", "PLTE", "IDAT", "IEND")
 _DEPTHS, _FILTERS = (1, 2, 4, 8, 16), 5
 
 
@@ -27,6 +28,17 @@ def png_damage(content: bytes) -> str | None:
     except _DamagedError as error:
         return str(error)
     return None
+
+
+def bare_png(content: bytes) -> bytes:
+    """A PNG file that is whole with nothing but its pixels: of what else there may be, the decoder has much to say."""
+    kept = (_packed(kind, data) for kind, data in _chunks(content) if kind in _PIXELS)
+    return _SIGNATURE + b"".join(kept)
+
+
+def _packed(kind: str, data: bytes) -> bytes:
+    named = kind.encode() + data
+    return struct.pack(">I", len(data)) + named + struct.pack(">I", zlib.crc32(named))
 
 
 def _check(content: bytes) -> None:

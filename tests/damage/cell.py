@@ -101,7 +101,7 @@ def _record(made: Path) -> None:
     """Run a program in a copy of the cell whose cameras are small, and keep its log and some of its frames."""
     watched = shutil.copytree(made, made / WATCHED)
     text = (watched / "workspace.yaml").read_text(encoding="utf-8")
-    text = re.sub(r"image: .*", "image: {width: 64, height: 48, horizontal_fov: 60 deg}", text)
+    text = re.sub(r"image: .*", "image: {width: 96, height: 72, horizontal_fov: 60 deg}", text)
     (watched / "workspace.yaml").write_text(text.replace("rate: 10 Hz", "rate: 5 Hz"), encoding="utf-8")
     program, frames = watched / "program.yaml", watched / FRAMES
     _do("rank", watched, TASK, "--samples", "2", "--program", program)

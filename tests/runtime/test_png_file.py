@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 from sqrp_cli.runtime.perception.vision import image_of, png_of
-from sqrp_cli.runtime.png_file import png_damage
+from sqrp_cli.runtime.png_file import bare_png, png_damage
 
 PNG = png_of(np.arange(5 * 7 * 3, dtype=np.uint8).reshape(5, 7, 3))
 
 
-def packed(width: int, height: int, rows: bytes) -> bytes:
-    def chunk(kind: bytes, data: bytes) -> bytes:
-        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+def chunk(kind: bytes, data: bytes) -> bytes:
+    return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
+
+def packed(width: int, height: int, rows: bytes) -> bytes:
     header = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
 
@@ -27,6 +28,17 @@ def test_what_was_written_is_whole_and_reads_as_it_was() -> None:
     image = image_of(PNG)
     assert image is not None
     assert (image.ravel() == np.arange(5 * 7 * 3)).all()
+
+
+def test_text_and_profiles_do_not_reach_the_decoder(capfd: pytest.CaptureFixture[str]) -> None:
+    head = len(b"\x89PNG\r\n\x1a\n") + 25
+    content = PNG[:head] + chunk(b"iCCP", b"a\0\0") + chunk(b"zTXt", b"a") + PNG[head:]
+    assert png_damage(content) is None
+    assert bare_png(content) == PNG
+    image_of(content)
+    assert "libpng" in capfd.readouterr().err
+    image_of(bare_png(content))
+    assert capfd.readouterr().err == ""
 
 
 @pytest.mark.parametrize("change", [0x01, 0x41, 0xFF])
