@@ -189,6 +189,7 @@ YAML = (
     _before("quotes", "x: '" + "''" * 200_000 + "'\n"),
     _before("escapes", 'x: "' + "\\U0010ffff" * 10_000 + '"\n'),
     _before("wrong-escape", 'x: "\\UFFFFFFFF"\n'),
+    _before("directive-of-5000-digits", "%YAML " + "9" * 5000 + ".1\n---\n"),
     _before("lone-surrogate", 'x: "\\ud800"\n'),
     _before("directives", "%YAML 9.9\n---\n"),
     _before("tags", "%TAG ! tag:" + "x" * 100_000 + "\n---\n"),
