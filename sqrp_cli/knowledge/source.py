@@ -243,8 +243,8 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
             return _compose_fast(text)
         except yaml.YAMLError:
             pass  # the other parser says better what is wrong
-    loader = _DepthLimitedLoader(text)
     try:
+        loader = _DepthLimitedLoader(text)
         return loader.get_single_node()
     except yaml.MarkedYAMLError as error:
         raise InputError(_syntax_problem(path, text, error)) from error
@@ -254,7 +254,7 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
         message = f"character U+{ord(text[error.position]):04X} is not allowed in YAML"
         raise InputError(Problem("yaml-syntax", message, Place(path, line, column))) from error
     except (ValueError, OverflowError) as error:  # `\\U` or `%YAML` with a number that Python refuses
-        problem, mark = "the number of a character or of a version is too large", loader.get_mark()  # type: ignore[no-untyped-call]
+        problem, mark = "the number of a character or of a version is too large", loader.get_mark()
         raise InputError(
             _syntax_problem(path, text, yaml.MarkedYAMLError(problem=problem, problem_mark=mark))
         ) from error
