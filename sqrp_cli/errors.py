@@ -67,7 +67,7 @@ class SqrpError(Exception):
     """Root of every error that SQRP raises on purpose."""
 
 
-MOST_PROBLEMS = 50
+MOST_PROBLEMS = 20
 """Problems that an error carries: a file may have one in each line."""
 
 
