@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names
+from sqrp_cli.files import real_path
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
 from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry
@@ -92,7 +93,7 @@ def workspace_file(path: Path) -> Path:
     """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none."""
     path = Path.cwd() / path
     if ".." in path.parts:
-        path = path.resolve()  # programs name it in one way only
+        path = real_path(path)  # programs name it in one way only
     if path.is_dir():
         if os.path.lexists(path / WORKSPACE_FILE):
             return path / WORKSPACE_FILE

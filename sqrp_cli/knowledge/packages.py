@@ -46,8 +46,9 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
     if reference.startswith("package://"):
         return _resolve_package(reference, roots, place)
     path = Path(unquote(reference.removeprefix("file://")) if reference.startswith("file://") else reference)
-    path = Path(os.path.normpath(folder / path.expanduser()))
-    if not path.is_file():
+    # Not by `Path`, which has errors of its own for users that there are not and for names that no file can have.
+    path = Path(os.path.normpath(folder / os.path.expanduser(path)))  # noqa: PTH111
+    if not os.path.isfile(path):  # noqa: PTH113
         problem = missing_file(path)
         raise InputError(Problem("missing-file", f"`{reference}`: {problem.message} ({path})", place))
     return path

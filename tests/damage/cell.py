@@ -77,6 +77,7 @@ def whole_cell(folder: Path) -> Path:
     _do("rank", made, TASK, "--samples", "2", "--program", made / "program.yaml")
     results = ["--out", made / RESULTS, "--save-baseline", made / BASELINE]
     (made / "score.json").write_text(_do("score", made, *SCORE, *results), encoding="utf-8")
+    (made / RESULTS / ".lock").unlink()  # copies of the cell share their files
     scheduler = {"type": "Scheduler", "id": "Scheduler-1", "address": "tcp://127.0.0.1:1", "workers": {}}
     (made / "scheduler.json").write_text(json.dumps(scheduler, indent=2), encoding="utf-8")
     return made

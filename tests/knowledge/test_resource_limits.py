@@ -190,3 +190,16 @@ def test_a_precondition_about_all_tuples_of_many_objects_is_refused(count: int, 
     assert problem.place is not None
     assert problem.place.line == 5
     assert "the limit is 100,000" in problem.message
+
+
+@pytest.mark.parametrize(
+    ("section", "entry"),
+    [("waypoints", "w{0}: {{from: home, raise: 1 mm}}"), ("faults", "f{0}: {{formula: hold}}")],
+)
+def test_a_skill_of_thousands_of_entries_is_refused(section: str, entry: str, cell: Path) -> None:
+    path = cell / "pickup" / "skill.yaml"
+    text = path.read_text(encoding="utf-8")
+    assert f"{section}:\n" in text
+    entries = "".join(f"  {entry.format(k)}\n" for k in range(3000))
+    path.write_text(text.replace(f"{section}:\n", f"{section}:\n{entries}", 1), encoding="utf-8")
+    assert "expected at most 200" in refusal(cell).message
