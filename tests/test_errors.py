@@ -10,6 +10,10 @@ def test_a_message_quotes_no_more_than_the_beginning_of_a_long_name() -> None:
     assert problem.message == f"there is no skill `{'p' * 60}...`; did you mean `pickup`?"
 
 
+def test_what_a_library_quotes_is_shortened_too() -> None:
+    assert Problem("x", f'cannot parse "{"a" * 300}" here').message == f'cannot parse "{"a" * 60}..." here'
+
+
 def test_a_command_in_a_message_stays_whole() -> None:
     command = f"`sqrp run PROGRAM --replay {'folder/' * 100}log`"
     assert Problem("no-rates", f"give it as {command}").message == f"give it as {command}"
