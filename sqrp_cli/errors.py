@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
 from typing import Literal
+
+_LONG_QUOTE = re.compile(r'([`"])(?!sqrp )([^`"]{60})[^`"]{200,}\1')
+"""A quoted name or value of more than a few lines; a command is for typing, and stays whole."""
 
 
 class ExitCode(IntEnum):
@@ -51,6 +55,10 @@ class Problem:
     mend: str | None = None
     excerpt: str | None = None
 
+    def __post_init__(self) -> None:
+        """Shorten what the message quotes: names and values may be as long as a file."""
+        object.__setattr__(self, "message", _LONG_QUOTE.sub(r"\1\2...\1", self.message))
+
     def __str__(self) -> str:
         return f"{self.place}: {self.message}" if self.place else self.message
 
@@ -59,16 +67,28 @@ class SqrpError(Exception):
     """Root of every error that SQRP raises on purpose."""
 
 
+MOST_PROBLEMS = 20
+"""Problems that an error carries: a file may have one in each line."""
+
+
 class InputError(SqrpError):
-    """The input cannot be used; carries every problem that was found, most important first."""
+    """The input cannot be used; carries the problems that were found, most important first."""
 
     def __init__(self, *problems: Problem) -> None:
+        if len(problems) > MOST_PROBLEMS:
+            more = Problem("more-problems", f"{len(problems) - MOST_PROBLEMS:,} more problems are not listed")
+            problems = (*problems[:MOST_PROBLEMS], more)
         super().__init__("\n".join(str(problem) for problem in problems))
         self.problems = problems
 
 
 MOST_NAMES = 20
 """Names that a message lists."""
+
+
+def counted(count: int) -> str:
+    """A count in words that fit into a message."""
+    return f"{count:,}" if count < 10**12 else "more than 10^12"
 
 
 def nearest(name: str, valid: Iterable[str]) -> str | None:

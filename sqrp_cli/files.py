@@ -13,6 +13,11 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem
 
 
+def real_path(path: Path) -> Path:
+    """Where a path leads, links followed; a link in a circle, for which `Path` has an error, stays as it is."""
+    return Path(os.path.realpath(path))
+
+
 def check_writable(path: Path) -> None:
     """Raises InputError where a file cannot be written: no folder for it, no permission, or a folder in its place."""
     try:
@@ -21,7 +26,7 @@ def check_writable(path: Path) -> None:
             raise InputError(Problem("cannot-write", "this file is write-protected", Place(path), mend=mend))
         if _is_special(path):
             return
-        folder = path.resolve().parent
+        folder = real_path(path).parent
         if not folder.is_dir():
             raise InputError(no_folder(folder, path))
         if path.is_dir():
@@ -55,9 +60,9 @@ def make_folder(path: Path) -> None:
 def check_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
     """Raises InputError where a file that is to be written is one that is read; None stands for no file."""
     written = [path for path in outputs if path is not None]
-    read = {path.resolve() for path in inputs if path is not None} if written else set()
+    read = {real_path(path) for path in inputs if path is not None} if written else set()
     for path in written:
-        if path.resolve() in read:
+        if real_path(path) in read:
             message = "this file is read by the same command, so it is not overwritten"
             raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name"))
 
@@ -68,7 +73,7 @@ def check_distinct(outputs: Mapping[str, Path | None]) -> None:
     for option, path in outputs.items():
         if path is None or _is_special(path):
             continue
-        other = options.setdefault(path.resolve(), option)
+        other = options.setdefault(real_path(path), option)
         if other != option:
             message = f"{other} and {option} both name this file"
             raise InputError(
@@ -86,7 +91,7 @@ def alone(path: Path) -> Iterator[None]:
         with suppress(ImportError, OSError):
             import fcntl
 
-            folder = os.open(path.resolve().parent, os.O_RDONLY)
+            folder = os.open(real_path(path).parent, os.O_RDONLY)
             stack.callback(os.close, folder)
             fcntl.flock(folder, fcntl.LOCK_EX)
         yield
@@ -111,7 +116,7 @@ def write_atomically(path: Path, content: str | bytes, *, executable: bool = Fal
             with suppress(BrokenPipeError), path.open("ab") as special:  # after what has gone the same way before
                 special.write(data)
         else:
-            _replace(path.resolve(), data, executable=executable)
+            _replace(real_path(path), data, executable=executable)
     except OSError as error:
         raise InputError(_cannot_write(path, error)) from error
 

@@ -215,12 +215,14 @@ class Program(Entry):
 
     sqrp_program: version of the file's fields. workspace: its file, relative to the program's. digest: of the workspace
     it was made for. checksum: of all that a file says apart from where its workspace is; empty until it is saved.
+    marks: a sign for each value, which tell where a file was changed whose checksum does not fit.
     """
 
     sqrp_program: Literal[1] = 1
     workspace: str
     digest: str
     checksum: str = ""
+    marks: str = ""
     joints: tuple[str, ...]
     steps: tuple[Step, ...]
 

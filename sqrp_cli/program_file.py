@@ -6,7 +6,8 @@ import hashlib
 import json
 import os
 import shlex
-from collections.abc import Iterable, Mapping
+import string
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,15 @@ from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.program import Program
-from sqrp_cli.program_check import Flaw, flaws, flaws_in
+from sqrp_cli.program_check import Flaw, Keys, flaws, flaws_in
 
 _KEYS = ("sqrp_program", "workspace", "digest", "steps")
 
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
+
+_NOT_SUMMED = {"checksum", "marks", "workspace"}
+
+_SIGNS = string.ascii_letters + string.digits + "+-"
 
 
 def load_program(path: Path) -> Program:
@@ -52,7 +57,8 @@ def save_program(program: Program, path: Path) -> None:
     Raises InputError where it cannot be written, or would be too large to be read again.
     """
     head = f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n"
-    numbers = {**program.model_dump(mode="json"), "checksum": _checksum(program)}
+    sums = {"checksum": _checksum(program), "marks": "".join(_marks(program).values())}
+    numbers = {**program.model_dump(mode="json"), **sums}
     text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
     if len(text.encode()) > MAX_BYTES:
         message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
@@ -62,8 +68,33 @@ def save_program(program: Program, path: Path) -> None:
 
 def _checksum(program: Program) -> str:
     """Digest of what a program says, however its file is laid out and wherever it lies."""
-    numbers = program.model_dump(mode="json", exclude={"checksum", "workspace"})
-    return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
+    return _digest(program.model_dump(mode="json", exclude=_NOT_SUMMED))
+
+
+def _marks(program: Program) -> dict[Keys, str]:
+    """A sign for each value, by the keys that lead to it: where the checksum does not fit, they tell which changed.
+
+    Short, as there are hundreds: a changed value keeps its sign once in 64 times.
+    """
+    values = _values(program.model_dump(mode="json", exclude=_NOT_SUMMED), ())
+    return {keys: _SIGNS[int(_digest([keys, value])[:8], 16) % len(_SIGNS)] for keys, value in values}
+
+
+def _values(value: Any, at: Keys) -> Iterator[tuple[Keys, Any]]:  # noqa: ANN401
+    """What the file has on a line of its own: plain values and lists of them, with the keys that lead there."""
+    if isinstance(value, Mapping) and value:
+        items: Iterable[tuple[str | int, Any]] = value.items()
+    elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
+        items = enumerate(value)
+    else:
+        yield at, value
+        return
+    for key, item in items:
+        yield from _values(item, (*at, key))
+
+
+def _digest(value: Any) -> str:  # noqa: ANN401
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
 
 
 def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Program:
@@ -86,13 +117,15 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
 
 
 def check_unedited(program: Program, path: Path) -> None:
-    """Raises InputError if a program is not as it was written.
+    """Raises InputError if a program is not as it was written, with the first value that is not.
 
     Nothing else tells a figure that was computed from one that was typed in.
     """
     if program.checksum != _checksum(program):
+        changed = (keys for (keys, is_), was in zip(_marks(program).items(), program.marks, strict=False) if is_ != was)
         message = "this program is not as sqrp wrote it, so what it says need not be true of its motion"
-        raise InputError(Problem("edited-program", message, Place(path), mend=_again(program, path)))
+        mend = _again(program, path)
+        raise InputError(read_document(path).problem("edited-program", next(changed, ("checksum",)), message, mend))
 
 
 def workspace_path(program: Program, path: Path) -> Path:

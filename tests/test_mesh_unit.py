@@ -6,7 +6,6 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
@@ -25,6 +24,7 @@ from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.model import STEP, model_document
 from sqrp_cli.runtime.meshes import load_triangles
+from sqrp_cli.runtime.simulation.engine import mujoco
 from sqrp_cli.runtime.simulation.model import build_model
 from sqrp_cli.runtime.surface import Surface
 

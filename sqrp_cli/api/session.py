@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.files import alone, check_writable
+from sqrp_cli.files import alone, check_writable, real_path
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.program import Program
 from sqrp_cli.program_check import flaws
@@ -92,7 +92,7 @@ def world_before(after: Path | None, program: Path | None) -> Path | None:
     check_writable(program)
     if not program.exists():
         return after
-    if after is not None and after.resolve() != program.resolve():
+    if after is not None and real_path(after) != real_path(program):
         message = f"{program} exists, so its next step starts where it ends and not where {after} does"
         raise InputError(Problem("bad-option", message, mend="leave out --after, or name a new file after --program"))
     return program

@@ -100,6 +100,14 @@ def _check_options(
     if kept.record is not None and kept.record.suffix.lower() != ".mp4":
         message = f"--record is `{kept.record}`; expected a name that ends in .mp4"
         raise InputError(Problem("bad-option", message))
+    if kept.record is not None and not _is_text(kept.record):
+        message = f"--record is `{kept.record}`, which is not UTF-8 text; films are written by a library that needs it"
+        raise InputError(Problem("bad-option", message))
+
+
+def _is_text(path: Path) -> bool:
+    """Whether the bytes of a path are UTF-8."""
+    return str(path) == str(path).encode(errors="ignore").decode()
 
 
 def _refuse_with(option: str, others: Mapping[str, object]) -> None:

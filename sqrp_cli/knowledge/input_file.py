@@ -28,7 +28,7 @@ def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
     Raises InputError if it is missing (naming the file nearest in spelling), is no regular file on a disk, is larger,
     or cannot be opened or read.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):  # noqa: PTH113 # `Path` raises for a name that is too long
         raise InputError(missing_file(path))
     try:
         with os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
@@ -79,12 +79,12 @@ def _too_large(path: Path, size: int, limit: int) -> Problem:
 
 def missing_file(path: Path) -> Problem:
     """The problem of a file that does not exist, with what is nearest to it."""
-    if path.is_dir():
+    if os.path.isdir(path):  # noqa: PTH112
         return Problem("missing-file", "found a folder, expected a file", Place(path))
-    if path.exists() or path.is_symlink():
+    if os.path.lexists(path):
         return Problem("missing-file", "found a pipe, a device or a broken link, expected a file", Place(path))
     folder = path.parent
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # noqa: PTH112
         return Problem("missing-file", f"file not found: there is no folder {folder}", Place(path))
     close = nearest_entry(path, lambda entry: _is_alike(path, entry) and entry.is_file())
     return Problem("missing-file", "file not found" + (f"; did you mean `{close}`?" if close else ""), Place(path))

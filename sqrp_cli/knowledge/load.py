@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names
+from sqrp_cli.files import real_path
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
 from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry
 from sqrp_cli.knowledge.read_cell import WORLD, CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.source import Document, parse_document, read_document
 from sqrp_cli.knowledge.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
+from sqrp_cli.logic.conditions import literal_count
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.paths_as_text import shown_name
 
@@ -28,6 +31,9 @@ TOOL = "tool"
 """In a skill: the tool frame, or all parts of the tool."""
 START = "@start"
 """In a skill: behind an object, where it was when the skill began."""
+
+MOST_LITERALS = 100_000
+"""Of a precondition, its quantifiers expanded over the objects of the workspace: that is done for each candidate."""
 
 
 def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
@@ -55,6 +61,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     problems += cell.problems
     for skill in skills.values():
         problems += _check_skill(skill, robot_reader.links, list(objects), list(detectors))
+        problems += _check_size(skill, objects)
     tasks = tuple(_task(entry) for entry in file.tasks)
     problems += _check_tasks(document, tasks, list(skills), list(objects))
     if problems:
@@ -99,7 +106,7 @@ def workspace_file(path: Path) -> Path:
     """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none."""
     path = Path.cwd() / path
     if ".." in path.parts:
-        path = path.resolve()  # programs name it in one way only
+        path = real_path(path)  # programs name it in one way only
     if path.is_dir():
         if os.path.lexists(path / WORKSPACE_FILE):
             return path / WORKSPACE_FILE
@@ -143,6 +150,19 @@ def _skills(document: Document, file: WorkspaceFile, digest: ContentDigest) -> t
         except InputError as error:
             problems.extend(error.problems)
     return skills, problems
+
+
+def _check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Problem]:
+    """Says where a precondition, its quantifiers expanded, has more literals than can be looked at."""
+    types = {name: frozenset(thing.types) for name, thing in objects.items()}
+    count = literal_count(skill.action.precondition, types, skill.domain)
+    if count > MOST_LITERALS:
+        message = (
+            f"the precondition of `{skill.name}` is {counted(count)} literals long with the objects of this workspace"
+        )
+        mend = "let its `forall` and `exists` have fewer variables"
+        message = f"{message}, the limit is {MOST_LITERALS:,}"
+        yield Problem("too-many-literals", message, skill.action.place, mend=mend)
 
 
 def _check_skill(

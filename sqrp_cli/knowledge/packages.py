@@ -14,6 +14,9 @@ from sqrp_cli.knowledge.input_file import missing_file
 _PIP_PACKAGES = {"example-robot-data": "example-robot-data"}
 """Packages of robot descriptions that pip installs, with the command line's name for them."""
 
+LONGEST_PATH = 1000
+"""Characters of a path that a message shows."""
+
 
 def package_roots(stated: Sequence[Path] = ()) -> tuple[Path, ...]:
     """Folders in which `package://NAME/` is looked up, in order; only those that exist.
@@ -46,10 +49,12 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
     if reference.startswith("package://"):
         return _resolve_package(reference, roots, place)
     path = Path(unquote(reference.removeprefix("file://")) if reference.startswith("file://") else reference)
-    path = Path(os.path.normpath(folder / path.expanduser()))
-    if not path.is_file():
+    # Not by `Path`, which has errors of its own for users that there are not and for names that no file can have.
+    path = Path(os.path.normpath(folder / os.path.expanduser(path)))  # noqa: PTH111
+    if not os.path.isfile(path):  # noqa: PTH113
         problem = missing_file(path)
-        raise InputError(Problem("missing-file", f"`{reference}`: {problem.message} ({path})", place))
+        where = f" ({path})" if len(str(path)) < LONGEST_PATH else ""
+        raise InputError(Problem("missing-file", f"`{reference}`: {problem.message}{where}", place))
     return path
 
 

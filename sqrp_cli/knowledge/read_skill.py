@@ -165,9 +165,9 @@ class _SkillReader:
             path = ("waypoints", name, "from")
             if origin in (None, HOME) or not self._known(origin, [*origins, HOME], "waypoint", path):
                 continue
-            seen = [name]
+            seen = {name: None}
             while origin is not None and origin in origins and origin not in seen:
-                seen.append(origin)
+                seen[origin] = None
                 origin = origins[origin]
             if origin == name and name == next(other for other in origins if other in seen):
                 self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join([*seen, name])}")

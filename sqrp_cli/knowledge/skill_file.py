@@ -275,14 +275,26 @@ class TargetEntry(Entry):
     boxes: list[BoxEntry] = Field(min_length=1, max_length=20, description="All of them decide it together.")
 
 
+MOST_ENTRIES = 200
+"""Of a kind in a skill."""
+
+
 class SkillFile(Entry):
     """How a skill moves, and what the cameras must see while it does."""
 
-    motion: dict[Name, MotionEntry] = Field(default={}, description="Parameters of the motion with the values to try.")
-    waypoints: dict[Name, WaypointEntry] = Field(default={}, description="Poses of the tool frame.")
+    motion: dict[Name, MotionEntry] = Field(
+        default={}, max_length=MOST_ENTRIES, description="Parameters of the motion with the values to try."
+    )
+    waypoints: dict[Name, WaypointEntry] = Field(
+        default={}, max_length=MOST_ENTRIES, description="Poses of the tool frame."
+    )
     primitives: list[PrimitiveEntry] = Field(
         min_length=1, max_length=100, description="What the robot does, one after the other."
     )
-    formulas: list[FormulaOrText] = Field(default=[], description="What must hold while all goes well.")
-    faults: dict[Name, FormulaEntry] = Field(default={}, description="What may go wrong.")
-    targets: dict[Name, TargetEntry] = Field(default={}, description="What decides each predicate, and where to look.")
+    formulas: list[FormulaOrText] = Field(
+        default=[], max_length=MOST_ENTRIES, description="What must hold while all goes well."
+    )
+    faults: dict[Name, FormulaEntry] = Field(default={}, max_length=MOST_ENTRIES, description="What may go wrong.")
+    targets: dict[Name, TargetEntry] = Field(
+        default={}, max_length=MOST_ENTRIES, description="What decides each predicate, and where to look."
+    )

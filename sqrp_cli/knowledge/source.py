@@ -244,7 +244,8 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
         except yaml.YAMLError:
             pass  # the other parser says better what is wrong
     try:
-        return _DepthLimitedLoader(text).get_single_node()
+        loader = _DepthLimitedLoader(text)
+        return loader.get_single_node()
     except yaml.MarkedYAMLError as error:
         raise InputError(_syntax_problem(path, text, error)) from error
     except yaml.reader.ReaderError as error:
@@ -252,6 +253,11 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
         column = error.position - text.rfind("\n", 0, error.position)
         message = f"character U+{ord(text[error.position]):04X} is not allowed in YAML"
         raise InputError(Problem("yaml-syntax", message, Place(path, line, column))) from error
+    except (ValueError, OverflowError) as error:  # `\\U` or `%YAML` with a number that Python refuses
+        problem, mark = "the number of a character or of a version is too large", loader.get_mark()
+        raise InputError(
+            _syntax_problem(path, text, yaml.MarkedYAMLError(problem=problem, problem_mark=mark))
+        ) from error
 
 
 def _syntax_problem(path: Path, text: str, error: yaml.MarkedYAMLError) -> Problem:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import product
+from math import prod
 from typing import TypeAlias
 
 from sqrp_cli.logic.domain import (
@@ -91,6 +92,19 @@ def ground_atom(use: Holds, binding: Binding) -> Atom:
 def fitting_objects(parameter: Parameter, objects: Objects, domain: Domain) -> tuple[str, ...]:
     """The objects that a variable may stand for, in the order of `objects`."""
     return tuple(name for name, types in objects.items() if domain.fits(types, parameter.type))
+
+
+def literal_count(condition: Condition, objects: Objects, domain: Domain) -> int:
+    """How many literals and equalities a condition has once its quantifiers are expanded."""
+    match condition:
+        case Negation(part):
+            return literal_count(part, objects, domain)
+        case Conjunction(parts) | Disjunction(parts):
+            return sum(literal_count(part, objects, domain) for part in parts)
+        case ForAll(variables, body) | Exists(variables, body):
+            choices = prod(len(fitting_objects(variable, objects, domain)) for variable in variables)
+            return choices * literal_count(body, objects, domain)
+    return 1
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ REQUIREMENTS = (
 _SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":action")
 _ACTION_KEYS = (":parameters", ":precondition", ":effect")
 _DEFINE = re.compile(r"\(\s*define\b", re.IGNORECASE)
-_WORD = re.compile(r"^[^;\w]*\w", re.MULTILINE)
+_WORD = re.compile(r"^[^;\w\n]*\w", re.MULTILINE)
 """Finds a line with a word that is no comment."""
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists", "=", "when")

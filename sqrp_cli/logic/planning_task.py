@@ -18,6 +18,7 @@ from sqrp_cli.logic.conditions import (
     fitting_objects,
     ground_atom,
     ground_condition,
+    literal_count,
 )
 from sqrp_cli.logic.domain import (
     Action,
@@ -98,8 +99,12 @@ class PlanningTask:
     actions: tuple[GroundAction, ...]
 
 
+LOOKS_PER_ACTION = 20
+"""For each ground action of the limit, so many literals and beginnings of actions may be looked at."""
+
+
 class TooManyActionsError(Exception):
-    """The problem has more ground actions than the limit; the first argument is the limit."""
+    """The problem has more ground actions, or larger ones, than the limit; the first argument is the limit."""
 
 
 def planning_task(
@@ -121,12 +126,15 @@ def planning_task(
         for part in _ground_conjuncts(ground_condition(goal, binding, objects, domain))
     ]
     actions: list[GroundAction] = []
-    tried = 0
+    tried = looked = 0
     for action in domain.actions.values():
+        size = literal_count(action.precondition, objects, domain)
         for bound in _bindings(action, objects, facts, changeable, domain):
-            tried += 1
-            if tried > max_actions:
+            tried, looked = tried + (bound is not None), looked + (1 if bound is None else size)
+            if tried > max_actions or looked > LOOKS_PER_ACTION * max_actions:
                 raise TooManyActionsError(max_actions)
+            if bound is None:
+                continue
             precondition = numbering.need(ground_condition(action.precondition, bound, objects, domain), keep=False)
             if precondition is None:
                 continue
@@ -180,8 +188,11 @@ class _Numbering:
 
 def _bindings(
     action: Action, objects: Objects, facts: frozenset[Atom], changeable: frozenset[str], domain: Domain
-) -> Iterator[Binding]:
-    """All ways to fill the parameters, cut short as soon as something unchangeable contradicts the precondition."""
+) -> Iterator[Binding | None]:
+    """All ways to fill the parameters, cut short as soon as something unchangeable contradicts the precondition.
+
+    None stands for one that was cut short.
+    """
     checks = [part for part in _conjuncts(action.precondition) if _is_unchangeable(part, changeable)]
     ready: list[list[Condition]] = []
     known: set[str] = set()
@@ -189,7 +200,7 @@ def _bindings(
         known.add(parameter.name)
         ready.append([part for part in checks if _variables(part) <= known and parameter.name in _variables(part)])
 
-    def extend(bound: dict[str, str], remaining: tuple[Parameter, ...]) -> Iterator[Binding]:
+    def extend(bound: dict[str, str], remaining: tuple[Parameter, ...]) -> Iterator[Binding | None]:
         if not remaining:
             yield dict(bound)
             return
@@ -197,6 +208,8 @@ def _bindings(
             bound[remaining[0].name] = name
             if all(_decided(part, bound, facts) for part in ready[len(action.parameters) - len(remaining)]):
                 yield from extend(bound, remaining[1:])
+            else:
+                yield None
         bound.pop(remaining[0].name, None)
 
     return extend({}, action.parameters)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise, product
+from itertools import combinations_with_replacement, pairwise, product
+from math import comb
 
-from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.errors import InputError, Problem, counted, expected_names
 from sqrp_cli.knowledge import units
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import MotionValue, Skill
@@ -80,7 +81,9 @@ def read_task(text: str, workspace: Workspace) -> Task:
     for values in [*choices, *motion]:
         count *= len(values)
     if count > MAX_CANDIDATES:
-        message = f"the task has {count:,} candidates, the limit is {MAX_CANDIDATES:,}; name fewer objects or values"
+        message = (
+            f"the task has {counted(count)} candidates, the limit is {MAX_CANDIDATES:,}; name fewer objects or values"
+        )
         raise InputError(Problem("too-many-candidates", message))
     return Task(text, skill, tuple(_candidates(skill, choices, motion)))
 
@@ -185,6 +188,9 @@ def _object_choices(
         if name in fitting:
             fitting[name] = _named(value.split(","), name, fitting[name], skill)
     open_names = [parameter.name for parameter in parameters if parameter.name not in settings]
+    if open_names and len(open_names) * comb(len(filters) + len(open_names) - 1, len(filters)) > MAX_CANDIDATES:
+        message = f"the words of the task may be about any of the {len(open_names):,} parameters of `{skill.name}`"
+        raise InputError(Problem("too-many-candidates", f"{message}; say about which, as `{open_names[0]}=...`"))
     matches = [
         chosen
         for groups in _splits(filters, len(open_names))
@@ -215,7 +221,7 @@ def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
         return
     ways = [
         [words[start:end] for start, end in zip((0, *cuts), (*cuts, len(words)), strict=True)]
-        for cuts in combinations(sorted([*range(len(words) + 1)] * (count - 1)), count - 1)
+        for cuts in combinations_with_replacement(range(len(words) + 1), count - 1)
     ]
     yield from sorted(ways, key=lambda groups: sum(not group for group in groups))
 

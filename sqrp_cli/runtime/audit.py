@@ -19,6 +19,7 @@ from sqrp_cli.runtime.outcome import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Watchlist
 from sqrp_cli.runtime.perception.vision import decoded
+from sqrp_cli.runtime.png_file import bare_png, png_damage
 from sqrp_cli.runtime.prediction_check import PredictionCheck
 from sqrp_cli.runtime.recording import FrameEntry, read_frames
 from sqrp_cli.runtime.simulated_run import knowledge_of
@@ -89,9 +90,12 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
 
 def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
     camera = workspace.cameras[entry.camera]
-    image = decoded(read_png(entry.file, ImageSize(camera.width, camera.height), camera.name))
+    content = read_png(entry.file, ImageSize(camera.width, camera.height), camera.name)
+    damage = png_damage(content)
+    image = None if damage else decoded(bare_png(content))
     if image is None:
-        raise InputError(Problem("unreadable", "this PNG file is damaged or cut off", Place(entry.file)))
+        message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
+        raise InputError(Problem("unreadable", message, Place(entry.file)))
     return Frame(entry.camera, entry.t or 0.0, image)
 
 

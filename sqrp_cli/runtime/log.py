@@ -68,7 +68,7 @@ def read_log(path: Path) -> Iterator[Event]:
     for number, line in _lines(path):
         place = Place(path, number)
         event = _event(line, place)
-        if number == 1 and event.fields.get("sqrp_log") != VERSION:
+        if number == 1 and (event.kind, event.fields.get("sqrp_log")) != ("run", VERSION):
             raise _no_log("this is no log of `sqrp run --log`, or one of another version", place)
         first_state = event.kind == STATE and joints < 0
         kind = "run" if number == 1 else "first state" if first_state else event.kind

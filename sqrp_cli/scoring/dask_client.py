@@ -120,7 +120,9 @@ def _checked_address(cluster: str) -> str:
     address = _address_in(path) if path.is_file() else cluster
     scheme, place = parse_address(address)
     get_backend(scheme)
-    parse_host_port(place)
+    _, port = parse_host_port(place)
+    if not 0 < port < 2**16:
+        raise ValueError(f"there is no port {port}")
     return address
 
 

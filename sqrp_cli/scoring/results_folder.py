@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -68,6 +69,7 @@ class Results:
             path = self._path(self.folder, key)
             try:
                 path.parent.mkdir(exist_ok=True)
+                _make_way(path)
             except OSError as error:
                 message = f"results cannot be kept in this folder: {error.strerror or error}"
                 raise InputError(Problem("cannot-write", message, Place(self.folder))) from error
@@ -85,6 +87,17 @@ class Results:
     @staticmethod
     def _path(folder: Path, key: str) -> Path:
         return folder / key[:2] / f"{key}.json"
+
+
+def _make_way(path: Path) -> None:
+    """Remove what is in the place of a result and is no file: a link that leads nowhere, a pipe, an empty folder.
+
+    Raises OSError where that is not possible.
+    """
+    if path.is_dir():
+        path.rmdir()
+    elif os.path.lexists(path) and not path.is_file():
+        path.unlink()
 
 
 def _locked(folder: Path) -> IO[str]:

@@ -40,8 +40,10 @@ def describe_robot(reference: str, folder: Path) -> Description:
 
     Raises InputError for a URDF that cannot be used.
     """
-    if "://" not in reference and not (named := Path(reference).expanduser()).is_file():
-        raise InputError(missing_file(named))
+    # Not by `Path`, which has errors of its own for users that there are not and for names that no file can have.
+    named = os.path.expanduser(reference)  # noqa: PTH111
+    if "://" not in reference and not os.path.isfile(named):  # noqa: PTH113
+        raise InputError(missing_file(Path(named)))
     path = resolve(reference, Path.cwd(), package_roots(), None).resolve()
     urdf = read_urdf(path)
     srdf, warnings = _srdf_beside(path, urdf)

@@ -54,6 +54,7 @@ BAD = [
     (["run", "TMP/p.yaml", "--sim", "--sweep", "slip@a4", "--fault", "miss-pick"], ["--sweep and --fault exclude"]),
     (["run", "TMP/p.yaml", "--sim", "--n", "3"], ["--n is about --sweep"]),
     (["run", "TMP/p.yaml", "--sim", "--record", "TMP/x.avi"], ["--record", "ends in .mp4"]),
+    (["run", "TMP/p.yaml", "--sim", "--record", "TMP/\udcff.mp4"], ["--record", "not UTF-8 text"]),
     (["run", "--replay", "TMP/l", "--n", "3"], ["--replay and --n exclude each other"]),
     (["run", "--replay", "TMP/l"], ["file not found"]),
     (["rnak", "CELL", "watch seen"], ["rnak"]),

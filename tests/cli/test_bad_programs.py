@@ -188,3 +188,12 @@ def test_contradictory_skills_are_refused_and_nothing_is_written(sqrp, laying, t
         assert word in outcome.err
         assert "Traceback" not in outcome.err
     assert not program.exists()
+
+
+def test_a_program_of_before_there_were_marks_is_read_as_before(laying, sound, workspace):
+    path = laying / "before.yaml"
+    text = re.sub(r"^marks: .*\n", "", sound.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert "marks" not in text
+    path.write_text(text, encoding="utf-8")
+    check_program(load_program(path), path, workspace)
+    path.unlink()

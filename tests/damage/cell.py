@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 from pathlib import Path
 
-from sqrp_cli.cli.main import run
 from sqrp_cli.starter.make import make_starter
+from tests.damage.child import call
+from tests.damage.mesh_bombs import binary_stl, collada, obj
 
 CASES = Path(__file__).parents[1] / "cases"
 
@@ -45,28 +48,43 @@ transform:
     w: 0.382683
 """
 
-KINDS = (
-    "workspace.yaml",
-    "skills/pickup/skill.yaml",
-    "skills/pickup/pickup.pddl",
-    "camera.yaml",
-    "opencv.yaml",
-    "hand_eye.yaml",
-    "robots/six_axis_arm.urdf",
-    "robots/suction_cup.urdf",
-    "arm.srdf",
-    "cube.stl",
-    "program.yaml",
-)
-"""The files that are damaged."""
-
 TASK = "pickup red"
 
 
+MESHES = ("cube.stl", "binary.stl", "cube.obj", "cube.dae")
+
+WATCHED, LOG, FRAMES, FRAME = "watched", "run.jsonl", "frames", "frame.png"
+"""A cell with small cameras in which a program ran, the log of the run, its frames, and the first of them."""
+
+BASELINE, RESULTS, SCORE = "baseline.json", "results", ["--samples", "2", "--jobs", "1", "--json"]
+
+FRAMES_KEPT = 4
+
+
 def whole_cell(folder: Path) -> Path:
-    """The starter workspace with an SRDF, calibrated cameras, a mesh and a program."""
+    """The starter workspace with an SRDF, calibrated cameras, meshes, a program, a baseline, results and a run."""
     made = make_starter(folder, None).folder
-    workspace = made / "workspace.yaml"
+    _record(made)
+    _calibrate(made / "workspace.yaml")
+    (made / "arm.srdf").write_text(SRDF, encoding="utf-8")
+    (made / "hand_eye.yaml").write_text(HAND_EYE, encoding="utf-8")
+    shutil.copyfile(CASES / "cameras" / "camera_calibration.yaml", made / "camera.yaml")
+    shutil.copyfile(CASES / "cameras" / "opencv_filestorage.yaml", made / "opencv.yaml")
+    shutil.copyfile(CASES / "cell" / "cube.stl", made / "cube.stl")
+    (made / "binary.stl").write_bytes(binary_stl())
+    (made / "cube.obj").write_text(obj(), encoding="utf-8")
+    (made / "cube.dae").write_text(collada(), encoding="utf-8")
+    _do("rank", made, TASK, "--samples", "2", "--program", made / "program.yaml")
+    results = ["--out", made / RESULTS, "--save-baseline", made / BASELINE]
+    (made / "score.json").write_text(_do("score", made, *SCORE, *results), encoding="utf-8")
+    (made / RESULTS / ".lock").unlink()  # copies of the cell share their files
+    scheduler = {"type": "Scheduler", "id": "Scheduler-1", "address": "tcp://127.0.0.1:1", "workers": {}}
+    (made / "scheduler.json").write_text(json.dumps(scheduler, indent=2), encoding="utf-8")
+    return made
+
+
+def _calibrate(workspace: Path) -> None:
+    """Let the cameras and an object of the starter workspace be described by files of their own."""
     text = workspace.read_text(encoding="utf-8")
     cameras, rest = text.split("skills: [", 1)
     first, image = cameras.index("    image:"), "    image: {width: 1280, height: 960, horizontal_fov: 60 deg}\n"
@@ -75,13 +93,33 @@ def whole_cell(folder: Path) -> Path:
     cameras = cameras[:pose] + "    hand_eye: hand_eye.yaml\n" + cameras[cameras.index("\n", pose) + 1 :]
     cameras = cameras.replace(image, "    calibration: opencv.yaml\n")
     cameras = cameras.replace("  base:", "  srdf: arm.srdf\n  base:")
-    rest = rest.replace(", on: table}\n\nstate", ", on: table, parts: [{mesh: cube.stl, scale: 0.04}]}\n\nstate")
+    parts = ", ".join(f"{{mesh: {mesh}, scale: 0.04}}" for mesh in MESHES)
+    rest = rest.replace(", on: table}\n\nstate", f", on: table, parts: [{parts}]}}\n\nstate")
     workspace.write_text(cameras + "skills: [" + rest, encoding="utf-8")
-    (made / "arm.srdf").write_text(SRDF, encoding="utf-8")
-    (made / "hand_eye.yaml").write_text(HAND_EYE, encoding="utf-8")
-    shutil.copyfile(CASES / "cameras" / "camera_calibration.yaml", made / "camera.yaml")
-    shutil.copyfile(CASES / "cameras" / "opencv_filestorage.yaml", made / "opencv.yaml")
-    shutil.copyfile(CASES / "cell" / "cube.stl", made / "cube.stl")
-    if run(["rank", str(made), TASK, "--samples", "2", "--program", str(made / "program.yaml")]) != 0:
-        raise AssertionError("the undamaged cell must rank")
-    return made
+
+
+def _record(made: Path) -> None:
+    """Run a program in a copy of the cell whose cameras are small, and keep its log and some of its frames."""
+    watched = shutil.copytree(made, made / WATCHED)
+    text = (watched / "workspace.yaml").read_text(encoding="utf-8")
+    text = re.sub(r"image: .*", "image: {width: 96, height: 72, horizontal_fov: 60 deg}", text)
+    (watched / "workspace.yaml").write_text(text.replace("rate: 10 Hz", "rate: 5 Hz"), encoding="utf-8")
+    program, frames = watched / "program.yaml", watched / FRAMES
+    _do("rank", watched, TASK, "--samples", "2", "--program", program)
+    _do("run", program, "--sim", "--log", watched / LOG, "--frames", frames, "--json")
+    columns, *rows = (frames / "frames.csv").read_text(encoding="utf-8").splitlines()
+    planned = [row for row in rows if not row.endswith(",")]
+    kept, first = planned[:FRAMES_KEPT], planned[0].split(",")[1]
+    for file in {row.split(",")[1] for row in rows} - {row.split(",")[1] for row in kept}:
+        (frames / file).unlink()
+    (frames / first).rename(frames / FRAME)
+    text = "\n".join([columns, *kept]).replace(first, FRAME)
+    (frames / "frames.csv").write_text(text + "\n", encoding="utf-8")
+
+
+def _do(*words: object) -> str:
+    """What a command prints. Raises AssertionError unless the undamaged cell is good for it."""
+    done = call([str(word) for word in words])
+    if done.code not in (0, 3):
+        raise AssertionError(f"the undamaged cell must be good for {words[0]}: {done.said}")
+    return done.out

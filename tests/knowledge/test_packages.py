@@ -69,3 +69,12 @@ def test_a_misspelt_package_names_the_nearest(tmp_path: Path) -> None:
     make(tmp_path, "my_robots/arm.urdf")
     with pytest.raises(InputError, match="did you mean `my_robots`"):
         resolve("package://my_robot/arm.urdf", tmp_path, [tmp_path], PLACE)
+
+
+@pytest.mark.parametrize(
+    "reference", ["~nobody-of-that-name/arm.urdf", "x" * 5000 + ".urdf", "a/" * 5000, "a\0b.urdf", "\udcff"]
+)
+def test_names_that_no_file_has_are_refused_where_they_stand(reference: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="file not found") as caught:
+        resolve(reference, tmp_path, [], PLACE)
+    assert caught.value.problems[0].place == PLACE

@@ -220,3 +220,31 @@ def test_a_rail_of_a_thousand_kilometres_is_refused(cell: Path) -> None:
     rail = '<joint name="rail" type="prismatic">{}<parent link="wrist"/><child link="car"/></joint><link name="car"/>'
     with_links(cell, rail.format('<limit lower="-1e6" upper="1e6"/>'))
     assert refusal(cell).message == "<limit>: `lower` is `-1e6`, expected at most 100 in size"
+
+
+@pytest.mark.parametrize("count", [12, 100])
+def test_a_precondition_about_all_tuples_of_many_objects_is_refused(count: int, cell: Path) -> None:
+    path = cell / "pickup" / "pickup.pddl"
+    variables = " ".join(f"?v{i} - object" for i in range(count))
+    text = path.read_text(encoding="utf-8").replace(
+        ":negative-preconditions", ":negative-preconditions :universal-preconditions"
+    )
+    path.write_text(text.replace("(and (on", f"(and (forall ({variables}) (hand_empty)) (on"), encoding="utf-8")
+    problem = refusal(cell)
+    assert (problem.code, problem.place.file if problem.place else None) == ("too-many-literals", path)
+    assert problem.place is not None
+    assert problem.place.line == 5
+    assert "the limit is 100,000" in problem.message
+
+
+@pytest.mark.parametrize(
+    ("section", "entry"),
+    [("waypoints", "w{0}: {{from: home, raise: 1 mm}}"), ("faults", "f{0}: {{formula: hold}}")],
+)
+def test_a_skill_of_thousands_of_entries_is_refused(section: str, entry: str, cell: Path) -> None:
+    path = cell / "pickup" / "skill.yaml"
+    text = path.read_text(encoding="utf-8")
+    assert f"{section}:\n" in text
+    entries = "".join(f"  {entry.format(k)}\n" for k in range(3000))
+    path.write_text(text.replace(f"{section}:\n", f"{section}:\n{entries}", 1), encoding="utf-8")
+    assert "expected at most 200" in refusal(cell).message

@@ -150,3 +150,13 @@ def test_both_parsers_find_the_same_values_in_the_same_places(path: Path, monkey
     slow = read_document(path)
     assert fast.data == slow.data
     assert (fast.keys, fast.values) == (slow.keys, slow.values)
+
+
+@pytest.mark.parametrize("value", [r'"\UFFFFFFFF"', r'"\U00110000"', '"a"\n%YAML ' + "9" * 5000 + ".1"])
+def test_a_character_that_there_is_not_is_refused_where_it_stands(read: Read, value: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read(f"a: 1\nb: {value}\n")
+    (problem,) = caught.value.problems
+    assert problem.code == "yaml-syntax"
+    assert problem.place is not None
+    assert problem.place.line in (2, 3)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -81,3 +82,24 @@ def test_a_candidate_is_found_again_by_its_name(workspace: Workspace) -> None:
     for candidate in read_task("pickup g1 lift=5cm,0.1 approach_yaw=0,30deg wrist=flip,any", workspace).candidates:
         (again,) = read_task(f"pickup {candidate.name}", workspace).candidates
         assert again.parameters == pytest.approx(candidate.parameters)
+
+
+@pytest.mark.parametrize(
+    ("count", "task", "says"),
+    [
+        (16, "pickup red", "candidates, the limit is 100,000; name fewer objects or values"),
+        (60, "pickup", "the task has more than 10^12 candidates, the limit is 100,000"),
+        (1000, "pickup red", "may be about any of the 1,001 parameters of `pickup`; say about which, as `object=...`"),
+    ],
+)
+def test_a_skill_of_many_parameters_is_refused_before_all_of_them_are_combined(
+    count: int, task: str, says: str, tmp_path: Path
+) -> None:
+    cell = Path(shutil.copytree(ROOT / "tests/cases/cell", tmp_path / "cell"))
+    path = cell / "pickup" / "pickup.pddl"
+    more = " ".join(f"?v{k}" for k in range(count))
+    text = path.read_text().replace(":parameters (?object - movable)", f":parameters (?object {more} - movable)")
+    path.write_text(text)
+    with pytest.raises(InputError) as caught:
+        read_task(task, load_workspace(cell))
+    assert says in str(caught.value)

@@ -71,6 +71,10 @@ def damaged() -> Iterator[tuple[int, str, list[dict[str, Any]]]]:
         (b"", "this log is empty"),
         (b"[1]\n", "this line is no event"),
         (b'{"t": 0, "event": "start"}\n', "or one of another version"),
+        (
+            b'{"t": 0, "event": "state", "sqrp_log": 1, "workspace": "w", "digest": "", "cameras": []}\n',
+            "this is no log",
+        ),
     ],
 )
 def test_what_is_no_log_is_refused_in_words(tmp_path: Path, content: bytes, says: str) -> None:

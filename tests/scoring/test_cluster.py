@@ -8,6 +8,8 @@ import threading
 
 import pytest
 
+from sqrp_cli.errors import InputError
+
 
 def test_a_scheduler_reads_tasks_without_loading_the_program():
     code = """
@@ -57,3 +59,12 @@ def test_it_is_told_when_all_workers_are_gone(tmp_path, monkeypatch):
         local.scale(0)
         assert gone.wait(timeout=60)
     assert told == ["the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)"]
+
+
+@pytest.mark.parametrize("port", ["0", "-1", "65536", "9223372036854775808", "9" * 400])
+def test_a_port_that_no_machine_has_is_refused(port):
+    pytest.importorskip("distributed")
+    from sqrp_cli.scoring.dask_client import connected
+
+    with pytest.raises(InputError, match="no Dask scheduler answers at"), connected(f"tcp://127.0.0.1:{port}", print):
+        pass

@@ -1,0 +1,91 @@
+"""A look at PNG files before they are decoded: whether they are whole.
+
+The decoder writes of what is damaged past our messages, and does not say where it is. The format: https://www.w3.org/TR/png-3/.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+
+_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_HEADER = struct.Struct(">IIBBBBB")
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+"""Numbers for each pixel, by the type of colour."""
+_PIXELS = ("IHDR", "PLTE", "IDAT", "IEND")
+_DEPTHS, _FILTERS = (1, 2, 4, 8, 16), 5
+
+
+class _DamagedError(Exception):
+    """What is wrong with a PNG file, and where in it."""
+
+
+def png_damage(content: bytes) -> str | None:
+    """What is wrong with a PNG file: a damaged chunk, or fewer rows than its header promises; None where nothing is."""
+    try:
+        _check(content)
+    except _DamagedError as error:
+        return str(error)
+    return None
+
+
+def bare_png(content: bytes) -> bytes:
+    """A PNG file that is whole with nothing but its pixels: of what else there may be, the decoder has much to say."""
+    kept = (_packed(kind, data) for kind, data in _chunks(content) if kind in _PIXELS)
+    return _SIGNATURE + b"".join(kept)
+
+
+def _packed(kind: str, data: bytes) -> bytes:
+    named = kind.encode() + data
+    return struct.pack(">I", len(data)) + named + struct.pack(">I", zlib.crc32(named))
+
+
+def _check(content: bytes) -> None:
+    if not content.startswith(_SIGNATURE):
+        raise _DamagedError("it does not begin as PNG files do")
+    chunks = list(_chunks(content)) or [("", b"")]
+    width, height, depth, color, interlaced = _header(*chunks[0])
+    if chunks[-1][0] != "IEND":
+        raise _DamagedError("it ends without the chunk `IEND`")
+    row = 1 + (width * _CHANNELS[color] * depth + 7) // 8
+    data = _inflated(b"".join(data for kind, data in chunks if kind == "IDAT"), row * height)
+    if interlaced:
+        return
+    if len(data) < row * height:
+        raise _DamagedError(f"it has {len(data) // row:,} rows, its header promises {height:,}")
+    wrong = next((number for number, law in enumerate(data[::row]) if law >= _FILTERS), None)
+    if wrong is not None:
+        raise _DamagedError(f"row {wrong + 1:,} is packed in a way that PNG does not have")
+
+
+def _header(kind: str, data: bytes) -> tuple[int, int, int, int, int]:
+    """Width, height, bits per number, type of colour, and whether the rows are interlaced."""
+    if kind != "IHDR" or len(data) != _HEADER.size:
+        raise _DamagedError(f"its first chunk is `{kind}`, expected `IHDR` with {_HEADER.size} bytes")
+    width, height, depth, color, _, _, interlaced = _HEADER.unpack(data)
+    if color not in _CHANNELS or depth not in _DEPTHS:
+        raise _DamagedError(f"its header asks for colours of type {color} with {depth} bits, which PNG does not have")
+    return width, height, depth, color, interlaced
+
+
+def _chunks(content: bytes) -> Iterator[tuple[str, bytes]]:
+    """Name and data of each chunk."""
+    at = len(_SIGNATURE)
+    while at < len(content):
+        length, name = int.from_bytes(content[at : at + 4], "big"), content[at + 4 : at + 8]
+        kind, end = name.decode("ascii", errors="replace"), at + 12 + length
+        if not (name.isalpha() and end <= len(content)):
+            raise _DamagedError(f"the chunk at byte {at:,} is cut off or damaged")
+        data = content[at + 8 : end - 4]
+        if zlib.crc32(name + data) != int.from_bytes(content[end - 4 : end], "big"):
+            raise _DamagedError(f"the chunk `{kind}` at byte {at:,} does not fit its checksum")
+        yield kind, data
+        at = end
+
+
+def _inflated(data: bytes, most: int) -> bytes:
+    try:
+        return zlib.decompressobj().decompress(data, most)
+    except zlib.error as error:
+        raise _DamagedError(f"its image data (`IDAT`) cannot be unpacked: {error}") from error

@@ -1,0 +1,27 @@
+"""What a message quotes of the input stays readable, however long the input is."""
+
+from __future__ import annotations
+
+from sqrp_cli.errors import InputError, Problem
+
+
+def test_a_message_quotes_no_more_than_the_beginning_of_a_long_name() -> None:
+    problem = Problem("unknown-skill", f"there is no skill `{'p' * 100_000}`; did you mean `pickup`?")
+    assert problem.message == f"there is no skill `{'p' * 60}...`; did you mean `pickup`?"
+
+
+def test_what_a_library_quotes_is_shortened_too() -> None:
+    assert Problem("x", f'cannot parse "{"a" * 300}" here').message == f'cannot parse "{"a" * 60}..." here'
+
+
+def test_a_command_in_a_message_stays_whole() -> None:
+    command = f"`sqrp run PROGRAM --replay {'folder/' * 100}log`"
+    assert Problem("no-rates", f"give it as {command}").message == f"give it as {command}"
+
+
+def test_of_thousands_of_problems_the_first_are_told_and_how_many_more_there_are() -> None:
+    problems = [Problem("unknown-key", f"`key{k}` is no known key") for k in range(60_000)]
+    told = InputError(*problems).problems
+    assert told[:20] == tuple(problems[:20])
+    assert [problem.message for problem in told[20:]] == ["59,980 more problems are not listed"]
+    assert InputError(*problems[:20]).problems == tuple(problems[:20])
