@@ -77,7 +77,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
             *(replace(problem, mend=_unit_hint(words, skill, workspace)) for problem in error.problems)
         ) from error
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
-    names = [parameter.name for parameter in (*skill.action.parameters, *skill.motion_parameters)]
+    names = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
     counts = dict(zip(names, map(len, [*choices, *motion]), strict=True))
     count, most = prod(counts.values()), max(counts, key=lambda name: counts[name], default="")
     if count > MAX_CANDIDATES:
