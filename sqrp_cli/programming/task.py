@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement, pairwise, product
-from math import comb
+from math import comb, prod
 
 from sqrp_cli.errors import InputError, Problem, counted, expected_names
 from sqrp_cli.knowledge import units
@@ -77,13 +77,12 @@ def read_task(text: str, workspace: Workspace) -> Task:
             *(replace(problem, mend=_unit_hint(words, skill, workspace)) for problem in error.problems)
         ) from error
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
-    count = 1
-    for values in [*choices, *motion]:
-        count *= len(values)
+    names = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
+    counts = dict(zip(names, map(len, [*choices, *motion]), strict=True))
+    count, most = prod(counts.values()), max(counts, key=lambda name: counts[name], default="")
     if count > MAX_CANDIDATES:
-        message = (
-            f"the task has {counted(count)} candidates, the limit is {MAX_CANDIDATES:,}; name fewer objects or values"
-        )
+        message = f"the task has {counted(count)} candidates, the limit is {MAX_CANDIDATES:,}"
+        message += f"; name fewer objects or values, most of all for `{most}` of `{skill.name}`, with {counts[most]:,}"
         raise InputError(Problem("too-many-candidates", message))
     return Task(text, skill, tuple(_candidates(skill, choices, motion)))
 

@@ -87,6 +87,11 @@ def test_a_candidate_is_found_again_by_its_name(workspace: Workspace) -> None:
 @pytest.mark.parametrize(
     ("count", "task", "says"),
     [
+        (
+            1,
+            "pickup lift=" + ",".join(f"{k}mm" for k in range(1, 90_000)),
+            "most of all for `lift` of `pickup`, with 89,999",
+        ),
         (16, "pickup red", "candidates, the limit is 100,000; name fewer objects or values"),
         (60, "pickup", "the task has more than 10^12 candidates, the limit is 100,000"),
         (1000, "pickup red", "may be about any of the 1,001 parameters of `pickup`; say about which, as `object=...`"),
