@@ -48,7 +48,7 @@ def scene_document(cell: Cell) -> Document:
             "fingers": None
             if robot.fingers is None
             else {"open": dict(robot.fingers.open), "closed": dict(robot.fingers.closed)},
-            "held": workspace.initial_world.held,
+            "held": cell.initial_world.held,
             "markers": {link: {"id": marker.id, "side": marker.side} for link, marker in robot.markers.items()},
             "geometry": robot.geometry,
             "unchecked_pairs": sorted(map(list, cell.unchecked_pairs)),

@@ -33,7 +33,7 @@ def loaded(damaged: Damage, **replace: str) -> Workspace:
 def test_what_is_held_lies_before_the_tool_as_its_side_says(
     damaged: Damage, pose: str, center: list[float], up: list[float]
 ) -> None:
-    world = loaded(damaged, pose=pose, state="  - hold(red)").initial_world
+    world = loaded(damaged, pose=pose, state="  - hold(red)").stated_world
     assert world.held == "red"
     assert world.X_TO is not None
     assert world.X_TO[:3, 3] == pytest.approx(center, abs=1e-12)
@@ -46,7 +46,7 @@ def test_a_fact_that_a_grasp_makes_true_puts_the_object_into_the_tool_with_a_war
     told = [warning for warning in workspace.warnings if warning.code == "held-by-the-facts"]
     assert [warning.severity for warning in told] == ["warning"]
     assert told[0].mend == "write `pose: {held: +z}`"
-    world = workspace.initial_world
+    world = workspace.stated_world
     assert world.held == "red"
     assert world.X_TO is not None
     assert world.X_TO[:3, 3] == pytest.approx([0, 0, 0.02])
@@ -54,7 +54,7 @@ def test_a_fact_that_a_grasp_makes_true_puts_the_object_into_the_tool_with_a_war
 
 def test_without_such_a_fact_nothing_is_held(cell: Path) -> None:
     workspace = load_workspace(cell)
-    assert workspace.initial_world.held is None
+    assert workspace.stated_world.held is None
     assert not [warning for warning in workspace.warnings if warning.code == "held-by-the-facts"]
 
 
@@ -68,7 +68,7 @@ def test_a_fact_of_a_skill_that_lets_go_again_says_nothing_about_the_tool(damage
         {"file": "workspace.yaml", "replace": {"  - on_table(red)": facts}},
     ]
     workspace = load_workspace(damaged({"edits": edits}))
-    assert workspace.initial_world.held is None
+    assert workspace.stated_world.held is None
     assert workspace.objects["red"].X_WO is not None
     codes = [problem.code for problem in (*workspace.warnings, *lint(workspace))]
     assert not {"held-by-the-facts", "held-against-the-facts"} & set(codes)
