@@ -47,8 +47,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     if problems:
         raise InputError(*problems)
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
-    state = cell.facts(domain)
-    objects, taken_as_held = with_held_by_facts(objects, state, skills.values(), document)
+    facts = cell.facts(domain)
     problems += cell.problems
     for skill in skills.values():
         problems += _check_skill(skill, robot_reader.links, list(objects), list(detectors))
@@ -56,6 +55,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     problems += _check_tasks(document, tasks, list(skills), list(objects))
     if problems:
         raise InputError(*problems)
+    objects, taken_as_held = with_held_by_facts(objects, facts, skills.values(), document)
     return Workspace(
         name=file_path.parent.name if file_path.name == WORKSPACE_FILE else file_path.stem,
         path=file_path,
@@ -63,7 +63,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         cameras=cameras,
         detectors=detectors,
         objects=objects,
-        state=state,
+        state=frozenset(facts),
         skills=skills,
         tasks=tasks,
         padding=file.padding,

@@ -71,16 +71,19 @@ class CellReader:
             self._check_object(name, entry, held[:1])
         return {name: self._object(name, entry) for name, entry in self.file.objects.items()}
 
-    def facts(self, domain: Domain | None) -> frozenset[Atom]:
-        """The facts of `state`, checked against the common domain of the skills (None: there are no skills)."""
-        facts: dict[Atom, None] = {}
+    def facts(self, domain: Domain | None) -> dict[Atom, int]:
+        """The facts of `state`, each with its place in the list from 0.
+
+        They are checked against the common domain of the skills (None: there are no skills).
+        """
+        facts: dict[Atom, int] = {}
         for index, text in enumerate(self.file.state):
             fact = self._fact(("state", index), text, domain)
             if fact is not None:
                 if fact in facts:
                     self._report("repeated-value", ("state", index), f"`{fact}` is stated twice")
-                facts[fact] = None
-        return frozenset(facts)
+                facts.setdefault(fact, index)
+        return facts
 
     def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
         self.problems.append(self.document.problem(code, path, message, mend))
