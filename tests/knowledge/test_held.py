@@ -116,7 +116,8 @@ def another_skill(cell: Path, name: str, predicates: str, effect: str, edits: di
     (cell / name / f"{name}.pddl").write_text(
         f"(define (domain {name}) (:requirements :strips :typing) (:types movable fixture - object)\n"
         f"  (:predicates (hold ?object - movable) (on_table ?object - movable) (hand_empty) {predicates})\n"
-        f"  (:action {name} :parameters (?object - movable) :precondition (and (on_table ?object) (hold ?object)) :effect {effect}))\n",
+        f"  (:action {name} :parameters (?object - movable) :precondition (and (on_table ?object) (hold ?object))\n"
+        f"   :effect {effect}))\n",
         encoding="utf-8",
     )
     skill, workspace = cell / name / "skill.yaml", cell / "workspace.yaml"
