@@ -12,6 +12,7 @@ from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, si
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Grasp, GraspWaypoint, Reference, Release, Setting, Skill
 from sqrp_cli.knowledge.source import Document
+from sqrp_cli.knowledge.urdf import WORLD
 from sqrp_cli.logic.domain import Holds
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl import Variable
@@ -88,7 +89,7 @@ def _holding(skill: Skill, objects: Collection[str]) -> tuple[str, ...]:
     if held is None:
         return ()
     added = [change.predicate for change in skill.action.effect.adds if change.terms == (Variable(held),)]
-    elsewhere = {"world", *objects, *(parameter.name for parameter in skill.action.parameters)}
+    elsewhere = {WORLD, *objects, *(parameter.name for parameter in skill.action.parameters)}
 
     def in_the_tool(box: BoxSpec) -> bool:
         about = box.fits == held or held in (box.encloses or ())

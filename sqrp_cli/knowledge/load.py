@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
-from sqrp_cli.knowledge.read_cell import WORLD, CellReader
+from sqrp_cli.knowledge.read_cell import CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.source import YAML_ENDINGS, Document, nearest_entry, parse_document, read_document
+from sqrp_cli.knowledge.urdf import WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
@@ -70,7 +73,12 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         digest=digest.hexdigest(),
         files=digest.files,
         values=document.leaves,
-        warnings=(*robot_reader.warnings, *cell.warnings, *taken_as_held),
+        warnings=(
+            *robot_reader.warnings,
+            *cell.warnings,
+            *_words_of_two_meanings(document, file, robot_reader, skills.values()),
+            *taken_as_held,
+        ),
         places=document.places,
     )
 
@@ -163,7 +171,7 @@ def _check_box(
     else:
         what = "neither `world` nor `tool`, a link, a skill parameter or an object"
         yield from unknown("unknown-frame", "frame", box.frame, what, [WORLD, TOOL, *things, *links])
-    if box.at is not None and box.frame in links:
+    if box.at is not None and box.frame in links and box.frame != TOOL:
         place = skill.places.get(f"{path}.frame", box.place)
         message = f"`{path}.frame`: found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
         yield Problem("wrong-value", message, place)
@@ -171,8 +179,37 @@ def _check_box(
         yield from unknown("unknown-object", "fits", box.fits, "no skill parameter or object", things)
     for index, name in enumerate(box.encloses or ()):
         what = "neither a link nor an object, a skill parameter or `tool`"
-        yield from unknown("unknown-enclosed", f"encloses.{index}", name, what, [TOOL, *things, *links])
+        called = link_called(name, links)
+        yield from unknown("unknown-enclosed", f"encloses.{index}", called, what, [TOOL, *things, *links])
     yield from unknown("unknown-detector", "detector", box.detector, "no detector of the workspace", detectors)
+
+
+def _words_of_two_meanings(
+    document: Document, file: WorkspaceFile, robot: RobotReader, skills: Iterable[Skill]
+) -> Iterator[Problem]:
+    """Warnings that say which was meant where a frame could as well be a link of the robot that is somewhere else."""
+    meanings = {}
+    if WORLD_LINK in robot.links and not np.allclose(file.robot.base.matrix(), np.eye(4), rtol=0.0, atol=1e-9):
+        meanings[WORLD] = ("the cell's world", WORLD_LINK)
+    if TOOL in robot.links and robot.tool_frame != TOOL:
+        meanings[TOOL] = (f"the tool frame, `{robot.tool_frame}`", None)
+    used = [
+        (entry.frame, f"camera `{name}`", document.value_place(("cameras", name, "frame")))
+        for name, entry in file.cameras.items()
+        if entry.frame == WORLD
+    ]
+    used += [
+        (box.frame, f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}`", box.place)
+        for skill in skills
+        for target in skill.targets.values()
+        for box in target.boxes
+    ]
+    for word, what, place in used:
+        if word in meanings:
+            meaning, other = meanings[word]
+            message = f"{what}: `frame: {word}` means {meaning}; the robot has a link `{word}` too, which is elsewhere"
+            mend = f"for the link write `frame: {other}`" if other else "for the link rename it in the URDF"
+            yield Problem("ambiguous-word", message, place, severity="warning", mend=mend)
 
 
 def _task(entry: TaskEntry) -> ExpectedTask:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -23,6 +23,11 @@ from sqrp_cli.knowledge.source import read_bytes
 from sqrp_cli.knowledge.xml_file import MAX_BYTES, Element, parse_xml
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
+
+WORLD = "world"
+"""The cell's world, wherever a frame is named."""
+WORLD_LINK = "robot/world"
+"""What the link `world` of a URDF is called: it is where the robot's base is, and that need not be the cell's world."""
 
 MAX_LINKS = 2000
 """Most links of a robot."""
@@ -194,7 +199,25 @@ def _model(path: Path, robot: Element) -> UrdfModel:
         message += f", expected at most {MAX_LINKS:,} links and {MAX_JOINTS} joints that move"
         raise robot.error("too-many-links", message)
     root = _root(links, joints, robot.place)
-    return UrdfModel(robot.attributes.get("name", path.stem), path, links, _outwards(root, joints), root)
+    model = UrdfModel(robot.attributes.get("name", path.stem), path, links, _outwards(root, joints), root)
+    return _with_world_told_apart(model) if WORLD in links else model
+
+
+def link_called(name: str, links: Collection[str]) -> str:
+    """The link that a name means in a file that speaks of the robot."""
+    return WORLD_LINK if name == WORLD and WORLD_LINK in links else name
+
+
+def _with_world_told_apart(model: UrdfModel) -> UrdfModel:
+    def called(name: str) -> str:
+        return WORLD_LINK if name == WORLD else name
+
+    links = {called(name): replace(link, name=called(name)) for name, link in model.links.items()}
+    joints = {
+        name: replace(joint, parent=called(joint.parent), child=called(joint.child))
+        for name, joint in model.joints.items()
+    }
+    return replace(model, links=links, joints=joints, root=called(model.root))
 
 
 def link_parts(model: UrdfModel, geometry: Geometry, resolve: Resolve) -> tuple[Part, ...]:
