@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +14,14 @@ from sqrp_cli.knowledge.held import with_held_by_facts
 from sqrp_cli.knowledge.read_cell import CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.source import YAML_ENDINGS, Document, nearest_entry, parse_document, read_document
 from sqrp_cli.knowledge.urdf import WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
+from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
 from sqrp_cli.logic.domain import merge_domains
 
 WORKSPACE_FILE = "workspace.yaml"
@@ -53,6 +55,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     facts = cell.facts(domain)
     problems += cell.problems
     for skill in skills.values():
+        problems += _check_size(skill, objects)
         problems += _check_skill(skill, robot_reader.links, list(objects), list(detectors))
     tasks = tuple(_task(entry) for entry in file.tasks)
     problems += _check_tasks(document, tasks, list(skills), list(objects))
@@ -131,6 +134,22 @@ def _skills(document: Document, file: WorkspaceFile, digest: ContentDigest) -> t
         except InputError as error:
             problems.extend(error.problems)
     return skills, problems
+
+
+def _check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Problem]:
+    """A precondition whose quantifiers stand for more than can be looked at, told without expanding them."""
+    condition, domain = skill.action.precondition, skill.domain
+    types = {name: frozenset(thing.types) for name, thing in objects.items()}
+    count = literal_count(condition, types, domain)
+    if count > MAX_LITERALS and (quantifier := largest_quantifier(condition, types, domain)) is not None:
+        sizes = domain_sizes(quantifier.variables, types, domain)
+        variables = " x ".join(f"{size} (?{v.name})" for v, size in zip(quantifier.variables, sizes, strict=True))
+        message = (
+            f"the precondition of `{skill.action.name}` stands for {count:,} literals about the objects of this"
+            f" workspace, the limit is {MAX_LITERALS:,}; its largest quantifier goes over {variables}"
+        )
+        mend = "name fewer variables in one `forall` or `exists`, or give them types that fewer objects have"
+        yield Problem("pddl-too-large", message, skill.action.place, mend=mend)
 
 
 def _check_skill(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise, product
+from itertools import combinations_with_replacement, pairwise, product
+from math import comb
 
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge import units
@@ -16,6 +17,9 @@ from sqrp_cli.logic.domain import Parameter
 
 MAX_CANDIDATES = 100_000
 """A task with more candidates than this is refused."""
+
+MAX_SPLITS = 10_000
+"""Words that may be handed out to a skill's parameters in more ways than this are refused."""
 
 MOST_OF_UNIT = 3
 """Letters of a word that is no known unit and may be meant as one."""
@@ -213,9 +217,12 @@ def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
         if not words:
             yield []
         return
+    if comb(len(words) + count - 1, len(words)) > MAX_SPLITS:
+        message = f"{len(words)} words may be meant for {count} parameters in too many ways"
+        raise InputError(Problem("ambiguous-task", message, mend="say which parameter each is for: `name=object`"))
     ways = [
         [words[start:end] for start, end in zip((0, *cuts), (*cuts, len(words)), strict=True)]
-        for cuts in combinations(sorted([*range(len(words) + 1)] * (count - 1)), count - 1)
+        for cuts in combinations_with_replacement(range(len(words) + 1), count - 1)
     ]
     yield from sorted(ways, key=lambda groups: sum(not group for group in groups))
 
