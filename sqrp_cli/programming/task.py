@@ -77,7 +77,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
         choices = _object_choices(skill, workspace, settings, filters)
     except InputError as error:
         raise InputError(
-            *(replace(problem, mend=_unit_hint(words, skill, workspace)) for problem in error.problems)
+            *(replace(problem, mend=problem.mend or _unit_hint(words, skill, workspace)) for problem in error.problems)
         ) from error
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
     count = 1

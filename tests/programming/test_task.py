@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -81,3 +82,22 @@ def test_a_candidate_is_found_again_by_its_name(workspace: Workspace) -> None:
     for candidate in read_task("pickup g1 lift=5cm,0.1 approach_yaw=0,30deg wrist=flip,any", workspace).candidates:
         (again,) = read_task(f"pickup {candidate.name}", workspace).candidates
         assert again.parameters == pytest.approx(candidate.parameters)
+
+
+def many_parameters(workspace: Workspace, count: int) -> Workspace:
+    """The workspace with a skill of so many parameters, each for anything movable."""
+    skill = workspace.skills["pickup"]
+    parameters = tuple(replace(skill.action.parameters[0], name=f"p{number}") for number in range(count))
+    return replace(workspace, skills={"pickup": replace(skill, action=replace(skill.action, parameters=parameters))})
+
+
+def test_words_for_a_skill_of_fifteen_parameters_are_told_apart_at_once(workspace: Workspace) -> None:
+    large = many_parameters(workspace, 15)
+    named = " ".join(f"p{number}=g1" for number in range(3, 15))
+    (candidate,) = read_task(f"pickup g2 g3 g4 {named}", large).candidates
+    assert list(candidate.objects.values())[:4] == ["g2", "g3", "g4", "g1"]
+    with pytest.raises(InputError, match=r"the task has [\d,]+ candidates, the limit is 100,000"):
+        read_task("pickup g1 g2 g3", large)
+    with pytest.raises(InputError, match="9 words may be meant for 15 parameters in too many ways") as caught:
+        read_task("pickup g1 g2 g3 g1 g2 g3 g1 g2 g3", large)
+    assert caught.value.problems[0].mend == "say which parameter each is for: `name=object`"
