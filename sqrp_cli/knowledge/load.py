@@ -207,7 +207,7 @@ def _words_of_two_meanings(
     document: Document, file: WorkspaceFile, robot: RobotReader, skills: Iterable[Skill]
 ) -> Iterator[Problem]:
     """Warnings that say which was meant where a frame could as well be a link of the robot that is somewhere else."""
-    meanings = {}
+    meanings: dict[str, tuple[str, str | None]] = {}
     if WORLD_LINK in robot.links and not np.allclose(file.robot.base.matrix(), np.eye(4), rtol=0.0, atol=1e-9):
         meanings[WORLD] = ("the cell's world", WORLD_LINK)
     if TOOL in robot.links and robot.tool_frame != TOOL:
