@@ -18,6 +18,9 @@ from sqrp_cli.logic.domain import Parameter
 MAX_CANDIDATES = 100_000
 """A task with more candidates than this is refused."""
 
+MAX_SPLITS = 10_000
+"""Words that may be handed out to a skill's parameters in more ways than this are refused."""
+
 MOST_OF_UNIT = 3
 """Letters of a word that is no known unit and may be meant as one."""
 
@@ -74,7 +77,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
         choices = _object_choices(skill, workspace, settings, filters)
     except InputError as error:
         raise InputError(
-            *(replace(problem, mend=_unit_hint(words, skill, workspace)) for problem in error.problems)
+            *(replace(problem, mend=problem.mend or _unit_hint(words, skill, workspace)) for problem in error.problems)
         ) from error
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
     names = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
@@ -218,6 +221,9 @@ def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
         if not words:
             yield []
         return
+    if comb(len(words) + count - 1, len(words)) > MAX_SPLITS:
+        message = f"{len(words)} words may be meant for {count} parameters in too many ways"
+        raise InputError(Problem("ambiguous-task", message, mend="say which parameter each is for: `name=object`"))
     ways = [
         [words[start:end] for start, end in zip((0, *cuts), (*cuts, len(words)), strict=True)]
         for cuts in combinations_with_replacement(range(len(words) + 1), count - 1)
