@@ -17,7 +17,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
-from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_SIZE
+from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.input_file import read_input
 from sqrp_cli.knowledge.mesh_unit import mesh_of
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
@@ -471,6 +471,9 @@ def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, 
             return -math.inf, math.inf, None
         raise element.error("missing-limit", f"joint `{name}` is {joint_type} but has no <limit>")
     velocity = _magnitude(limit, "velocity")
+    if 0.0 < velocity < SMALLEST_LIMIT:
+        message = f"`velocity` is {velocity:g}, expected at least {SMALLEST_LIMIT:g}, or 0 for none stated"
+        raise limit.error("wrong-value", message)
     if joint_type == "continuous":
         return -math.inf, math.inf, velocity or None
     most = NO_LIMIT if joint_type == "revolute" else LONGEST_SLIDE
