@@ -175,6 +175,9 @@ def parse_xml(path: Path, content: bytes, root_tag: str, texts: frozenset[str] =
         place = Place(path, error.lineno, error.offset + 1)
         shown = excerpt(line, error.offset + 1) if recognised else None
         raise InputError(Problem("xml-syntax", message, place, excerpt=shown)) from error
+    except (LookupError, ValueError) as error:  # an encoding that does not exist, or has no table of single bytes
+        message = f"not well-formed XML: {error}"
+        raise InputError(Problem("xml-syntax", message, Place(path, 1), mend="save the file as UTF-8")) from error
     root = top[0]
     if root.tag != root_tag:
         raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <{root_tag}>")

@@ -18,9 +18,6 @@ from sqrp_cli.logic.domain import Parameter
 MAX_CANDIDATES = 100_000
 """A task with more candidates than this is refused."""
 
-MAX_SPLITS = 10_000
-"""Words that may be handed out to a skill's parameters in more ways than this are refused."""
-
 MOST_OF_UNIT = 3
 """Letters of a word that is no known unit and may be meant as one."""
 
@@ -191,8 +188,9 @@ def _object_choices(
             fitting[name] = _named(value.split(","), name, fitting[name], skill)
     open_names = [parameter.name for parameter in parameters if parameter.name not in settings]
     if open_names and len(open_names) * comb(len(filters) + len(open_names) - 1, len(filters)) > MAX_CANDIDATES:
-        message = f"the words of the task may be about any of the {len(open_names):,} parameters of `{skill.name}`"
-        raise InputError(Problem("too-many-candidates", f"{message}; say about which, as `{open_names[0]}=...`"))
+        words = f"{len(filters)} word{'s' * (len(filters) != 1)}"
+        message = f"{words} may be meant for {len(open_names):,} parameters of `{skill.name}` in too many ways"
+        raise InputError(Problem("ambiguous-task", message, mend="say which parameter each is for: `name=object`"))
     matches = [
         chosen
         for groups in _splits(filters, len(open_names))
@@ -221,9 +219,6 @@ def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
         if not words:
             yield []
         return
-    if comb(len(words) + count - 1, len(words)) > MAX_SPLITS:
-        message = f"{len(words)} words may be meant for {count} parameters in too many ways"
-        raise InputError(Problem("ambiguous-task", message, mend="say which parameter each is for: `name=object`"))
     ways = [
         [words[start:end] for start, end in zip((0, *cuts), (*cuts, len(words)), strict=True)]
         for cuts in combinations_with_replacement(range(len(words) + 1), count - 1)

@@ -20,7 +20,6 @@ from hypothesis import strategies as st
 from markdown_it import MarkdownIt
 from rich.console import Console
 
-from sqrp_cli.cli import console
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.program_file import load_program, save_program
 from sqrp_cli.report.documents.document import as_text
@@ -28,6 +27,7 @@ from sqrp_cli.runtime.log import LogWriter, read_log
 from sqrp_cli.runtime.outcome import Event
 from sqrp_cli.scoring.summary import _text as in_markdown
 from sqrp_cli.shown import one_line
+from sqrp_cli.terminal import console
 from sqrp_cli.terminal.run_view import LiveView
 from tests.cli.hostile import EVIL, IN_PATH, TASK, hostile_cell, is_harmless
 from tests.cli.test_run_replay import log_of

@@ -14,10 +14,10 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from sqrp_cli.cli.sweep_table import column_titles
 
 from sqrp_cli.files import os as files_os
 from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.terminal.sweep_table import column_titles
 
 ROOT = Path(__file__).parents[2]
 

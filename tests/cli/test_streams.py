@@ -16,6 +16,8 @@ from typing import Any
 
 import pytest
 
+from sqrp_cli.paths_as_text import shown_name
+
 SQRP = [sys.executable, "-m", "sqrp_cli"]
 LOST = "error: the output cannot be written: No space left on device\n"
 
@@ -79,7 +81,7 @@ def test_names_of_any_bytes_are_shown_by_any_encoding(
         found = redirected([command, os.fsdecode(cell), *rest], "", **variables)
         assert (found.returncode, found.stderr) == (0, b"")
         if "--json" in arguments:
-            assert json.loads(found.stdout)["workspace"] == os.fsdecode(folder)
+            assert json.loads(found.stdout)["workspace"] == shown_name(os.fsdecode(folder))
     missing = redirected(["show", os.fsdecode(os.path.join(cell, b"\xe9"))], "", **variables)  # noqa: PTH118
     assert missing.returncode == 2
     assert b"no such file or folder" in missing.stderr

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from sqrp_cli.cli import console
+from sqrp_cli.terminal import console
 
 OUTPUTS = [
     ("rank", "{tabletop}", "pickup green"),

@@ -1,0 +1,6 @@
+@pytest.mark.parametrize("encoding", ["utf-abc", "utf-7", "cp932", "x" * 100])
+def test_an_encoding_that_cannot_be_read_is_refused(tmp_path: Path, encoding: str) -> None:
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<?xml version="1.0" encoding="{encoding}"?>\n<robot name="arm"/>')
+    with pytest.raises(InputError, match=r"arm\.urdf:1: not well-formed XML"):
+        read_xml(path, "robot")
