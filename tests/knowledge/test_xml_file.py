@@ -1,3 +1,15 @@
+"""XML that no reader of ours understands is refused in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.xml_file import read_xml
+
+
 @pytest.mark.parametrize("encoding", ["utf-abc", "utf-7", "cp932", "x" * 100])
 def test_an_encoding_that_cannot_be_read_is_refused(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "arm.urdf"
