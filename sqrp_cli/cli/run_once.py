@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
     from sqrp_cli.errors import ExitCode
     from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.runtime.events import Event
     from sqrp_cli.runtime.faults import InjectedFault
-    from sqrp_cli.runtime.outcome import Event
     from sqrp_cli.runtime.recording import Gallery
     from sqrp_cli.runtime.simulated_run import Simulation
 
@@ -85,7 +85,9 @@ def run_once(
 
 def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) -> list[InjectedFault]:
     """The faults whose time never came."""
-    injected = [event.fields["fault"] for event in events if event.kind == "injected"]
+    from sqrp_cli.runtime.events import FaultInjected
+
+    injected = [event.fault for event in events if isinstance(event, FaultInjected)]
     late = []
     for fault in faults:
         if fault.text in injected:

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sqrp_cli.cli.report_page import cell_scene, origin
+from sqrp_cli.logic.truth import Truth
 from sqrp_cli.report.documents.explanation import Span
 from sqrp_cli.report.documents.playback import (
     EndOfImages,
@@ -23,7 +24,18 @@ from sqrp_cli.report.documents.playback import (
 )
 from sqrp_cli.report.packing import packed
 from sqrp_cli.report.page import Entry, PageContent, write_page
-from sqrp_cli.runtime.outcome import Event, FaultRecord, RunReport
+from sqrp_cli.runtime.events import (
+    AskedBox,
+    Event,
+    EvidenceSeen,
+    MovingOn,
+    PrimitiveBegan,
+    Retrying,
+    ShownAtom,
+    StepBegan,
+    Stopping,
+)
+from sqrp_cli.runtime.outcome import FaultRecord, RunReport
 from sqrp_cli.runtime.witness import Track
 from sqrp_cli.terminal.console import note
 
@@ -80,7 +92,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     track = Track.of(events)
     why_flat = cell.why_flat if track is not None else "this log does not tell where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
-    watched = any(event.kind == "evidence" for event in events)
+    watched = any(isinstance(event, EvidenceSeen) for event in events)
     entry = Entry(
         name=", ".join(names),
         mark=report.outcome,
@@ -123,7 +135,7 @@ def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> lis
 
     Images of one time may arrive one after the other: what all of them showed is told last.
     """
-    told = {event.fields["exposed"]: event for event in events if event.kind == "evidence"}
+    told = {event.exposed: event for event in events if isinstance(event, EvidenceSeen)}
     samples = [_sample(cameras, told[t]) for t in sorted(told)]
     times = [sample.t for sample in samples]
     longest = max((after - t for t, after in pairwise(times)), default=end)
@@ -135,35 +147,36 @@ def _doings(events: Sequence[Event], end: float) -> list[Span]:
     """What the robot does: primitives, and what it does between them in words."""
     starts: list[tuple[float, str]] = []
     for event in events:
-        match event.kind:
-            case "primitive":
-                starts.append((event.t, event.fields["name"]))
-            case "step":
-                starts.append((event.t, "looks"))
-            case "moving on":
-                starts.append((event.t, "moves on to look"))
-            case "stopping":
-                starts.append((event.t, "stops"))
+        match event:
+            case PrimitiveBegan(t=t, name=name):
+                starts.append((t, name))
+            case StepBegan(t=t):
+                starts.append((t, "looks"))
+            case MovingOn(t=t):
+                starts.append((t, "moves on to look"))
+            case Stopping(t=t):
+                starts.append((t, "stops"))
     ends = [*(t for t, _ in starts), end][1:]
     spans = zip(starts, ends, strict=True)
     return [Span(name=name, start=start, end=until) for (start, name), until in spans if until > start]
 
 
-def _targets(events: Sequence[Event], end: float) -> dict[str, Any]:
+def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Mapping[str, object]]]]:
     """The boxes of each atom, with the time `from` when `to` when they count: attempts have their own."""
-    starts = [event for event in events if event.kind == "step"]
+    starts = [event for event in events if isinstance(event, StepBegan)]
     ends = [*(event.t for event in starts), end + 1.0][1:]
-    targets: dict[str, dict[str, Any]] = {}
+    spans: dict[str, list[tuple[AskedBox, float, float]]] = {}
     for event, until in zip(starts, ends, strict=True):
-        for atom, boxes in event.fields["boxes"].items():
-            own = targets.setdefault(atom, {"boxes": []})["boxes"]
+        for atom, boxes in event.boxes.items():
+            own = spans.setdefault(atom, [])
             for box in boxes:
-                before = next((old for old in own if old["to"] == event.t and {**old, **box} == old), None)
-                if before is None:
-                    own.append({**box, "from": event.t, "to": until})
-                else:
-                    before["to"] = until
-    return targets
+                index = next((i for i, (old, _, to) in enumerate(own) if old == box and to == event.t), len(own))
+                since = own[index][1] if index < len(own) else event.t
+                own[index : index + 1] = [(box, since, until)]
+    return {
+        atom: {"boxes": [{**box.model_dump(), "from": since, "to": until} for box, since, until in own]}
+        for atom, own in spans.items()
+    }
 
 
 def _track(track: Track) -> Positions:
@@ -188,10 +201,14 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[Moment]:
         ):
             if t is not None:
                 happens.setdefault(round(t, 6), []).append(text)
-    words = {"moving on": "the robot moves on to look", "stopping": "the robot stops", "retry": "the robot tries again"}
+    words = {
+        MovingOn: "the robot moves on to look",
+        Stopping: "the robot stops",
+        Retrying: "the robot tries again",
+    }
     for event in events:
-        if event.kind in words:
-            happens.setdefault(event.t, []).append(words[event.kind])
+        if type(event) in words:
+            happens.setdefault(event.t, []).append(words[type(event)])
     for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
         happens.setdefault(round(t, 6), []).append("the step is done")
     return [Moment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
@@ -210,26 +227,27 @@ def _spans(report: RunReport, fault: FaultRecord) -> list[Mark]:
     return spans
 
 
-def _sample(cameras: Sequence[str], event: Event) -> ShownInstant:
-    asked = {name: found for name, found in event.fields["literals"].items() if found["asked"]}
-    told = all(found["value"] != "blind" for found in asked.values())
+def _sample(cameras: Sequence[str], event: EvidenceSeen) -> ShownInstant:
+    asked = {name: found for name, found in event.literals.items() if found.asked}
+    told = all(found.value is not Truth.UNKNOWN for found in asked.values())
     return ShownInstant(
-        t=event.fields["exposed"],
+        t=event.exposed,
         covered=told if asked else None,
         kind="told" if told else "untold",
         literals={name: _literal(cameras, found) for name, found in asked.items()},
     )
 
 
-def _literal(cameras: Sequence[str], found: Mapping[str, Any]) -> ShownLiteral:
+def _literal(cameras: Sequence[str], found: ShownAtom) -> ShownLiteral:
     return ShownLiteral(
-        **vars(_shown(found["value"], "unseen")),
+        **vars(_shown(found.value, "unseen")),
         boxes=[],
-        cameras={name: _shown(found["cameras"].get(name, "blind"), "nothing") for name in cameras},
-        really=found.get("true"),
+        cameras={name: _shown(found.cameras.get(name, Truth.UNKNOWN), "nothing") for name in cameras},
+        really=found.true,
     )
 
 
-def _shown(value: str, blind: str) -> Shown:
-    """What images show of an atom: `true`, `false`, or `blind` where they show nothing, which has a kind of its own."""
-    return Shown(covered=value != "blind", kind=blind if value == "blind" else f"shown_{value}")
+def _shown(value: Truth, blind: str) -> Shown:
+    """What images show of an atom; blind: the kind where they show nothing."""
+    covered = value is not Truth.UNKNOWN
+    return Shown(covered=covered, kind=f"shown_{value.word}" if covered else blind)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sqrp_cli.cli.run_page import RunCell
     from sqrp_cli.errors import ExitCode
     from sqrp_cli.knowledge.workspace import Workspace
-    from sqrp_cli.runtime.outcome import Event
+    from sqrp_cli.runtime.events import RunBegan
 
 
 def run_replay(
@@ -23,21 +23,23 @@ def run_replay(
     from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_result import show_run
     from sqrp_cli.files import check_not_read
-    from sqrp_cli.runtime.log import read_log, report_of
+    from sqrp_cli.runtime.events import RunBegan, RunReported
+    from sqrp_cli.runtime.log import read_log
     from sqrp_cli.terminal.console import print_problems
     from sqrp_cli.terminal.run_view import LiveView
 
     events = read_log(path)
     header = next(events)
+    assert isinstance(header, RunBegan)  # noqa: S101 - as `read_log` makes sure
     workspace = None if program is None else _workspace_of(program, path, header)
     read = [] if workspace is None else [file.path for file in workspace.files.values()]
     check_not_read([page], [path, *read, *([] if program is None else [program])])
     report = None
     recorder = EventRecorder()
-    with LiveView(header.fields["cameras"], pace=not as_json) as view:
+    with LiveView(header.cameras, pace=not as_json) as view:
         for event in events:
-            if event.kind == "report":
-                report = report_of(path, dict(event.fields))
+            if isinstance(event, RunReported):
+                report = event.report
             else:
                 view(event)
                 recorder(event)
@@ -48,15 +50,15 @@ def run_replay(
     rates = _rates_then(header, workspace)
     if not rates and not as_json and any(fault.predicted_delay is not None for fault in report.faults):
         print_problems([_rates_missing(path, program)])
-    return show_run(report, header.fields["workspace"], 1.0 / min(rates) if rates else None, as_json=as_json)
+    return show_run(report, header.workspace, 1.0 / min(rates) if rates else None, as_json=as_json)
 
 
-def _workspace_of(program: Path, path: Path, header: Event) -> Workspace:
+def _workspace_of(program: Path, path: Path, header: RunBegan) -> Workspace:
     """The workspace of a program. Raises InputError for a program whose steps are not those of the log at `path`."""
     from sqrp_cli.cli.program_input import program_and_workspace
 
     found, workspace = program_and_workspace(program)
-    ran = [(step["skill"], step["parameters"], step["time"]) for step in header.fields.get("steps", ())]
+    ran = [(step.skill, step.parameters, step.time) for step in header.steps]
     steps = [(step.skill, dict(step.parameters), step.time) for step in found.steps]
     if ran and ran != steps:
         was, now = (", ".join(f"{skill} of {time:.2f} s" for skill, _, time in one) for one in (ran, steps))
@@ -65,10 +67,10 @@ def _workspace_of(program: Path, path: Path, header: Event) -> Workspace:
     return workspace
 
 
-def _rates_then(header: Event, workspace: Workspace | None) -> list[float]:
+def _rates_then(header: RunBegan, workspace: Workspace | None) -> list[float]:
     """How often each camera of a run took an image [Hz]; empty where neither the log nor the workspace tells."""
-    if told := header.fields.get("rates"):
-        return list(told.values())
+    if header.rates:
+        return list(header.rates.values())
     cell = _cell_then(header, workspace).workspace
     return [] if cell is None else [camera.rate for camera in cell.cameras.values()]
 
@@ -82,12 +84,11 @@ def _rates_missing(path: Path, program: Path | None) -> Problem:
     return Problem("no-rates", message, Place(path, 1), severity="warning", mend=mend)
 
 
-def _cell_then(header: Event, workspace: Workspace | None) -> RunCell:
+def _cell_then(header: RunBegan, workspace: Workspace | None) -> RunCell:
     """The cell of a run that its log is about; a workspace that is not as it was then is not used."""
     from sqrp_cli.cli.run_page import RunCell
 
-    fields = header.fields
-    name, cameras, digest = fields["workspace"], fields["cameras"], fields["digest"]
+    name, cameras, digest = header.workspace, header.cameras, header.digest
     if workspace is None:
         mend = "sqrp run PROGRAM --replay LOG --report FILE"
         return RunCell(name, cameras, digest, None, f"a log has no shapes; `{mend}` takes them from the workspace")

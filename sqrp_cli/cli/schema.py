@@ -13,7 +13,9 @@ NAME = "schema"
 Name = Annotated[
     str,
     typer.Argument(
-        metavar="NAME", help="workspace or skill, for files; or a command, such as rank, for what its --json prints."
+        metavar="NAME",
+        help="workspace or skill, for files; log, for a line of what run --log writes; or a command, such as rank, for"
+        " what its --json prints.",
     ),
 ]
 JsonAnyway = Annotated[

@@ -23,6 +23,11 @@ class Truth(IntEnum):
         """Negation; what is unknown stays so."""
         return Truth(-self)
 
+    @property
+    def word(self) -> str:
+        """What output calls it where it is what images show: `true`, `false`, or `blind`."""
+        return "blind" if self is Truth.UNKNOWN else self.name.lower()
+
 
 def nanoseconds(seconds: float) -> int:
     """A time [s] in whole nanoseconds."""

@@ -10,6 +10,7 @@ import numpy as np
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import Program, Replanner, Step
 from sqrp_cli.runtime.attempt import Attempt
+from sqrp_cli.runtime.events import Listener, Retrying, RunEnded, StepBegan
 from sqrp_cli.runtime.expectation import Expectation
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.fault_ledger import FaultLedger
@@ -19,7 +20,7 @@ from sqrp_cli.runtime.judge import PATIENCE, Alarm, Judge
 from sqrp_cli.runtime.lockstep import Due, Lockstep
 from sqrp_cli.runtime.lookout import Lookout
 from sqrp_cli.runtime.narrator import Narrator
-from sqrp_cli.runtime.outcome import Listener, RunReport, StepRecord, Stopped, Unwatched
+from sqrp_cli.runtime.outcome import RunReport, StepRecord, Stopped, Unwatched
 from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.playback import Playback
 from sqrp_cli.runtime.prediction_check import PredictionCheck
@@ -96,7 +97,7 @@ class Execution:
         report.faults, report.conflicts = self._ledger.records, self._lookout.conflicts
         report.stop_told, report.stop_done = lockstep.stop_told, lockstep.standing_since
         report.tracking, report.images = self._cell.tracking_error(), self._eyes.images
-        self._narrator.say(lockstep.now, report.outcome, reason=report.reason)
+        self._narrator.publish(RunEnded(t=lockstep.now, event=report.outcome, reason=report.reason))
         wall = self._narrator.wall
         report.wall = {**wall, "all": self._narrator.elapsed(), "perception (in parallel)": self._eyes.seconds}
         return report
@@ -121,7 +122,10 @@ class Execution:
             step = self._retry.prepare(attempt, alarm)
             record.attempts += 1
             self._ledger.acted(self._lockstep.now)
-            self._say("retry", attempt=retries + 1, of=response.retries, step=step.skill, time=round(step.time, 6))
+            time = round(step.time, 6)
+            self._narrator.publish(
+                Retrying(t=self._lockstep.now, attempt=retries + 1, of=response.retries, step=step.skill, time=time)
+            )
         record.end, record.unseen = round(self._lockstep.now, 6), attempt.unseen
         self._ledger.recovered(self._lockstep.now)
 
@@ -133,15 +137,15 @@ class Execution:
         attempt = Attempt(step, expectation, judge, check, undisturbed=first)
         self._lockstep.attempt = attempt
         self._lookout.watch(attempt, index + 1, self._lockstep.now)
-        parameters = dict(step.parameters)
-        self._say(
-            "step",
+        began = StepBegan(
+            t=self._lockstep.now,
             number=index + 1,
             skill=step.skill,
-            parameters=parameters,
+            parameters=dict(step.parameters),
             time=round(step.time, 6),
             boxes=asked_boxes(step),
         )
+        self._narrator.publish(began)
         try:
             wrong = self._look(attempt, 0.0)
             if wrong is not None:
@@ -211,6 +215,3 @@ class Execution:
     def _inject(self, fault: InjectedFault) -> None:
         if self._lockstep.attempt is not None:
             self._ledger.inject(fault, self._lockstep.now, self._lockstep.attempt)
-
-    def _say(self, kind: str, **fields: object) -> None:
-        self._narrator.say(self._lockstep.now, kind, **fields)

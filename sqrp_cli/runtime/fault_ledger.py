@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from sqrp_cli.runtime.attempt import Attempt
+from sqrp_cli.runtime.events import FaultHappened, FaultInjected, FaultSeen
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.faults import InjectedFault
 from sqrp_cli.runtime.judge import Alarm
@@ -57,7 +58,7 @@ class FaultLedger:
             attempt.undisturbed &= fault.kind == "miss-pick"  # which changes nothing until the grasp
         else:
             self._of_watchers.append(record)
-        self._narrator.say(t, "injected", fault=fault.text)
+        self._narrator.publish(FaultInjected(t=t, fault=fault.text))
 
     @property
     def is_open(self) -> bool:
@@ -84,7 +85,7 @@ class FaultLedger:
         for record in self._open:
             if record.happened is None:
                 record.happened, record.predicted_delay = t, delay
-                self._narrator.say(t, "happened", fault=record.name)
+                self._narrator.publish(FaultHappened(t=t, fault=record.name))
 
     def seen(self, alarm: Alarm, t: float) -> None:
         """The images showed a fault: those that were injected and not seen yet, or one that nobody injected."""
@@ -95,7 +96,7 @@ class FaultLedger:
             self._open += unseen
         for record in unseen:
             record.name, record.detected = alarm.name, t
-        self._narrator.say(t, "fault", name=alarm.name, text=alarm.text, response=alarm.response.action)
+        self._narrator.publish(FaultSeen(t=t, name=alarm.name, text=alarm.text, response=alarm.response.action))
 
     def suspected(self, t: float) -> None:
         """The images showed that something is wrong, if not what."""

@@ -9,6 +9,7 @@ from typing import Literal, Protocol
 
 from sqrp_cli.runtime.album import Look
 from sqrp_cli.runtime.attempt import Attempt
+from sqrp_cli.runtime.events import Stopping
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.fault_ledger import TRUTH_SPACING, FaultLedger
 from sqrp_cli.runtime.ground_truth import GroundTruth
@@ -117,7 +118,7 @@ class Lockstep:
         self.cancel("tool", "primitive")
         self.stop_told = self.now
         self._narrator.doing = "stops"
-        self._narrator.say(self.now, "stopping", reason=reason)
+        self._narrator.publish(Stopping(t=self.now, reason=reason))
 
     def _next(self, end: float) -> float:
         """When the next event is [s]."""

@@ -11,13 +11,13 @@ from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.album import Album, Exposure, Look, Moment
 from sqrp_cli.runtime.attempt import Attempt
+from sqrp_cli.runtime.events import EvidenceSeen, ShownAtom
 from sqrp_cli.runtime.evidence import Finding, fuse
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.narrator import Narrator, listed
 from sqrp_cli.runtime.outcome import Unwatched
 from sqrp_cli.runtime.perception.pool import PerceptionError, PerceptionPool
 from sqrp_cli.runtime.perception.sighting import Posture, Sighting
-from sqrp_cli.runtime.prediction_check import word
 from sqrp_cli.runtime.recording import Gallery
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
 
@@ -163,14 +163,15 @@ class Lookout:
         tau = exposure.tau
         asked = attempt.judge.monitored(max(tau or 0.0, 0.0))
         literals = {
-            atom: {
-                "value": word(finding.truth),
-                "true": exposure.truths.get(atom),
-                "predicted": tau is not None and attempt.expectation.is_covered(atom, tau),
-                "asked": atom in asked,
-                "cameras": {camera: word(vote) for camera, vote in sorted(finding.votes.items())},
-            }
+            atom: ShownAtom(
+                value=finding.truth,
+                true=exposure.truths.get(atom),
+                predicted=tau is not None and attempt.expectation.is_covered(atom, tau),
+                asked=atom in asked,
+                cameras=dict(sorted(finding.votes.items())),
+            )
             for atom, finding in findings.items()
         }
         step_time = None if tau is None else round(tau, 6)
-        self._narrator.say(now, "evidence", exposed=round(exposure.t, 6), step_time=step_time, literals=literals)
+        exposed = round(exposure.t, 6)
+        self._narrator.publish(EvidenceSeen(t=now, exposed=exposed, step_time=step_time, literals=literals))

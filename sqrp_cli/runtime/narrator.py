@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
-from sqrp_cli.runtime.outcome import Event, Listener
+from sqrp_cli.runtime.events import Event, Listener, PrimitiveBegan
 
 
 class Narrator:
@@ -18,16 +18,16 @@ class Narrator:
         self.doing = "looks"
         self.wall: dict[str, float] = {}
 
-    def say(self, t: float, kind: str, **fields: object) -> None:
-        """Tell an event at time t [s] of the cell's clock."""
-        event = Event(round(t, 6), kind, fields)
+    def publish(self, event: Event) -> None:
+        """Tell an event, at its time on the cell's clock to the microsecond."""
+        event = event.model_copy(update={"t": round(event.t, 6)})
         for listener in self._listeners:
             listener(event)
 
     def begin(self, t: float, primitive: str) -> None:
         """Tell that a primitive action begins."""
         self.doing = primitive
-        self.say(t, "primitive", name=primitive)
+        self.publish(PrimitiveBegan(t=t, name=primitive))
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol
+from typing import Literal
 
 PROCESSING = 0.02
 """What it may take to look at an image [s]: measured, 15 ms for one of 640x480 pixels."""
@@ -28,26 +28,6 @@ class Unwatched(Stopped):
     def __init__(self, reason: str, fault: str, cameras: Collection[str]) -> None:
         super().__init__(reason)
         self.fault, self.cameras = fault, cameras
-
-
-@dataclass(frozen=True)
-class Event:
-    """Something that happened in a run, as the log holds it; t: simulated time [s]."""
-
-    t: float
-    kind: str
-    fields: Mapping[str, Any] = field(default_factory=dict)
-
-
-STATE = "state"
-"""The kind of the events that tell where everything really is; see `witness`."""
-
-
-class Listener(Protocol):
-    """Whoever wants to know what happens: the log, the live view."""
-
-    def __call__(self, event: Event) -> None:
-        """Take notice."""
 
 
 @dataclass

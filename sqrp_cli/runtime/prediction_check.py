@@ -36,17 +36,12 @@ class PredictionCheck:
                         atom=atom,
                         camera=sighting.camera,
                         predicted=predicted,
-                        seen=word(seen),
+                        seen=seen.word,
                         true=truths[atom],
                         share=round(sighting.share(atom), 3),
                         because=sighting.weakness(atom).value if predicted else "",
                     )
                 )
-
-
-def word(truth: Truth) -> str:
-    """What output calls a truth value of evidence."""
-    return {Truth.TRUE: "true", Truth.FALSE: "false", Truth.UNKNOWN: "blind"}[truth]
 
 
 def predicted_delay(step: Step, atoms: Collection[str], responses: Mapping[str, float], x: float) -> float | None:

@@ -12,6 +12,7 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program import Replanner, Step
 from sqrp_cli.runtime.attempt import Attempt
+from sqrp_cli.runtime.events import MovingOn
 from sqrp_cli.runtime.fault_ledger import FaultLedger
 from sqrp_cli.runtime.judge import Alarm, condition_atoms, condition_value
 from sqrp_cli.runtime.lockstep import Lockstep
@@ -87,9 +88,8 @@ class Retry:
     def _move_on(self, when: str, viewpoint: Viewpoint) -> None:
         """Go on with the motion, without any command to the tool, until it can be stopped at a viewpoint."""
         began = self._lockstep.now
-        self._narrator.say(
-            began, "moving on", to_see=when, cameras=viewpoint.cameras, until=round(viewpoint.stop_at, 6)
-        )
+        until = round(viewpoint.stop_at, 6)
+        self._narrator.publish(MovingOn(t=began, to_see=when, cameras=list(viewpoint.cameras), until=until))
         self._tool.keep(began)
         end = began + viewpoint.stop_at - self._tau()
         while self._lockstep.now < end - 1e-9 and not self._is_seen(when):

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.program import Program, ProgramPrimitive, Replanner
+from sqrp_cli.runtime.events import VERSION, Listener, ProgramStep, RunBegan
 from sqrp_cli.runtime.execution import Execution
 from sqrp_cli.runtime.faults import InjectedFault
-from sqrp_cli.runtime.outcome import Event, FaultRecord, Listener, RunReport, tolerance
+from sqrp_cli.runtime.outcome import FaultRecord, RunReport, tolerance
 from sqrp_cli.runtime.perception.pool import PerceptionPool
 from sqrp_cli.runtime.perception.sighting import CellKnowledge
 from sqrp_cli.runtime.recording import Gallery
@@ -178,16 +179,17 @@ def slip_at(x: float, step: int = 1) -> InjectedFault:
     return InjectedFault("slip", f"{'' if step == 1 else f'{step}:'}slip@{x:.3f}", x, step=step)
 
 
-def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[InjectedFault]) -> Event:
+def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[InjectedFault]) -> RunBegan:
     """What a log begins with."""
-    steps = [{"skill": step.skill, "parameters": dict(step.parameters), "time": step.time} for step in program.steps]
-    fields = {
-        "workspace": workspace.name,
-        "digest": workspace.digest,
-        "seed": seed,
-        "cameras": list(workspace.cameras),
-        "rates": {name: camera.rate for name, camera in workspace.cameras.items()},
-        "faults": [fault.text for fault in faults],
-        "steps": steps,
-    }
-    return Event(0.0, "run", fields)
+    steps = [ProgramStep(skill=step.skill, parameters=dict(step.parameters), time=step.time) for step in program.steps]
+    return RunBegan(
+        t=0.0,
+        sqrp_log=VERSION,
+        workspace=workspace.name,
+        digest=workspace.digest,
+        seed=seed,
+        cameras=list(workspace.cameras),
+        rates={name: camera.rate for name, camera in workspace.cameras.items()},
+        faults=[fault.text for fault in faults],
+        steps=steps,
+    )

@@ -9,13 +9,25 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program import Program
+from sqrp_cli.runtime.events import (
+    Event,
+    EvidenceSeen,
+    FaultHappened,
+    FaultInjected,
+    FaultSeen,
+    MovingOn,
+    PrimitiveBegan,
+    Retrying,
+    ShownAtom,
+    State,
+    Stopping,
+)
 from sqrp_cli.runtime.narrator import listed
 from sqrp_cli.runtime.outcome import (
-    STATE,
     Confusion,
     Disagreement,
-    Event,
     FaultRecord,
     Prediction,
     RunReport,
@@ -30,7 +42,7 @@ if TYPE_CHECKING:
 MOST_DISAGREEMENTS = 8
 """Groups of disagreements that a table lists."""
 
-_STYLES = {"true": "green", "false": "cyan", "blind": "yellow"}
+_STYLES = {Truth.TRUE: "green", Truth.FALSE: "cyan", Truth.UNKNOWN: "yellow"}
 
 _INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
 _TIME = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
@@ -48,7 +60,7 @@ class LiveView:
         self._stack = ExitStack()
         self._show: Show | None = None
         self._doing, self._last, self._t = "looks", "", 0.0
-        self._literals: Mapping[str, Any] = {}
+        self._literals: Mapping[str, ShownAtom] = {}
 
     def __enter__(self) -> LiveView:
         self._show = self._stack.enter_context(live())
@@ -61,48 +73,52 @@ class LiveView:
 
     def __call__(self, event: Event) -> None:
         """Show an event."""
-        if self._show is None or event.kind == STATE:
+        if self._show is None or isinstance(event, State):
             return
         if self._pace and event.t > self._t:
             time.sleep((event.t - self._t) / _REPLAY_SPEED)
         self._t = event.t
-        match event.kind:
-            case "primitive":
-                self._doing = event.fields["name"]
-            case "evidence":
-                self._literals = event.fields["literals"]
-            case "stopping":
+        match event:
+            case PrimitiveBegan(name=name):
+                self._doing = name
+            case EvidenceSeen(literals=literals):
+                self._literals = literals
+            case Stopping():
                 self._doing = "stops"
-            case "moving on":
-                self._doing, self._last = "moves on to look", f"{event.t:.2f} s: {_line(event)}"
-            case "injected" | "happened" | "fault" | "retry":
-                self._last = f"{event.t:.2f} s: {_line(event)}"
+            case MovingOn():
+                self._doing = "moves on to look"
+        if (happens := _in_words(event)) is not None:
+            self._last = f"{event.t:.2f} s: {happens}"
         self._show(self._text())
 
     def _text(self) -> Any:  # noqa: ANN401
         width = max((len(atom) for atom in self._literals), default=0)
         parts: list[Any] = [(f"{self._t:7.2f} s  {self._doing}", "bold"), "\n"]
         for atom, found in self._literals.items():
-            value = found["value"] if found["asked"] else f"({found['value']})"
-            parts += [f"  {atom:{width}}  ", (f"{value:8}", _STYLES[found["value"]])]
+            value = found.value.word if found.asked else f"({found.value.word})"
+            parts += [f"  {atom:{width}}  ", (f"{value:8}", _STYLES[found.value])]
             for camera in self._cameras:
-                vote = found["cameras"].get(camera)
-                parts.append((f" {camera}" if vote else " " + "·" * len(camera), _STYLES.get(vote or "", "dim")))
-            parts.append("  blind as predicted\n" if found["value"] == "blind" and not found["predicted"] else "\n")
+                vote = found.cameras.get(camera)
+                parts.append((" " + "·" * len(camera), "dim") if vote is None else (f" {camera}", _STYLES[vote]))
+            blind = found.value is Truth.UNKNOWN and not found.predicted
+            parts.append("  blind as predicted\n" if blind else "\n")
         return joined([*parts, (self._last, "yellow")])
 
 
-def _line(event: Event) -> str:
-    match event.kind:
-        case "injected":
-            return f"{event.fields['fault']} is made to happen"
-        case "happened":
-            return f"{event.fields['fault']} has happened"
-        case "fault":
-            return f"{event.fields['name']} is seen"
-        case "moving on":
-            return f"moves on to where `{event.fields['to_see']}` can be seen"
-    return f"tries again ({event.fields['attempt']} of {event.fields['of']})"
+def _in_words(event: Event) -> str | None:
+    """What happens; None for what is told elsewhere in the view."""
+    match event:
+        case FaultInjected(fault=fault):
+            return f"{fault} is made to happen"
+        case FaultHappened(fault=fault):
+            return f"{fault} has happened"
+        case FaultSeen(name=name):
+            return f"{name} is seen"
+        case MovingOn(to_see=condition):
+            return f"moves on to where `{condition}` can be seen"
+        case Retrying(attempt=attempt, of=of):
+            return f"tries again ({attempt} of {of})"
+    return None
 
 
 def print_run(workspace: str, report: RunReport, period: float | None = None) -> None:

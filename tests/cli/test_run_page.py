@@ -15,26 +15,28 @@ import pytest
 
 from sqrp_cli.cli.run_page import RunCell, write_run
 from sqrp_cli.geometry import Array, transform
-from sqrp_cli.runtime.outcome import Confusion, Event, FaultRecord, RunReport, StepRecord
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.runtime.events import EvidenceSeen, PrimitiveBegan, ShownAtom
+from sqrp_cli.runtime.outcome import Confusion, FaultRecord, RunReport, StepRecord
 from tests.cli.browser import Opened, click_at_random
 from tests.cli.slip_run import Moment, SlipRun
 from tests.cli.test_report import HOSTILE, SPELLED_OUT
 
 
-def evidence(t: float, value: str, **cameras: str) -> Event:
-    literal = {"value": value, "asked": True, "cameras": cameras, "true": t < 1.45}
-    other = {"value": "true", "asked": False, "cameras": {}}
-    return Event(t + 0.05, "evidence", {"exposed": t, "literals": {"hold(g1)": literal, "open": other}})
+def evidence(t: float, value: Truth, **cameras: Truth) -> EvidenceSeen:
+    atom = ShownAtom(value=value, asked=True, cameras=cameras, true=t < 1.45)
+    other = ShownAtom(value=Truth.TRUE, asked=False, cameras={})
+    return EvidenceSeen(t=t + 0.05, exposed=t, literals={"hold(g1)": atom, "open": other})
 
 
 @pytest.fixture(scope="module")
 def opened(browser, tmp_path_factory):
     """A run of 4 s: `hold(g1)` is true for 2 s, lost at 2 s, then unseen by all for 1 s."""
     path = tmp_path_factory.mktemp("run") / "page.html"
-    events = [Event(0.0, "primitive", {"name": "a1"}), Event(1.0, "primitive", {"name": "a2"})]
-    events += [evidence(0.1 * i, "true", cam1="true", cam2="true") for i in range(21)]
-    events += [evidence(0.1 * i, "false", cam1="false") for i in range(21, 31)]
-    events += [evidence(0.1 * i, "blind") for i in range(31, 41)]
+    events = [PrimitiveBegan(t=0.0, name="a1"), PrimitiveBegan(t=1.0, name="a2")]
+    events += [evidence(0.1 * i, Truth.TRUE, cam1=Truth.TRUE, cam2=Truth.TRUE) for i in range(21)]
+    events += [evidence(0.1 * i, Truth.FALSE, cam1=Truth.FALSE) for i in range(21, 31)]
+    events += [evidence(0.1 * i, Truth.UNKNOWN) for i in range(31, 41)]
     fault = FaultRecord("slip", 2.0, 2.0, 2.15, 2.5, None, predicted_delay=0.25)
     report = RunReport(
         "stopped", "hold(g1) should be seen", 4.0, [StepRecord("pickup", {"object": "g1"}, "pickup g1", 0.0)], [fault]
@@ -92,9 +94,9 @@ def test_what_an_image_shows_counts_from_when_it_was_taken(opened):
 
 def test_a_log_with_hostile_names_has_a_page_on_which_nothing_runs(browser, tmp_path):
     path, atom = tmp_path / "page.html", f"hold({HOSTILE})"
-    literal = {"value": "true", "asked": True, "cameras": {HOSTILE: "true"}, "true": True}
-    events = [Event(0.0, "primitive", {"name": HOSTILE})]
-    events += [Event(t, "evidence", {"exposed": t, "literals": {atom: literal}}) for t in (0.1, 1.0, 2.0)]
+    shown = ShownAtom(value=Truth.TRUE, asked=True, cameras={HOSTILE: Truth.TRUE}, true=True)
+    events = [PrimitiveBegan(t=0.0, name=HOSTILE)]
+    events += [EvidenceSeen(t=t, exposed=t, literals={atom: shown}) for t in (0.1, 1.0, 2.0)]
     fault = FaultRecord(HOSTILE, 1.0, 1.0, 1.5, 1.6, None, predicted_delay=0.25)
     report = RunReport("stopped", HOSTILE, 2.0, [StepRecord(HOSTILE, {"object": HOSTILE}, HOSTILE, 0.0)], [fault])
     report.prediction = [{atom: {HOSTILE: Confusion(tp=1)}}]

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-import pytest
+import io
+import json
+from pathlib import Path
 
+import pytest
+from rich.console import Console
+
+from sqrp_cli.runtime.log import read_log
 from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
+from sqrp_cli.terminal import console
 from sqrp_cli.terminal.console import Column, print_table
-from sqrp_cli.terminal.run_view import print_run, short_times
+from sqrp_cli.terminal.run_view import LiveView, print_run, short_times
 
 FORMULA = (
     "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"
@@ -88,3 +95,24 @@ def test_what_no_image_shows_at_the_end_is_said_of_steps_that_are_done(capsys: p
     assert f"{told}: a fault after that would not be noticed by then." in " ".join(capsys.readouterr().out.split())
     print_run("cell", RunReport("done", None, 9.6, [StepRecord("place", {}, "place g", 0.0, 9.6)]))
     assert "no image" not in capsys.readouterr().out
+
+
+def test_a_log_that_does_not_tell_what_was_predicted_is_shown_live(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The fields that `run --replay` asks for, and no others."""
+    out, log = io.StringIO(), tmp_path / "log"
+    monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out, force_terminal=True, width=80))
+    literals = {"held": {"value": "blind", "asked": True, "cameras": {"cam1": "false"}}}
+    lines = [
+        {"t": 0.0, "event": "run", "sqrp_log": 1, "workspace": "cell", "digest": "d", "cameras": ["cam1"]},
+        {"t": 0.0, "event": "primitive", "name": "a1"},
+        {"t": 0.1, "event": "evidence", "exposed": 0.0, "literals": literals},
+        {"t": 0.2, "event": "retry", "attempt": 1, "of": 2},
+    ]
+    log.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    with LiveView(["cam1"]) as view:
+        for event in read_log(log):
+            view(event)
+    shown = out.getvalue()
+    assert all(words in shown for words in ("a1", "held", "blind", "cam1", "0.20 s: tries again (1 of 2)"))

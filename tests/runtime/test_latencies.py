@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.attempt import Attempt
+from sqrp_cli.runtime.events import EvidenceSeen
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.judge import PATIENCE, Alarm, Judge
 from sqrp_cli.runtime.lookout import Lookout
 from sqrp_cli.runtime.narrator import Narrator
-from sqrp_cli.runtime.outcome import Event
 from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Sighting
 from sqrp_cli.runtime.prediction_check import PredictionCheck, predicted_delay
 from tests.runtime.steps import FixedExpectation, formula, step
@@ -184,11 +184,11 @@ def test_a_fault_is_told_once_whether_the_other_cameras_confirm_it_or_not() -> N
 
 def test_the_log_tells_what_is_known_of_a_time_again_where_a_late_image_changes_it() -> None:
     cameras = {"quick": (10.0, 0.05), "slow": (10.0, 0.12)}
-    events: list[Event] = []
+    events: list[EvidenceSeen] = []
     list(watched(cameras, lambda name, t: U if name == "quick" else T if t < 1.95 else F, events=events))
-    told = [(event.t, event.fields["literals"]["held"]["value"]) for event in events if event.fields["exposed"] == 1.0]
-    assert told == [(1.05, "blind"), (1.12, "true")]
+    told = [(event.t, event.literals["held"].value) for event in events if event.exposed == 1.0]
+    assert told == [(1.05, U), (1.12, T)]
     events.clear()
     list(watched({"a": (10.0, 0.05), "b": (10.0, 0.05)}, lambda *_: T, events=events))
-    exposed = [event.fields["exposed"] for event in events]
+    exposed = [event.exposed for event in events]
     assert exposed == sorted(set(exposed))

@@ -12,14 +12,16 @@ import pytest
 
 from sqrp_cli.cli.run_page import RunCell, write_run
 from sqrp_cli.errors import InputError
-from sqrp_cli.runtime.log import LogWriter, read_log, report_of
-from sqrp_cli.runtime.outcome import Event, FaultRecord, RunReport, StepRecord
+from sqrp_cli.runtime.events import VERSION, PrimitiveBegan, RunBegan, RunReported
+from sqrp_cli.runtime.log import LogWriter, read_log
+from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
 from sqrp_cli.runtime.witness import Track
 from sqrp_cli.terminal.run_view import print_run
 
 IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 BOXES = {"hold(g)": [{"frame": "tool0", "size": [0.1, 0.1, 0.1], "pose": IDENTITY}]}
 SHOWN = {"hold(g)": {"value": "blind", "true": True, "asked": True, "cameras": {"cam1": "false"}}}
+BEGAN = RunBegan(t=0.0, sqrp_log=VERSION, workspace="cell", digest="d", cameras=["cam1"])
 REPORT = RunReport(
     outcome="stopped",
     reason="the fault was seen",
@@ -51,8 +53,13 @@ LOG: list[dict[str, Any]] = [
 def read(path: Path, log: list[dict[str, Any]]) -> RunReport:
     """The report of a log with these lines."""
     path.write_text("".join(json.dumps(line) + "\n" for line in log))
+    return report_in(path)
+
+
+def report_in(path: Path) -> RunReport:
     *_, last = read_log(path)
-    return report_of(path, dict(last.fields))
+    assert isinstance(last, RunReported)
+    return last.report
 
 
 def damaged() -> Iterator[tuple[int, str, list[dict[str, Any]]]]:
@@ -86,13 +93,12 @@ def test_what_is_no_log_is_refused_in_words(tmp_path: Path, content: bytes, says
 
 def test_what_has_happened_is_in_the_file_at_once(tmp_path: Path) -> None:
     path = tmp_path / "log"
-    writer = LogWriter(path, Event(0.0, "run", {"workspace": "cell", "digest": "d", "cameras": []}))
-    writer(Event(0.25, "primitive", {"name": "a1"}))
-    assert [event.kind for event in read_log(path)] == ["run", "primitive"]
+    writer = LogWriter(path, BEGAN)
+    writer(PrimitiveBegan(t=0.25, name="a1"))
+    assert [event.event for event in read_log(path)] == ["run", "primitive"]
     writer.finish(REPORT)
     writer.close()
-    *_, last = read_log(path)
-    assert report_of(path, dict(last.fields)) == REPORT
+    assert report_in(path) == REPORT
 
 
 def test_a_log_says_what_was_written(tmp_path: Path) -> None:
@@ -114,7 +120,8 @@ def test_what_is_read_from_a_damaged_log_can_be_shown_and_all_else_is_told_with_
             continue
         header, *events, _ = read_log(path)
         Track.of(events)
-        cell = RunCell(header.fields["workspace"], header.fields["cameras"], header.fields["digest"], None)
+        assert isinstance(header, RunBegan)
+        cell = RunCell(header.workspace, header.cameras, header.digest, None)
         write_run(cell, report, events, page, [])
         print_run("cell", report)
     # Nothing is kept of how long it took.
@@ -144,10 +151,10 @@ def test_what_is_wrong_with_an_event_is_said(tmp_path: Path, number: int, change
 
 def test_a_log_tells_the_camera_of_a_fault_where_it_has_one(tmp_path: Path) -> None:
     path = tmp_path / "log"
-    writer = LogWriter(path, Event(0.0, "run", {key: LOG[0][key] for key in ("workspace", "digest", "cameras")}))
+    writer = LogWriter(path, BEGAN)
     faults = [FaultRecord("slip", 0.1), FaultRecord("camera-loss", 0.1, camera="cam1")]
     writer.finish(RunReport(time=0.3, faults=faults))
     writer.close()
-    *_, last = read_log(path)
-    assert ["camera" in fault for fault in last.fields["faults"]] == [False, True]
-    assert report_of(path, dict(last.fields)).faults == faults
+    last = json.loads(path.read_text(encoding="utf-8").splitlines()[-1])
+    assert ["camera" in fault for fault in last["faults"]] == [False, True]
+    assert report_in(path).faults == faults

@@ -12,6 +12,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program import ProgramResponse
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.attempt import Attempt
+from sqrp_cli.runtime.events import MovingOn
 from sqrp_cli.runtime.judge import Alarm
 from sqrp_cli.runtime.outcome import Stopped
 from sqrp_cli.runtime.playback import Playback
@@ -83,8 +84,8 @@ class Trial:
     def moved_on(self, seconds: float) -> None:
         self.done.append(("moved on", round(seconds, 3)))
 
-    def say(self, _t: float, kind: str, **fields: object) -> None:
-        self.done.append((kind, fields["cameras"]))
+    def publish(self, event: MovingOn) -> None:
+        self.done.append((event.event, tuple(event.cameras)))
 
     def measured_joints(self) -> dict[str, float]:
         return {"a": float(self.playback.state(self.now)[0][0])}

@@ -11,10 +11,12 @@ import pytest
 
 from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
 from sqrp_cli.program import ProgramTarget, pose_rows
+from sqrp_cli.runtime.events import Event, PrimitiveBegan
 from sqrp_cli.runtime.narrator import Narrator
-from sqrp_cli.runtime.outcome import Event
 from sqrp_cli.runtime.witness import Track, Witness, asked_boxes
 from tests.runtime.steps import box, step
+
+BEGAN = PrimitiveBegan(t=0.0, name="a1")
 
 
 @dataclass
@@ -61,7 +63,7 @@ def test_time_passes_up_to_where_it_would_without_a_witness(told: tuple[Falling,
 
 
 def test_only_what_has_changed_is_told_again(told: tuple[Falling, list[Event]]) -> None:
-    first, *others = (event.fields for event in told[1])
+    first, *others = ({k: v for k, v in event.line().items() if k not in {"t", "event"}} for event in told[1])
     assert first.keys() == {"joints", "q", "held", "objects"}
     assert first["objects"].keys() == {"thing", "table"}
     assert others[0] == {"q": [0.04, 0.0]}
@@ -71,7 +73,7 @@ def test_only_what_has_changed_is_told_again(told: tuple[Falling, list[Event]]) 
 
 
 def test_a_track_has_all_of_it_at_all_times(told: tuple[Falling, list[Event]]) -> None:
-    track = Track.of([Event(0.0, "run"), *told[1]])
+    track = Track.of([BEGAN, *told[1]])
     assert track is not None
     assert track.joints == ("a", "b")
     np.testing.assert_allclose(track.q[:, 0], [0.0, 0.04, 0.08, 0.1, 0.1, 0.1], atol=1e-5)
@@ -81,7 +83,7 @@ def test_a_track_has_all_of_it_at_all_times(told: tuple[Falling, list[Event]]) -
         assert (x, y) == (0.0, 0.0)
         assert z == pytest.approx(1.0 - max(0.0, track.t[index] - 0.05), abs=1e-5)
         np.testing.assert_allclose(quaternion_to_matrix(turn), axis_rotation(2, 0.3), atol=2e-5)
-    assert Track.of([Event(0.0, "run")]) is None
+    assert Track.of([BEGAN]) is None
 
 
 def test_boxes_are_where_images_are_searched_for_things() -> None:
@@ -107,5 +109,5 @@ def test_boxes_are_where_images_are_searched_for_things() -> None:
         "fixed": ("world", X_OB),
     }.items():
         (only,) = found[atom]
-        assert (only["frame"], only["size"]) == (frame, [0.04, 0.04, 0.04])
-        np.testing.assert_allclose(only["pose"], X, atol=1e-5)
+        assert (only.frame, only.size) == (frame, [0.04, 0.04, 0.04])
+        np.testing.assert_allclose(only.pose, X, atol=1e-5)

@@ -17,6 +17,7 @@ from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocu
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
 from sqrp_cli.report.documents.starters import InitDocument
+from sqrp_cli.runtime.events import Event
 
 DOCUMENTS: Mapping[str, Any] = {
     "rank": RankDocument,
@@ -32,15 +33,22 @@ DOCUMENTS: Mapping[str, Any] = {
 }
 """What each command prints with `--json`."""
 
-NAMES = (*FILES, *DOCUMENTS)
+RECORDS: Mapping[str, Any] = {"log": Event}
+"""What stands in each line of a file that commands write."""
+
+NAMES = (*FILES, *DOCUMENTS, *RECORDS)
 """Everything that has a schema."""
 
 
 def schema_of(name: str) -> dict[str, Any]:
-    """JSON Schema (2020-12) of files of that name, or of the document of a command. Raises InputError for others."""
+    """JSON Schema (2020-12) of files of that name, of the document of a command, or of a line of a log.
+
+    Raises InputError for others.
+    """
     if name in FILES:
         return file_schema(name)
-    if name not in DOCUMENTS:
+    if name not in NAMES:
         problem = Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, NAMES)}")
         raise InputError(problem)
-    return {"$schema": DIALECT, **TypeAdapter(DOCUMENTS[name]).json_schema(mode="serialization")}
+    found = {**DOCUMENTS, **RECORDS}[name]
+    return {"$schema": DIALECT, **TypeAdapter(found).json_schema(mode="serialization")}

@@ -12,8 +12,9 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError
+from sqrp_cli.runtime.events import VERSION, RunBegan
 from sqrp_cli.runtime.log import LogWriter
-from sqrp_cli.runtime.outcome import Event, RunReport
+from sqrp_cli.runtime.outcome import RunReport
 from sqrp_cli.runtime.simulation import requirements
 from sqrp_cli.runtime.simulation.requirements import check_simulator
 
@@ -124,7 +125,7 @@ def test_without_the_extra_only_what_needs_it_says_so(
     tmp_path: Path, words: tuple[str, ...], exit_code: int, said: str
 ) -> None:
     log = tmp_path / "log"
-    writer = LogWriter(log, Event(0.0, "run", {"workspace": "cell", "digest": "", "cameras": []}))
+    writer = LogWriter(log, RunBegan(t=0.0, sqrp_log=VERSION, workspace="cell", digest="", cameras=[]))
     writer.finish(RunReport())
     writer.close()
     # The program itself is not what this is about.
