@@ -8,7 +8,7 @@ from typing import Any
 from pydantic.json_schema import GenerateJsonSchema
 
 from sqrp_cli.knowledge.entries import Entry
-from sqrp_cli.knowledge.skill_file import SkillFile
+from sqrp_cli.knowledge.skill import SkillFile
 from sqrp_cli.knowledge.units import Quantity
 from sqrp_cli.knowledge.workspace_file import WorkspaceFile
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, side_pose
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import Grasp, GraspWaypoint, Reference, Release, Setting, Skill
+from sqrp_cli.knowledge.settings import Reference, Setting
+from sqrp_cli.knowledge.skill import Grasp, GraspWaypoint, Release, Skill
 from sqrp_cli.knowledge.source import Document
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.pddl import Variable

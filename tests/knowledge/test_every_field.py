@@ -13,9 +13,9 @@ import pytest
 from pydantic import BaseModel
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge import skill_file, workspace_file
+from sqrp_cli.knowledge import skill, workspace_file
 from sqrp_cli.knowledge.entries import CameraPose, Entry, Pose
-from sqrp_cli.knowledge.skill_file import SkillFile
+from sqrp_cli.knowledge.skill import SkillFile
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace_file import WorkspaceFile
@@ -68,12 +68,12 @@ USES = [use for file in FILES for use in uses(file)]
 
 def test_the_files_use_the_fields_of_every_model() -> None:
     """A new field belongs into tests/cases/every_field; one or two may wait."""
-    modules = (workspace_file, skill_file)
+    modules = (workspace_file, skill)
     models = {thing for module in modules for thing in vars(module).values() if isinstance(thing, type)}
     entries = {model for model in models if issubclass(model, Entry) and model is not Entry} | {Pose, CameraPose}
     known = {(model.__name__, name) for model in entries for name in model.model_fields}
     used = {(use.model, use.name) for use in USES}
-    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxEntry"} <= {model for model, _ in used}
+    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxSpec"} <= {model for model, _ in used}
     # A camera's pose in a quaternion or as rpy is the same field as any other pose's.
     unused = known - used - {("CameraPose", "quaternion"), ("CameraPose", "rpy")}
     assert len(unused) <= 0.05 * len(known), unused
