@@ -202,24 +202,18 @@ class _SkillReader:
                 self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join([*seen, name])}")
 
     def _requirements(self) -> tuple[Requirement, ...]:
-        requirements = []
-        for index, item in enumerate(self.file.formulas):
-            path: KeyPath = ("formulas", index)
-            entry = item if isinstance(item, FormulaEntry) else FormulaEntry(formula=item)
-            text_path = (*path, "formula") if isinstance(item, FormulaEntry) else path
-            requirements.append(self._requirement(None, entry, path, text_path))
-        for name, entry in self.file.faults.items():
-            requirements.append(self._requirement(name, entry, ("faults", name), ("faults", name, "formula")))
-        return tuple(requirement for requirement in requirements if requirement is not None)
+        found = [self._requirement(None, entry, ("formulas", index)) for index, entry in enumerate(self.file.formulas)]
+        found += [self._requirement(name, entry, ("faults", name)) for name, entry in self.file.faults.items()]
+        return tuple(requirement for requirement in found if requirement is not None)
 
-    def _requirement(
-        self, name: str | None, entry: FormulaEntry, path: KeyPath, text_path: KeyPath
-    ) -> Requirement | None:
-        formula = self._formula(entry.formula, text_path)
+    def _requirement(self, name: str | None, stated: FormulaEntry | str, path: KeyPath) -> Requirement | None:
+        at: KeyPath = path if isinstance(stated, str) else (*path, "formula")
+        entry = FormulaEntry(formula=stated) if isinstance(stated, str) else stated
+        formula = self._formula(entry.formula, at)
         response = self._response(entry.response, (*path, "response"))
         if formula is None:
             return None
-        return Requirement(name, formula, response, entry.settle, self.document.value_place(text_path))
+        return Requirement(name, formula, response, entry.settle, self.document.value_place(at))
 
     def _response(self, entry: RetryEntry | Literal["stop", "continue"], path: KeyPath) -> Response:
         if not isinstance(entry, RetryEntry):

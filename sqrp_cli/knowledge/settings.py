@@ -55,7 +55,7 @@ Setting = Annotated[
     PlainValidator(_setting),
     WithJsonSchema({**_ANY, "description": "A number with its unit, a word, or $PARAMETER."}),
 ]
-"""A value, or a reference to a motion parameter. Its `Kind` stands beside it: `Annotated[Setting, SPEED]`."""
+"""A value, or a reference to a motion parameter; what it may be is the `Kind` that stands beside it."""
 
 
 @dataclass(frozen=True)
@@ -105,19 +105,19 @@ class Kind:
         return "one of " + ", ".join(f"`{word}`" for word in self.words)
 
 
-YAW = Kind(units.ANGLE, least=-units.TURN, most=units.TURN)
-SIDE = Kind(words=("+x", "-x", "+y", "-y", "+z", "-z"))
-ELBOW = Kind(words=("any", "up", "down"))
-SHOULDER = Kind(words=("any", "left", "right"))
-WRIST = Kind(words=("any", "no_flip", "flip"))
-VIA = Kind(words=("direct", "home"))
-DISTANCE = Kind(units.LENGTH, least=0.0, most=100.0)
-OFFSET_SHARE = Kind(units.SHARE, least=-1.0, most=1.0)
-SPEED_SHARE = Kind(units.SHARE, least=0.001, most=1.0)
-SPEED = Kind(units.SPEED, least=SMALLEST_LIMIT, most=100.0)
-ACCELERATION = Kind(units.ACCELERATION, least=SMALLEST_LIMIT, most=1e4)
-JERK = Kind(units.JERK, least=SMALLEST_LIMIT, most=LARGEST)
-DURATION = Kind(units.TIME, least=0.0, most=LONGEST)
+Yaw = Annotated[Setting, Kind(units.ANGLE, least=-units.TURN, most=units.TURN)]
+Side = Annotated[Setting, Kind(words=("+x", "-x", "+y", "-y", "+z", "-z"))]
+Elbow = Annotated[Setting, Kind(words=("any", "up", "down"))]
+Shoulder = Annotated[Setting, Kind(words=("any", "left", "right"))]
+Wrist = Annotated[Setting, Kind(words=("any", "no_flip", "flip"))]
+Via = Annotated[Setting, Kind(words=("direct", "home"))]
+Distance = Annotated[Setting, Kind(units.LENGTH, least=0.0, most=100.0)]
+OffsetShare = Annotated[Setting, Kind(units.SHARE, least=-1.0, most=1.0)]
+SpeedShare = Annotated[Setting, Kind(units.SHARE, least=0.001, most=1.0)]
+Speed = Annotated[Setting, Kind(units.SPEED, least=SMALLEST_LIMIT, most=100.0)]
+Acceleration = Annotated[Setting, Kind(units.ACCELERATION, least=SMALLEST_LIMIT, most=1e4)]
+Jerk = Annotated[Setting, Kind(units.JERK, least=SMALLEST_LIMIT, most=LARGEST)]
+Duration = Annotated[Setting, Kind(units.TIME, least=0.0, most=LONGEST)]
 
 
 class ListedValues(Entry):

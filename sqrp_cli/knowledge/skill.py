@@ -30,7 +30,7 @@ from sqrp_cli.knowledge.entries import (
     mapping_or_else,
     one_of,
 )
-from sqrp_cli.knowledge.settings import MotionParameter, MotionValues, Setting
+from sqrp_cli.knowledge.settings import MotionParameter, MotionValues
 from sqrp_cli.knowledge.source import dotted
 from sqrp_cli.logic.mtl import Formula
 from sqrp_cli.logic.pddl import Action, Domain
@@ -55,13 +55,13 @@ class GraspWaypoint(Entry):
     """The tool at the centre of one side of an object, pointing into it."""
 
     object: Parameter = Field(description="The skill parameter that names the object.")
-    side: Annotated[Setting, settings.SIDE] = Field(description="Outward axis of that side: +x, -x, +y, -y, +z or -z.")
-    yaw: Annotated[Setting, settings.YAW] = Field(
+    side: settings.Side = Field(description="Outward axis of that side: +x, -x, +y, -y, +z or -z.")
+    yaw: settings.Yaw = Field(
         default=0.0,
         description="Turn of the tool about its z axis; at 0 its x axis lies along the object's x axis (y axis for the "
         "sides +x and -x).",
     )
-    depth: Annotated[Setting, settings.DISTANCE] = Field(
+    depth: settings.Distance = Field(
         default=0.0, description="How far the tool frame goes into the object, between fingers."
     )
 
@@ -71,35 +71,33 @@ class PutWaypoint(Entry):
 
     object: Parameter = Field(alias="put", description="The skill parameter that names the held object.")
     on: Parameter = Field(alias="onto", description="The skill parameter that names what it is put on.")
-    along: Annotated[Setting, settings.OFFSET_SHARE] = Field(
+    along: settings.OffsetShare = Field(
         default=0.0, description="Where along its x axis: 0 in the middle, -1 and 1 at the edges."
     )
-    across: Annotated[Setting, settings.OFFSET_SHARE] = Field(
-        default=0.0, description="Where along its y axis, likewise."
-    )
-    yaw: Annotated[Setting, settings.YAW] = Field(default=0.0, description="Turn against what it is put on.")
+    across: settings.OffsetShare = Field(default=0.0, description="Where along its y axis, likewise.")
+    yaw: settings.Yaw = Field(default=0.0, description="Turn against what it is put on.")
 
 
 class TurnWaypoint(Entry):
     """Another waypoint, turned about the tool's axes."""
 
     waypoint: Origin
-    turn: Annotated[Setting, settings.YAW] = Field(description="Turn about the tool's z axis.")
-    tilt: Annotated[Setting, settings.YAW] = Field(default=0.0, description="Turn about the tool's x axis after that.")
+    turn: settings.Yaw = Field(description="Turn about the tool's z axis.")
+    tilt: settings.Yaw = Field(default=0.0, description="Turn about the tool's x axis after that.")
 
 
 class RetreatWaypoint(Entry):
     """Another waypoint, moved back against the tool's z axis."""
 
     waypoint: Origin
-    distance: Annotated[Setting, settings.DISTANCE] = Field(alias="retreat", description="By how much.")
+    distance: settings.Distance = Field(alias="retreat", description="By how much.")
 
 
 class RaiseWaypoint(Entry):
     """Another waypoint, moved up along the world's z axis."""
 
     waypoint: Origin
-    distance: Annotated[Setting, settings.DISTANCE] = Field(alias="raise", description="By how much.")
+    distance: settings.Distance = Field(alias="raise", description="By how much.")
 
 
 class PoseWaypoint(Entry):
@@ -133,21 +131,11 @@ class JointMove(Entry):
     to: Annotated[Name, Names("waypoint", home=True)] = Field(
         alias="joint_move", description="The waypoint to go to; `home` is the robot's home configuration."
     )
-    speed: Annotated[Setting, settings.SPEED_SHARE] = Field(
-        default=1.0, description="Share of the joints' velocity limits."
-    )
-    elbow: Annotated[Setting, settings.ELBOW] = Field(
-        default="any", description="How the arm is bent at the end: up, down or any."
-    )
-    shoulder: Annotated[Setting, settings.SHOULDER] = Field(
-        default="any", description="On which side the shoulder is: left, right or any."
-    )
-    wrist: Annotated[Setting, settings.WRIST] = Field(
-        default="any", description="no_flip: bent as at home; flip or any."
-    )
-    via: Annotated[Setting, settings.VIA] = Field(
-        default="direct", description="direct, or home: with a stop at home on the way."
-    )
+    speed: settings.SpeedShare = Field(default=1.0, description="Share of the joints' velocity limits.")
+    elbow: settings.Elbow = Field(default="any", description="How the arm is bent at the end: up, down or any.")
+    shoulder: settings.Shoulder = Field(default="any", description="On which side the shoulder is: left, right or any.")
+    wrist: settings.Wrist = Field(default="any", description="no_flip: bent as at home; flip or any.")
+    via: settings.Via = Field(default="direct", description="direct, or home: with a stop at home on the way.")
 
 
 class StraightMove(Entry):
@@ -155,11 +143,9 @@ class StraightMove(Entry):
 
     name: PrimitiveName
     to: Annotated[Name, Names("waypoint")] = Field(alias="straight_move", description="The waypoint to go to.")
-    speed: Annotated[Setting, settings.SPEED] = Field(description="Speed of the tool, such as 5 cm/s.")
-    acceleration: Annotated[Setting, settings.ACCELERATION] = Field(
-        default=0.5, description="Acceleration of the tool [m/s^2]."
-    )
-    jerk: Annotated[Setting, settings.JERK] = Field(default=5.0, description="Jerk of the tool [m/s^3].")
+    speed: settings.Speed = Field(description="Speed of the tool, such as 5 cm/s.")
+    acceleration: settings.Acceleration = Field(default=0.5, description="Acceleration of the tool [m/s^2].")
+    jerk: settings.Jerk = Field(default=5.0, description="Jerk of the tool [m/s^3].")
 
 
 class Grasp(Entry):
@@ -167,21 +153,21 @@ class Grasp(Entry):
 
     name: PrimitiveName
     object: Parameter = Field(alias="grasp", description="The skill parameter that names the object.")
-    duration: Annotated[Setting, settings.DURATION] = Field(description="How long that takes.")
+    duration: settings.Duration = Field(description="How long that takes.")
 
 
 class Release(Entry):
     """The tool lets go of what it holds, at the end of the duration."""
 
     name: PrimitiveName
-    duration: Annotated[Setting, settings.DURATION] = Field(alias="release", description="The duration.")
+    duration: settings.Duration = Field(alias="release", description="The duration.")
 
 
 class Wait(Entry):
     """The robot stands still."""
 
     name: PrimitiveName
-    duration: Annotated[Setting, settings.DURATION] = Field(alias="wait", description="The duration.")
+    duration: settings.Duration = Field(alias="wait", description="The duration.")
 
 
 PrimitiveAction = Annotated[
@@ -249,7 +235,7 @@ class BoxSpec(Entry):
     normal: UnitVector | None = Field(
         default=None, description="Direction away from the surface that it lies on (markers)."
     )
-    encloses: list[Text] | None = Field(
+    encloses: tuple[Text, ...] | None = Field(
         default=None,
         description="Links, objects, skill parameters or `tool` that it encloses; default: the object of its frame.",
     )
