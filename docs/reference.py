@@ -15,6 +15,7 @@ from mkdocs.structure.files import File, Files
 
 from sqrp_cli.cli.app import app
 from sqrp_cli.knowledge.file_schemas import file_schema
+from sqrp_cli.knowledge.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
 
 Schema = Mapping[str, Any]
 """A JSON Schema, or a part of one."""
@@ -29,6 +30,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/commands.md": commands_page(),
         "reference/workspace.md": keys_page("workspace", "Keys of `workspace.yaml`"),
         "reference/skill.md": keys_page("skill", "Keys of `skill.yaml`"),
+        "reference/usual-values.md": usual_values_page(),
     }
     for path, text in pages.items():
         files.append(File.generated(config, path, content=text))
@@ -67,6 +69,26 @@ def keys_page(name: str, title: str) -> str:
     for entry, definition in schema["$defs"].items():
         if "properties" in definition:
             parts += _table(_words(entry), definition)
+    return "\n".join(parts) + "\n"
+
+
+USUAL: Mapping[str, tuple[Usual, ...]] = {
+    "workspace.yaml": WORKSPACE,
+    "skill.yaml": SKILL,
+    "camera calibration": CALIBRATION,
+    "hand-eye file": HAND_EYE,
+}
+"""Usual values by the file that they are about."""
+
+
+def usual_values_page() -> str:
+    """What numbers usually are; others get a warning."""
+    parts = ["# Usual values", ""]
+    parts += ["A number beyond these is possible, gets a warning (`unusual-value`), and is used as it stands.", ""]
+    parts += ["The first row that fits counts. `*` is any name or index, `{fixed}` means fixed objects only.", ""]
+    for file, rows in USUAL.items():
+        parts += [f"## {file}", "", "| field | usual | because otherwise |", "|---|---|---|"]
+        parts += [f"| `{row.at}` | {row} | {_cell(row.why)} |" for row in rows] + [""]
     return "\n".join(parts) + "\n"
 
 

@@ -54,7 +54,7 @@ def flaws(program: Program) -> Iterator[Flaw]:
 
 def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
     """Names in a program that its workspace does not know."""
-    joints = workspace.initial_world.joints
+    joints = workspace.stated_world.joints
     if set(program.joints) != set(joints):
         message = f"the joints that the workspace's robot moves are {', '.join(joints)}"
         yield Flaw("program-joints", ("joints",), message)

@@ -28,8 +28,8 @@ from sqrp_cli.terminal.rank_table import differing_parameters, summary
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace import Workspace
-    from sqrp_cli.programming.sampling import Sampling
     from sqrp_cli.scoring.cells import ScoredCell
+    from sqrp_cli.scoring.compute import Means
     from sqrp_cli.scoring.findings import Findings
     from sqrp_cli.scoring.score import TaskScore
 
@@ -65,14 +65,13 @@ def write_ranking(
 def write_scores(
     cells: Sequence[ScoredCell],
     findings: Findings,
-    sampling: Sampling,
+    means: Means,
     path: Path,
     arguments: Sequence[str],
-    jobs: int,
 ) -> None:
     """Write the page about scores, with the best candidate of each task.
 
-    sampling: of the motions. arguments: of the command. jobs: processes to use at most.
+    means: how they were computed. arguments: of the command.
     """
     usable = [cell for cell in cells if cell.workspace is not None and cell.tasks]
     scores = [result.score for result in findings.results]
@@ -81,12 +80,12 @@ def write_scores(
         own = [score for score in scores if score.workspace == cell.name]
         if cell.workspace is None or all(score.best is None for score in own):
             return None, [_score(score, None, None) for score in own]
-        return _scored(cell.workspace, own, sampling)
+        return _scored(cell.workspace, own, means)
 
     scenes: list[CellScene] = []
     entries: list[Entry] = [_score(score, None, None) for score in scores if score.task is None]
     with progress("Writing the report", len(usable)) as advance:
-        for scene, found in in_processes(shown, usable, min(jobs, len(usable))):
+        for scene, found in in_processes(shown, usable, min(means.jobs, len(usable))):
             entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
             scenes += [] if scene is None else [scene]
             advance()
@@ -99,9 +98,9 @@ def write_scores(
     note(f"open {path} in a browser")
 
 
-def _scored(workspace: Workspace, scores: Sequence[TaskScore], sampling: Sampling) -> tuple[CellScene, list[Entry]]:
-    cell = Cell.load(workspace)
-    assignment = Assignment(cell, workspace.initial_world, sampling)
+def _scored(workspace: Workspace, scores: Sequence[TaskScore], means: Means) -> tuple[CellScene, list[Entry]]:
+    cell = Cell.load(workspace, means.seed)
+    assignment = Assignment(cell, cell.initial_world, means.sampling)
     details = [None if score.best is None else _detail(assignment, score.best) for score in scores]
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 

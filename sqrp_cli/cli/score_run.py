@@ -54,7 +54,7 @@ def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, 
         if outputs.report is not None and findings.results and not findings.interrupted:
             from sqrp_cli.cli.report_page import write_scores
 
-            write_scores(run.cells, findings, means.sampling, outputs.report, arguments, means.jobs)
+            write_scores(run.cells, findings, means, outputs.report, arguments)
     except KeyboardInterrupt:
         if findings is None:
             raise

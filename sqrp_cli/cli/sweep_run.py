@@ -17,7 +17,7 @@ from sqrp_cli.scoring.compute import Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces, short_names
 from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.sweep import Sweep, from_here, read_variants, sweep
-from sqrp_cli.scoring.variation import read_variation, variants
+from sqrp_cli.scoring.variation import grid_shape, read_variation, variants
 from sqrp_cli.terminal.console import note, print_problems, progress, say, say_line, say_raw
 from sqrp_cli.terminal.sweep_table import print_sweep
 
@@ -40,7 +40,8 @@ class SweepRequest:
 
 def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode:
     """Score the variants, print them and write the best as a patch."""
-    values = variants([read_variation(text) for text in request.variations], request.draws, means.seed)
+    variations = [read_variation(text) for text in request.variations]
+    values = variants(variations, request.draws, means.seed)
     files = find_workspaces(request.paths)
     if len(files) > 1:
         names = ", ".join(f"`{name}`" for name in short_names(files).values())
@@ -51,7 +52,7 @@ def run_sweep(request: SweepRequest, means: Means, *, as_json: bool) -> ExitCode
     with progress("Reading variants", len(values) + 1) as advance:
         document, read = read_variants(files[0], values, advance)
     with open_computer(means) as computer:
-        found = sweep(document, read, computer, progress)
+        found = sweep(document, read, grid_shape(variations, request.draws), computer, progress)
         wanted = [want for variant in read for want in wanted_of(variant.cell)]
         assessments = [outcome.assessment for outcome in map(computer.outcome, wanted) if outcome is not None]
     print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
@@ -92,5 +93,6 @@ def _conclude(found: Sweep, patch: Path) -> None:
         say("None is better than the workspace as it is.")
         return
     values = ", ".join(f"{path} = {value}" for path, value in found.best.variant.values)
-    say(f"Best is {values}. To have it:")
+    among = "" if found.equals == 1 else f" Of {found.equals} that are as good it has the most room around it."
+    say(f"Best is {values}.{among} To have it:")
     say_line(f"  patch {shlex.quote(from_here(found.document.path))} < {shlex.quote(str(patch))}")

@@ -29,7 +29,7 @@ def edited(document: Document, values: Mapping[str, str]) -> bytes:
         text = text[:start] + value + text[end:]
     content = text.encode()
     leaves = parse_document(document.path, content).leaves
-    others = [path for path in {*known, *leaves} if path not in values and known.get(path) != leaves.get(path)]
+    others = [path for path in (*known, *leaves) if path not in values and known.get(path) != leaves.get(path)]
     if others:
         message = (
             f"changing `{', '.join(values)}` would also change `{min(others)}`, which is the same text in the file"

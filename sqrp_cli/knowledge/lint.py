@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.knowledge.held import grasping_skills
+from sqrp_cli.knowledge.held import holding_skills
 from sqrp_cli.knowledge.lint_actions import formulas_against_the_action, impossible_preconditions
 from sqrp_cli.knowledge.lint_formulas import (
     contradictions,
@@ -90,7 +90,7 @@ def _too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
 
 def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
     """Facts that only a grasp makes true, about an object that is not in the tool; and the other way round."""
-    grasps = grasping_skills(workspace.skills.values())
+    grasps = holding_skills(workspace.skills.values(), workspace.objects)
     stated = {fact.arguments[0]: fact for fact in sorted(workspace.state, key=str) if fact.predicate in grasps}
     for name, fact in stated.items():
         if workspace.objects[name].X_TO is None:

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names
 from sqrp_cli.files import real_path
 from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.held import with_held_by_facts
 from sqrp_cli.knowledge.input_file import YAML_ENDINGS, nearest_entry
-from sqrp_cli.knowledge.read_cell import WORLD, CellReader
+from sqrp_cli.knowledge.read_cell import CellReader
 from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted, parse_document, read_document
+from sqrp_cli.knowledge.urdf import WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
 from sqrp_cli.knowledge.workspace_file import TaskEntry, WorkspaceFile
-from sqrp_cli.logic.conditions import literal_count
+from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.paths_as_text import shown_name
 
@@ -31,9 +34,6 @@ TOOL = "tool"
 """In a skill: the tool frame, or all parts of the tool."""
 START = "@start"
 """In a skill: behind an object, where it was when the skill began."""
-
-MOST_LITERALS = 100_000
-"""Of a precondition, its quantifiers expanded over the objects of the workspace: that is done for each candidate."""
 
 
 def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
@@ -56,8 +56,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     if problems:
         raise InputError(*problems)
     domain = merge_domains([skill.domain for skill in skills.values()]) if skills else None
-    state = cell.facts(domain)
-    objects, taken_as_held = with_held_by_facts(objects, state, skills.values(), document)
+    facts = cell.facts(domain)
     problems += cell.problems
     for skill in skills.values():
         problems += _check_skill(skill, robot_reader.links, list(objects), list(detectors))
@@ -66,6 +65,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     problems += _check_tasks(document, tasks, list(skills), list(objects))
     if problems:
         raise InputError(*problems)
+    objects, taken_as_held = with_held_by_facts(objects, facts, skills.values(), document)
     return Workspace(
         name=shown_name(file_path.parent.name if file_path.name == WORKSPACE_FILE else file_path.stem),
         path=file_path,
@@ -73,7 +73,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         cameras=cameras,
         detectors=detectors,
         objects=objects,
-        state=state,
+        state=frozenset(facts),
         skills=skills,
         tasks=tasks,
         padding=file.padding,
@@ -84,6 +84,7 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
             *unusual_values(document, WORKSPACE),
             *robot_reader.warnings,
             *cell.warnings,
+            *_words_of_two_meanings(document, file, robot_reader, skills.values()),
             *taken_as_held,
             *(warning for skill in skills.values() for warning in skill.warnings),
         ),
@@ -153,16 +154,19 @@ def _skills(document: Document, file: WorkspaceFile, digest: ContentDigest) -> t
 
 
 def _check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Problem]:
-    """Says where a precondition, its quantifiers expanded, has more literals than can be looked at."""
+    """A precondition whose quantifiers stand for more than can be looked at, told without expanding them."""
+    condition, domain = skill.action.precondition, skill.domain
     types = {name: frozenset(thing.types) for name, thing in objects.items()}
-    count = literal_count(skill.action.precondition, types, skill.domain)
-    if count > MOST_LITERALS:
+    count = literal_count(condition, types, domain)
+    if count > MAX_LITERALS and (quantifier := largest_quantifier(condition, types, domain)) is not None:
+        sizes = domain_sizes(quantifier.variables, types, domain)
+        variables = " x ".join(f"{size} (?{v.name})" for v, size in zip(quantifier.variables, sizes, strict=True))
         message = (
-            f"the precondition of `{skill.name}` is {counted(count)} literals long with the objects of this workspace"
+            f"the precondition of `{skill.action.name}` stands for {counted(count)} literals about the objects of this"
+            f" workspace, the limit is {MAX_LITERALS:,}; its largest quantifier goes over {variables}"
         )
-        mend = "let its `forall` and `exists` have fewer variables"
-        message = f"{message}, the limit is {MOST_LITERALS:,}"
-        yield Problem("too-many-literals", message, skill.action.place, mend=mend)
+        mend = "name fewer variables in one `forall` or `exists`, or give them types that fewer objects have"
+        yield Problem("pddl-too-large", message, skill.action.place, mend=mend)
 
 
 def _check_skill(
@@ -205,15 +209,48 @@ def _check_box(
     else:
         what = "neither `world` nor `tool`, a link, a skill parameter or an object"
         yield from unknown("frame", box.frame, what, [WORLD, TOOL, *things, *links], "frame")
-    if box.at is not None and box.frame in links:
+    if box.at is not None and box.frame in links and box.frame != TOOL:
         message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
         yield problem("wrong-value", message, "frame")
     if box.fits is not None:
         yield from unknown("object", box.fits, "no skill parameter or object", things, "fits")
     for index, name in enumerate(box.encloses or ()):
         what = "neither a link nor an object, a skill parameter or `tool`"
-        yield from unknown("enclosed", name, what, [TOOL, *things, *links], "encloses", index)
+        called = link_called(name, links)
+        yield from unknown("enclosed", called, what, [TOOL, *things, *links], "encloses", index)
     yield from unknown("detector", box.detector, "no detector of the workspace", detectors, "detector")
+
+
+def _words_of_two_meanings(
+    document: Document, file: WorkspaceFile, robot: RobotReader, skills: Iterable[Skill]
+) -> Iterator[Problem]:
+    """Warnings that say which was meant where a frame could as well be a link of the robot that is somewhere else."""
+    meanings: dict[str, tuple[str, str | None]] = {}
+    if WORLD_LINK in robot.links and not np.allclose(file.robot.base.matrix(), np.eye(4), rtol=0.0, atol=1e-9):
+        meanings[WORLD] = ("the cell's world", WORLD_LINK)
+    if TOOL in robot.links and robot.tool_frame != TOOL:
+        meanings[TOOL] = (f"the tool frame, `{robot.tool_frame}`", None)
+    used = [
+        (entry.frame, f"camera `{name}`", document.value_place(("cameras", name, "frame")))
+        for name, entry in file.cameras.items()
+        if entry.frame == WORLD
+    ]
+    used += [
+        (
+            box.frame,
+            f"skill `{skill.name}`: box `{box.name}` of `{predicate}`",
+            skill.place("targets", predicate, "boxes", index, "name"),
+        )
+        for skill in skills
+        for predicate, target in skill.targets.items()
+        for index, box in enumerate(target.boxes)
+    ]
+    for word, what, place in used:
+        if word in meanings:
+            meaning, other = meanings[word]
+            message = f"{what}: `frame: {word}` means {meaning}; the robot has a link `{word}` too, which is elsewhere"
+            mend = f"for the link write `frame: {other}`" if other else "for the link rename it in the URDF"
+            yield Problem("ambiguous-word", message, place, severity="warning", mend=mend)
 
 
 def _task(entry: TaskEntry) -> ExpectedTask:

@@ -20,12 +20,12 @@ from sqrp_cli.knowledge.mesh_file import check_mesh
 from sqrp_cli.knowledge.mesh_unit import mesh_of
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Part, SceneObject, Shape, Sphere, object_types
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted
+from sqrp_cli.knowledge.urdf import WORLD, link_called
 from sqrp_cli.knowledge.usual_values import CALIBRATION, HAND_EYE, unusual_values
 from sqrp_cli.knowledge.workspace_file import CameraEntry, HeldEntry, ObjectEntry, PartEntry, WorkspaceFile
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
 
-WORLD = "world"
 UNKNOWN = "unknown"
 
 R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
@@ -73,16 +73,19 @@ class CellReader:
             self._check_object(name, entry, held[:1])
         return {name: self._object(name, entry) for name, entry in self.file.objects.items()}
 
-    def facts(self, domain: Domain | None) -> frozenset[Atom]:
-        """The facts of `state`, checked against the common domain of the skills (None: there are no skills)."""
-        facts: dict[Atom, None] = {}
+    def facts(self, domain: Domain | None) -> dict[Atom, int]:
+        """The facts of `state`, each with its place in the list from 0.
+
+        They are checked against the common domain of the skills (None: there are no skills).
+        """
+        facts: dict[Atom, int] = {}
         for index, text in enumerate(self.file.state):
             fact = self._fact(("state", index), text, domain)
             if fact is not None:
                 if fact in facts:
                     self._report("repeated-value", ("state", index), f"`{fact}` is stated twice")
-                facts[fact] = None
-        return frozenset(facts)
+                facts.setdefault(fact, index)
+        return facts
 
     def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
         self.problems.append(self.document.problem(code, path, message, mend))
@@ -127,7 +130,9 @@ class CellReader:
             found, document = read_hand_eye(file)
             self.digest.add(".".join(map(str, (*path, "hand_eye"))), document.path, document.content)
             self.warnings.extend(unusual_values(document, HAND_EYE))
-            frame, X_FC, place = entry.frame or found.frame, found.X_FC, found.place
+            if entry.frame is None and found.frame == WORLD == link_called(WORLD, self.links):
+                raise InputError(self._which_world(path, found))
+            frame, X_FC, place = entry.frame or link_called(found.frame, self.links), found.X_FC, found.place
             mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
             if "convention" not in entry.model_fields_set:
                 self._doubt_axes(path, found)
@@ -137,6 +142,17 @@ class CellReader:
             message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; {expected}"
             self.problems.append(Problem("unknown-frame", message, at, mend=mend))
         return frame, read_only(X_FC @ pose(R_BODY_OPTICAL) if entry.convention == "body" else X_FC)
+
+    def _which_world(self, path: KeyPath, found: HandEye) -> Problem:
+        base = self.links[0] if self.links else "base_link"
+        message = (
+            "found `world`, which is no link of the robot: it may mean the cell's world, or the frame in which the"
+            " robot's driver gives its poses, such as its base"
+        )
+        mend = (
+            f"for `{dotted(path)}` say `frame: world` if it is the cell's world, or the link, such as `frame: {base}`"
+        )
+        return Problem("ambiguous-word", message, found.place, mend=mend)
 
     def _doubt_axes(self, path: KeyPath, found: HandEye) -> None:
         if "optical" not in found.camera_frame:

@@ -21,7 +21,7 @@ from sqrp_cli.knowledge.source import Document, KeyPath
 from sqrp_cli.knowledge.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.tool_of_boxes import TOOL_TIP, tool_of_boxes
 from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
-from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
+from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_called, link_parts, read_urdf
 from sqrp_cli.knowledge.workspace_file import RobotEntry, ToolEntry
 
 MAX_ARM_JOINTS = 20
@@ -75,7 +75,7 @@ class RobotReader:
         if self.entry.tool_frame is None and (self.entry.tool is None or self.entry.tool.frame is None):
             message = "`robot`: the key `tool_frame` is missing: the link that grasps"
             raise InputError(Problem("missing-key", message, self.document.key_place(("robot",))))
-        self.tool_frame = self.entry.tool_frame or TOOL_TIP
+        self.tool_frame = link_called(self.entry.tool_frame or TOOL_TIP, self.links)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -134,7 +134,7 @@ class RobotReader:
     def _tool(self) -> Tool | None:
         if self.entry.tool is None or self.tool is None:
             return None
-        link = self.entry.tool.link
+        link = link_called(self.entry.tool.link, self.urdf.links)
         if link not in self.urdf.links:
             expected = expected_names(link, self.urdf.links)
             self._report("unknown-link", ("robot", "tool", "link"), f"found `{link}`, which is no link; {expected}")
@@ -160,7 +160,7 @@ class RobotReader:
                 joints.insert(0, carriers[frame])
                 frame = carriers[frame].parent
             elif self.tool is not None and self.entry.tool is not None and frame == self.tool.root:
-                frame = self.entry.tool.link
+                frame = link_called(self.entry.tool.link, self.urdf.links)
             else:
                 break
         arm = [joint for joint in joints if joint.movable and joint.mimic is None]
@@ -204,15 +204,16 @@ class RobotReader:
 
     def _markers(self) -> dict[str, Marker]:
         ids: dict[int, str] = {}
-        for link, marker in self.entry.markers.items():
-            path = ("robot", "markers", link)
+        for named, marker in self.entry.markers.items():
+            path, link = ("robot", "markers", named), link_called(named, self.links)
             if link not in self.links:
                 self._report(
                     "unknown-link", path, f"found `{link}`, which is no link; {expected_names(link, self.links)}"
                 )
             if ids.setdefault(marker.id, link) != link:
                 self._report("repeated-value", (*path, "id"), f"`{ids[marker.id]}` has the marker {marker.id} too")
-        return {link: Marker(marker.id, marker.side) for link, marker in self.entry.markers.items()}
+        markers = self.entry.markers.items()
+        return {link_called(link, self.links): Marker(marker.id, marker.side) for link, marker in markers}
 
     def _positions(
         self, entry: Mapping[str, Quantity] | str, joints: Sequence[UrdfJoint], path: KeyPath, what: str

@@ -6,12 +6,12 @@ spheres) are not read.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Problem, expected_names
-from sqrp_cli.knowledge.urdf import UrdfModel
+from sqrp_cli.knowledge.urdf import UrdfModel, link_called
 from sqrp_cli.knowledge.xml_file import MAX_DEPTH, Element, read_xml
 
 
@@ -95,8 +95,8 @@ def _states(robot: Element, urdf: UrdfModel) -> dict[str, dict[str, float]]:
     return states
 
 
-def _known(element: Element, attribute: str, kind: str, valid: Iterable[str]) -> str:
-    name = element.text(attribute)
+def _known(element: Element, attribute: str, kind: str, valid: Collection[str]) -> str:
+    name = link_called(element.text(attribute), valid) if kind == "link" else element.text(attribute)
     if name not in valid:
         raise InputError(
             Problem(f"unknown-{kind}", f"unknown {kind} `{name}`; {expected_names(name, valid)}", element.place)

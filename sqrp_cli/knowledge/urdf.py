@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -17,13 +17,18 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
-from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_SIZE
+from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.input_file import read_input
 from sqrp_cli.knowledge.mesh_unit import mesh_of
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
 from sqrp_cli.knowledge.xml_file import MAX_BYTES, Element, parse_xml
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
+
+WORLD = "world"
+"""The cell's world, wherever a frame is named."""
+WORLD_LINK = "robot/world"
+"""What the link `world` of a URDF is called: it is where the robot's base is, and that need not be the cell's world."""
 
 MAX_LINKS = 2000
 """Most links of a robot."""
@@ -220,7 +225,8 @@ def _model(path: Path, robot: Element) -> UrdfModel:
     ordered = _outwards(root, joints)
     joints, warnings = _with_meant_limits(ordered)
     warnings += [*_doubtful_inertias(links, joints)]
-    return UrdfModel(robot.attributes.get("name", path.stem), path, links, joints, root, tuple(warnings))
+    model = UrdfModel(robot.attributes.get("name", path.stem), path, links, joints, root, tuple(warnings))
+    return _with_world_told_apart(model) if WORLD in links else model
 
 
 def _check_size(robot: Element) -> None:
@@ -296,6 +302,23 @@ def _breaks_triangle_rule(inertial: Inertial) -> bool:
     least, middle, most = np.linalg.eigvalsh(inertial.inertia).tolist()
     too_large = most > (1.0 + TRIANGLE_ROUNDING) * (least + middle) + LEAST_MOMENT
     return bool(too_large or least < -ROUNDING * max(most, 0.0) - LEAST_MOMENT)
+
+
+def link_called(name: str, links: Collection[str]) -> str:
+    """The link that a name means in a file that speaks of the robot."""
+    return WORLD_LINK if name == WORLD and WORLD_LINK in links else name
+
+
+def _with_world_told_apart(model: UrdfModel) -> UrdfModel:
+    def called(name: str) -> str:
+        return WORLD_LINK if name == WORLD else name
+
+    links = {called(name): replace(link, name=called(name)) for name, link in model.links.items()}
+    joints = {
+        name: replace(joint, parent=called(joint.parent), child=called(joint.child))
+        for name, joint in model.joints.items()
+    }
+    return replace(model, links=links, joints=joints, root=called(model.root))
 
 
 def link_parts(model: UrdfModel, geometry: Geometry, resolve: Resolve) -> tuple[Part, ...]:
@@ -448,6 +471,9 @@ def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, 
             return -math.inf, math.inf, None
         raise element.error("missing-limit", f"joint `{name}` is {joint_type} but has no <limit>")
     velocity = _magnitude(limit, "velocity")
+    if 0.0 < velocity < SMALLEST_LIMIT:
+        message = f"`velocity` is {velocity:g}, expected at least {SMALLEST_LIMIT:g}, or 0 for none stated"
+        raise limit.error("wrong-value", message)
     if joint_type == "continuous":
         return -math.inf, math.inf, velocity or None
     most = NO_LIMIT if joint_type == "revolute" else LONGEST_SLIDE

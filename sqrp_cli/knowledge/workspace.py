@@ -81,8 +81,11 @@ class Workspace:
     places: Mapping[str, Place]
 
     @property
-    def initial_world(self) -> World:
-        """The world before any program has run, with the fingers open and without the pose of what the tool holds."""
+    def stated_world(self) -> World:
+        """The world as the file states it: with the fingers open, and no pose in the world for what the tool holds.
+
+        Motions start from `Cell.initial_world`, which knows where the tool is.
+        """
         held = next((thing for thing in self.objects.values() if thing.X_TO is not None), None)
         name, X_TO = (None, None) if held is None else (held.name, held.X_TO)
         X_WO = {name: thing.X_WO for name, thing in self.objects.items() if thing.X_WO is not None}

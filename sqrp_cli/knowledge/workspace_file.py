@@ -224,8 +224,8 @@ class CameraEntry(Entry):
 
     frame: Text | None = Field(
         default=None,
-        description="`world` (the default), or the link that carries the camera. With `hand_eye`: instead of the link "
-        "that the file names.",
+        description="`world` (the default), the cell's; or the link that carries the camera, where `robot/world` is a "
+        "link that the URDF calls `world`. With `hand_eye`: instead of the link that the file names.",
     )
     pose: CameraPose | None = Field(
         default=None, description="Pose of the optical frame (z forward, x right, y down) in `frame`."

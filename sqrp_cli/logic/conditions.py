@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import prod
@@ -31,6 +31,10 @@ Objects = Mapping[str, frozenset[str]]
 
 Binding = Mapping[str, str]
 """Object name by variable name, without question mark."""
+
+
+MAX_LITERALS = 50_000
+"""Most literals that a condition may stand for; see `literal_count`."""
 
 
 @dataclass(frozen=True)
@@ -94,19 +98,6 @@ def fitting_objects(parameter: Parameter, objects: Objects, domain: Domain) -> t
     return tuple(name for name, types in objects.items() if domain.fits(types, parameter.type))
 
 
-def literal_count(condition: Condition, objects: Objects, domain: Domain) -> int:
-    """How many literals and equalities a condition has once its quantifiers are expanded."""
-    match condition:
-        case Negation(part):
-            return literal_count(part, objects, domain)
-        case Conjunction(parts) | Disjunction(parts):
-            return sum(literal_count(part, objects, domain) for part in parts)
-        case ForAll(variables, body) | Exists(variables, body):
-            choices = prod(len(fitting_objects(variable, objects, domain)) for variable in variables)
-            return choices * literal_count(body, objects, domain)
-    return 1
-
-
 @dataclass(frozen=True)
 class All:
     """A ground conjunction; without parts, always true."""
@@ -153,6 +144,41 @@ def ground_condition(condition: Condition, binding: Binding, objects: Objects, d
                 return combine((ground(body, inner, positive) for inner in bindings), every=not positive)
 
     return ground(condition, binding, True)
+
+
+def literal_count(condition: Condition, objects: Objects, domain: Domain) -> int:
+    """How many literals and equalities `ground_condition` makes of a condition, told without making them.
+
+    A quantifier multiplies its body by the product of its variables' domain sizes.
+    """
+    match condition:
+        case Negation(part):
+            return literal_count(part, objects, domain)
+        case Conjunction(parts) | Disjunction(parts):
+            return sum(literal_count(part, objects, domain) for part in parts)
+        case ForAll(variables, body) | Exists(variables, body):
+            return prod(domain_sizes(variables, objects, domain)) * literal_count(body, objects, domain)
+    return 1
+
+
+def domain_sizes(variables: Sequence[Parameter], objects: Objects, domain: Domain) -> list[int]:
+    """How many objects each variable may stand for."""
+    return [len(fitting_objects(variable, objects, domain)) for variable in variables]
+
+
+def largest_quantifier(condition: Condition, objects: Objects, domain: Domain) -> ForAll | Exists | None:
+    """The quantifier whose variables have the largest product of domain sizes; None if there is no quantifier."""
+    match condition:
+        case Negation(part):
+            return largest_quantifier(part, objects, domain)
+        case Conjunction(parts) | Disjunction(parts):
+            found = [largest_quantifier(part, objects, domain) for part in parts]
+        case ForAll(_, body) | Exists(_, body):
+            found = [condition, largest_quantifier(body, objects, domain)]
+        case _:
+            return None
+    quantifiers = [quantifier for quantifier in found if quantifier is not None]
+    return max(quantifiers, key=lambda q: prod(domain_sizes(q.variables, objects, domain)), default=None)
 
 
 def _extensions(

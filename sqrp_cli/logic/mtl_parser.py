@@ -20,7 +20,7 @@ from sqrp_cli.logic.formula import (
     Or,
     Predicate,
 )
-from sqrp_cli.logic.source_text import Origin, SourceText
+from sqrp_cli.logic.source_text import Origin, SourceText, character_name
 from sqrp_cli.logic.syntax_tree import depth, is_token
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def _syntax_problem(source: SourceText, error: UnexpectedInput) -> Problem:
 
     if not isinstance(error, UnexpectedToken):
         offset = error.pos_in_stream or 0
-        return source.problem("mtl-syntax", f"unexpected character `{source.text[offset]}`", offset)
+        return source.problem("mtl-syntax", f"unexpected character {character_name(source.text[offset])}", offset)
     token = error.token
     expected = [words for name, words in _EXPECTED.items() if name in error.expected]
     listed = " or ".join([", ".join(expected[:-1]), expected[-1]] if len(expected) > 1 else expected)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, TypeAlias
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.logic.source_text import SourceText
+from sqrp_cli.logic.source_text import SourceText, character_name, is_unseen
 from sqrp_cli.logic.syntax_tree import depth, is_token
 
 if TYPE_CHECKING:
@@ -19,6 +20,10 @@ MAX_DEPTH = 50
 
 MAX_LENGTH = 1_000_000
 """Most characters of a file."""
+
+
+_NOT_PLAIN = re.compile(r";[^\n]*|[^\t\n\f\r -~]")
+"""Comments, and characters that are neither ASCII nor what the grammar takes for space."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +54,20 @@ Node: TypeAlias = Word | WordList
 def read_list(source: SourceText) -> WordList:
     """The one list that the text consists of.
 
-    Raises InputError for unbalanced parentheses and text outside them, with line, column and excerpt.
+    Raises InputError for characters that cannot be seen, unbalanced parentheses and text outside them, with line,
+    column and excerpt.
     """
     from lark.exceptions import UnexpectedInput
 
     if len(source.text) > MAX_LENGTH:
         message = f"the file has {len(source.text)} characters; at most {MAX_LENGTH} are read"
         raise InputError(Problem("pddl-too-long", message, source.place))
+    for found in _NOT_PLAIN.finditer(source.text):
+        if not found[0].startswith(";") and is_unseen(found[0]):
+            message = f"found the character {character_name(found[0])}, which no word of PDDL has"
+            raise InputError(
+                source.problem("pddl-character", message, found.start(), "remove it, or put a blank or an end of line")
+            )
     try:
         tree = _tree(source.text)
     except UnexpectedInput:

@@ -8,14 +8,22 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import Protocol, TypeAlias
 
 from sqrp_cli.logic.conditions import Binding, Failure, Objects, Some, UnmetCondition
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom, Literal
-from sqrp_cli.logic.planning_task import GroundAction, Need, PlanningTask, Step, TooManyActionsError, planning_task
+from sqrp_cli.logic.planning_task import (
+    GroundAction,
+    Need,
+    PlanningTask,
+    Step,
+    TaskLimits,
+    TaskTooLargeError,
+    planning_task,
+)
 
 
 @dataclass(frozen=True)
@@ -43,9 +51,14 @@ class ProvenImpossible:
 
 @dataclass(frozen=True)
 class GaveUp:
-    """Neither a plan nor a proof was found; within: how much was looked at, such as `20,000 states`."""
+    """Neither a plan nor a proof was found.
+
+    within: how much was looked at, such as `20,000 states`. why: what makes that too little, where it can be told, and
+    what would change that.
+    """
 
     within: str
+    why: str = field(default="", compare=False)
 
 
 _PLATEAU = 500
@@ -65,10 +78,14 @@ class Planner(Protocol):
 
 @dataclass(frozen=True)
 class Budget:
-    """How much work may be done: states looked at, and ground actions."""
+    """How much work may be done: states looked at, ground actions, and how often an action is held against a state.
+
+    trials: a trial counts once more for every 500 bits of a state, because it takes as much longer.
+    """
 
     states: int = 20_000
     actions: int = 50_000
+    trials: int = 20_000_000
 
 
 def find_plan(
@@ -85,20 +102,25 @@ def find_plan(
     binding: objects for the free variables of the goal. The same input gives the same plan.
     """
     try:
-        task = planning_task(domain, objects, facts, goal, binding, budget.actions)
-    except TooManyActionsError:
-        return GaveUp(f"{budget.actions:,} ground actions")
+        task = planning_task(domain, objects, facts, goal, binding, TaskLimits(budget.actions))
+    except TaskTooLargeError as error:
+        return GaveUp(error.within, error.why)
     if task.goal.holds(task.initial):
         return AlreadySatisfied()
-    reachable = _reachable(task)
+    meter = _Meter(budget, task)
+    try:
+        reachable = _reachable(task, meter)
+    except _OutOfBudgetError as error:
+        return GaveUp(str(error))
     if not task.goal.holds(reachable):
         never = (_failure(part) for part, need in task.goal_parts if not need.holds(reachable))
         return ProvenImpossible(tuple(dict.fromkeys(never)))
     actions = tuple(action for action in task.actions if action.need.holds(reachable))
-    result = _Search(task.initial, task.goal, actions, budget.states).run()
+    result = _Search(task.initial, task.goal, actions, meter).run()
     if not isinstance(result, ProvenImpossible):
         return result
-    alone = [(part, _Search(task.initial, need, actions, budget.states).run()) for part, need in task.goal_parts]
+    meter = _Meter(budget, task)
+    alone = [(part, _Search(task.initial, need, actions, meter).run()) for part, need in task.goal_parts]
     never = (_failure(part) for part, outcome in alone if isinstance(outcome, ProvenImpossible))
     return ProvenImpossible(tuple(dict.fromkeys(never)))
 
@@ -107,11 +129,36 @@ def _failure(part: Literal | Some) -> Failure:
     return part if isinstance(part, Literal) else UnmetCondition(part.text)
 
 
-def _reachable(task: PlanningTask) -> int:
+class _OutOfBudgetError(Exception):
+    """As much work was done as may be; the first argument says how much."""
+
+
+@dataclass
+class _Meter:
+    """Counts the work, and ends it when the budget is spent."""
+
+    budget: Budget
+    task: PlanningTask
+    states: int = 0
+    trials: int = 0
+
+    def look_at_state(self) -> None:
+        if self.states >= self.budget.states:
+            raise _OutOfBudgetError(f"{self.states:,} states")
+        self.states += 1
+
+    def try_actions(self, count: int) -> None:
+        self.trials += count * (1 + self.task.initial.bit_length() // 500)
+        if self.trials > self.budget.trials:
+            raise _OutOfBudgetError(f"{self.states:,} states and {len(self.task.actions):,} ground actions")
+
+
+def _reachable(task: PlanningTask, meter: _Meter) -> int:
     """The literals that can become true if nothing ever stops being true; no other can ever become true."""
     literals, waiting = task.initial, list(task.actions)
     while True:
         before = literals
+        meter.try_actions(len(waiting))
         for action in waiting:
             if action.need.holds(before):
                 literals |= action.gains
@@ -128,27 +175,22 @@ class _Estimate:
     helpful: tuple[GroundAction, ...]
 
 
-class _OutOfBudgetError(Exception):
-    """The search looked at as many states as it may."""
-
-
 class _Search:
-    """One search for a plan; counts the states that it looks at."""
+    """One search for a plan."""
 
-    def __init__(self, initial: int, goal: Need, actions: tuple[GroundAction, ...], max_states: int) -> None:
+    def __init__(self, initial: int, goal: Need, actions: tuple[GroundAction, ...], meter: _Meter) -> None:
         self.initial = initial
         self.goal = goal
         self.actions = actions
-        self.max_states = max_states
-        self.states = 0
+        self.meter = meter
 
     def run(self) -> PlanningResult:
         try:
             found = self.climb()
             if found is None:
                 found = self.best_first()
-        except _OutOfBudgetError:
-            return GaveUp(f"{self.states:,} states")
+        except _OutOfBudgetError as error:
+            return GaveUp(str(error))
         if found is None:
             return ProvenImpossible(())
         return Plan(tuple(action.step for action in _without_detours(self.initial, self.goal, found)))
@@ -170,8 +212,8 @@ class _Search:
         """The nearest state, breadth first, that is estimated to be nearer to the goal than `start`."""
         seen = {state}
         queue: deque[tuple[int, tuple[GroundAction, ...], _Estimate]] = deque([(state, (), start)])
-        last = self.states + _PLATEAU
-        while queue and self.states <= last:
+        last = self.meter.states + _PLATEAU
+        while queue and self.meter.states <= last:
             current, steps, estimate = queue.popleft()
             for action in estimate.helpful:
                 following = action.after(current)
@@ -201,6 +243,7 @@ class _Search:
             steps, _, _, state, helpful = heappop(queue)
             if steps == 0:
                 return _path(came_from, state)
+            self.meter.try_actions(len(self.actions))
             for action in self.actions:
                 if not action.need.holds(state):
                     continue
@@ -216,13 +259,12 @@ class _Search:
 
     def estimate(self, state: int) -> _Estimate | None:
         """The relaxed plan from a state; None if even that does not exist, which proves a dead end."""
-        if self.states >= self.max_states:
-            raise _OutOfBudgetError
-        self.states += 1
+        self.meter.look_at_state()
         layers, new_actions = [state], []
         waiting: Sequence[GroundAction] = self.actions
         while not self.goal.holds(layers[-1]):
             literals = layers[-1]
+            self.meter.try_actions(len(waiting))
             missing = ~literals
             applicable, later = [], []
             for action in waiting:

@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from math import prod
 
 from sqrp_cli.logic.conditions import (
+    MAX_LITERALS,
     All,
     Binding,
     GroundCondition,
     Objects,
     Some,
+    domain_sizes,
     fitting_objects,
     ground_atom,
     ground_condition,
@@ -29,7 +32,6 @@ from sqrp_cli.logic.domain import (
     Equal,
     Holds,
     Negation,
-    Parameter,
     Variable,
 )
 from sqrp_cli.logic.literal import Atom, Literal
@@ -99,20 +101,40 @@ class PlanningTask:
     actions: tuple[GroundAction, ...]
 
 
-LOOKS_PER_ACTION = 20
-"""For each ground action of the limit, so many literals and beginnings of actions may be looked at."""
+class TaskTooLargeError(Exception):
+    """The problem is larger than a limit; within: which one, such as `50,000 ground actions`. why: what reaches it."""
+
+    def __init__(self, within: str, why: str) -> None:
+        super().__init__(f"{within}: {why}")
+        self.within = within
+        self.why = why
 
 
-class TooManyActionsError(Exception):
-    """The problem has more ground actions, or larger ones, than the limit; the first argument is the limit."""
+@dataclass(frozen=True)
+class TaskLimits:
+    """How large a planning task may become.
+
+    actions: ground actions. tried: choices of objects that are looked at, also where only some parameters have one yet.
+    literals: in all ground conditions together. bits: of all actions together, two for each atom.
+    """
+
+    actions: int = 50_000
+    tried: int = 500_000
+    literals: int = 1_000_000
+    bits: int = 1_000_000_000
 
 
 def planning_task(
-    domain: Domain, objects: Objects, facts: frozenset[Atom], goal: Condition, binding: Binding, max_actions: int
+    domain: Domain,
+    objects: Objects,
+    facts: frozenset[Atom],
+    goal: Condition,
+    binding: Binding,
+    limits: TaskLimits = TaskLimits(),
 ) -> PlanningTask:
     """Makes actions and goal explicit for the given objects.
 
-    Actions whose precondition contradicts what no action can change are left out. Raises TooManyActionsError.
+    Actions whose precondition contradicts what no action can change are left out. Raises TaskTooLargeError.
     """
     objects = {name: frozenset([type_name]) for name, type_name in domain.constants.items()} | dict(objects)
     changeable = frozenset(
@@ -120,21 +142,32 @@ def planning_task(
         for action in domain.actions.values()
         for change in (*action.effect.adds, *action.effect.deletes)
     )
+    sizes = {
+        name: max(1, literal_count(action.precondition, objects, domain)) for name, action in domain.actions.items()
+    }
+    largest = max([literal_count(goal, objects, domain), *sizes.values()])
+    if largest > MAX_LITERALS:
+        raise TaskTooLargeError(f"{MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
     numbering = _Numbering(facts, changeable)
     parts = [
         (part, numbering.need(part, keep=True) or NEVER)
         for part in _ground_conjuncts(ground_condition(goal, binding, objects, domain))
     ]
     actions: list[GroundAction] = []
-    tried = looked = 0
+    literals = 0
+    ground = 0
+    choices = _Choices(objects, facts, changeable, domain, limits.tried)
     for action in domain.actions.values():
-        size = literal_count(action.precondition, objects, domain)
-        for bound in _bindings(action, objects, facts, changeable, domain):
-            tried, looked = tried + (bound is not None), looked + (1 if bound is None else size)
-            if tried > max_actions or looked > LOOKS_PER_ACTION * max_actions:
-                raise TooManyActionsError(max_actions)
-            if bound is None:
-                continue
+        for bound in choices.of(action):
+            ground += 1
+            literals += sizes[action.name]
+            for count, limit, what in (
+                (ground, limits.actions, "ground actions"),
+                (literals, limits.literals, "literals of ground actions"),
+                (2 * len(numbering.numbers) * len(actions), limits.bits, "bits of ground actions"),
+            ):
+                if count > limit:
+                    raise TaskTooLargeError(f"{limit:,} {what}", choices.why(action))
             precondition = numbering.need(ground_condition(action.precondition, bound, objects, domain), keep=False)
             if precondition is None:
                 continue
@@ -186,33 +219,49 @@ class _Numbering:
                 return Need(0, (tuple(possible),))
 
 
-def _bindings(
-    action: Action, objects: Objects, facts: frozenset[Atom], changeable: frozenset[str], domain: Domain
-) -> Iterator[Binding | None]:
-    """All ways to fill the parameters, cut short as soon as something unchangeable contradicts the precondition.
+@dataclass
+class _Choices:
+    """All ways to fill the parameters of actions; counts how often an object was tried for a parameter."""
 
-    None stands for one that was cut short.
-    """
-    checks = [part for part in _conjuncts(action.precondition) if _is_unchangeable(part, changeable)]
-    ready: list[list[Condition]] = []
-    known: set[str] = set()
-    for parameter in action.parameters:
-        known.add(parameter.name)
-        ready.append([part for part in checks if _variables(part) <= known and parameter.name in _variables(part)])
+    objects: Objects
+    facts: frozenset[Atom]
+    changeable: frozenset[str]
+    domain: Domain
+    limit: int
+    tried: int = 0
 
-    def extend(bound: dict[str, str], remaining: tuple[Parameter, ...]) -> Iterator[Binding | None]:
-        if not remaining:
-            yield dict(bound)
-            return
-        for name in fitting_objects(remaining[0], objects, domain):
-            bound[remaining[0].name] = name
-            if all(_decided(part, bound, facts) for part in ready[len(action.parameters) - len(remaining)]):
-                yield from extend(bound, remaining[1:])
-            else:
-                yield None
-        bound.pop(remaining[0].name, None)
+    def of(self, action: Action) -> Iterator[Binding]:
+        """Those for one action, cut short as soon as something unchangeable contradicts the precondition."""
+        checks = [part for part in _conjuncts(action.precondition) if _is_unchangeable(part, self.changeable)]
+        fitting = [fitting_objects(parameter, self.objects, self.domain) for parameter in action.parameters]
+        ready: list[list[Condition]] = []
+        known: set[str] = set()
+        for parameter in action.parameters:
+            known.add(parameter.name)
+            ready.append([part for part in checks if _variables(part) <= known and parameter.name in _variables(part)])
 
-    return extend({}, action.parameters)
+        def extend(bound: dict[str, str], index: int) -> Iterator[Binding]:
+            if index == len(action.parameters):
+                yield dict(bound)
+                return
+            for name in fitting[index]:
+                self.tried += 1
+                if self.tried > self.limit:
+                    raise TaskTooLargeError(f"{self.limit:,} choices of objects", self.why(action))
+                bound[action.parameters[index].name] = name
+                if all(_decided(part, bound, self.facts) for part in ready[index]):
+                    yield from extend(bound, index + 1)
+            bound.pop(action.parameters[index].name, None)
+
+        return extend({}, 0)
+
+    def why(self, action: Action) -> str:
+        """What makes the task large, and what would make it smaller."""
+        count = prod(domain_sizes(action.parameters, self.objects, self.domain))
+        return (
+            f"the {len(action.parameters)} parameters of `{action.name}` ({action.place}) have {count:,} choices of"
+            " objects; give them types that fewer objects have, or make several actions of it"
+        )
 
 
 def _ground_conjuncts(condition: GroundCondition) -> Iterator[Literal | Some]:

@@ -2,12 +2,29 @@
 
 from __future__ import annotations
 
+import unicodedata
 from dataclasses import dataclass
 
 from sqrp_cli.errors import Place, Problem
 
 LONGEST = 160
 """Characters of a line that an excerpt shows whole."""
+
+
+_UNSEEN = ("Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp", "Zs")
+"""Unicode's categories of characters that cannot be seen, or not be told from others."""
+
+
+def is_unseen(character: str) -> bool:
+    """Whether a character is a control or format character, an unassigned one, or a space other than the blank."""
+    return character != " " and unicodedata.category(character) in _UNSEEN
+
+
+def character_name(character: str) -> str:
+    """What a message calls a character: itself, or its code and name where it cannot be seen."""
+    if not is_unseen(character):
+        return f"`{character}`"
+    return " ".join(filter(None, (f"U+{ord(character):04X}", unicodedata.name(character, ""))))
 
 
 @dataclass(frozen=True)
@@ -33,7 +50,7 @@ class SourceText:
     def excerpt(self, offset: int) -> str:
         """The line of the text that holds `offset`, and a second line with a caret under that character.
 
-        Of a long line, the part around it.
+        Of a long line, the part around it. Characters that cannot be seen are shown as `\N{REPLACEMENT CHARACTER}`.
         """
         start = self.text.rfind("\n", 0, offset) + 1
         line = self.text[start:].split("\n", 1)[0].rstrip()
@@ -41,7 +58,8 @@ class SourceText:
             start = max(start, offset - LONGEST // 2)
             line = self.text[start : offset + LONGEST // 2].split("\n", 1)[0].rstrip()
         before = "".join("\t" if character == "\t" else " " for character in self.text[start:offset])
-        return f"{line}\n{before}^"
+        seen = "".join("\N{REPLACEMENT CHARACTER}" if is_unseen(c) and c != "\t" else c for c in line)
+        return f"{seen}\n{before}^"
 
     def problem(self, code: str, message: str, offset: int, mend: str | None = None) -> Problem:
         """An error at the character at `offset`."""

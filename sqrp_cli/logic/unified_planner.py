@@ -14,8 +14,8 @@ from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.logic.conditions import Binding, Objects
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.planner import AlreadySatisfied, Budget, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible
-from sqrp_cli.logic.planning_task import Need, PlanningTask, TooManyActionsError, planning_task
+from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, PlanningResult, ProvenImpossible
+from sqrp_cli.logic.planning_task import Need, PlanningTask, TaskTooLargeError, planning_task
 
 TIME_LIMIT = 60.0
 """How long an engine may search [s]."""
@@ -36,11 +36,10 @@ def engine_planner(name: str) -> Planner:
     def plan(
         domain: Domain, objects: Objects, facts: frozenset[Atom], goal: Condition, binding: Binding
     ) -> PlanningResult:
-        actions = Budget().actions
         try:
-            task = planning_task(domain, objects, facts, goal, binding, actions)
-        except TooManyActionsError:
-            return GaveUp(f"{actions:,} ground actions")
+            task = planning_task(domain, objects, facts, goal, binding)
+        except TaskTooLargeError as error:
+            return GaveUp(error.within, error.why)
         return AlreadySatisfied() if task.goal.holds(task.initial) else _solved(environment, name, task)
 
     return plan

@@ -8,8 +8,8 @@ import numpy as np
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import inverse, transform
-from sqrp_cli.knowledge.read_cell import WORLD
 from sqrp_cli.knowledge.scene import Mesh
+from sqrp_cli.knowledge.urdf import WORLD
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.shape_overlaps import is_inside

@@ -77,7 +77,7 @@ class Cell:
     @property
     def initial_world(self) -> World:
         """The world before any program has run. Raises InputError where the fingers cannot hold what they should."""
-        world, model = self.workspace.initial_world, self.model
+        world, model = self.workspace.stated_world, self.model
         if world.held is None or world.X_TO is None:
             return world
         fingers = closed_on(self.collision, world.held, world.X_TO, finger_positions(model, world))

@@ -12,6 +12,7 @@ from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, TargetSpec
+from sqrp_cli.knowledge.urdf import link_called
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
@@ -147,5 +148,6 @@ class TargetGrounder:
     def _enclosed(self, spec: BoxSpec, thing: str, binding: Mapping[str, str]) -> frozenset[str]:
         if spec.encloses is None:
             return frozenset({thing} if thing in self.objects else ())
-        named = [binding.get(name, name) for name in spec.encloses if name != TOOL]
+        links = self.model.links
+        named = [link_called(binding.get(name, name), links) for name in spec.encloses if name != TOOL]
         return frozenset([*named, *(self._tool_parts if TOOL in spec.encloses else ())])

@@ -44,7 +44,7 @@ class Stage:
         self.model, self.motion, self.pieces = model, motion, tuple(pieces)
         self._primitive = np.array([piece.primitive for piece in self.pieces])
         self._X_WO = X_WO
-        self._carried = frozenset(p.held for p in motion.primitives if p.held is not None)
+        self._carried = dict.fromkeys(p.held for p in motion.primitives if p.held is not None)
 
     def positions(self, samples: Samples) -> Array:
         """Positions of the motion's joints, shape (m, n)."""

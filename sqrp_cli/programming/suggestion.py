@@ -106,8 +106,9 @@ class Suggester:
             case ProvenImpossible(never):
                 parts = " and ".join(f"`{part}`" for part in never) or "all of it together"
                 return Suggestion("impossible", f"no sequence of this workspace's skills can establish {parts}")
-            case GaveUp(within):
-                return Suggestion("gave_up", f"no plan was found within {within}, which proves nothing")
+            case GaveUp(within, why):
+                because = f": {why}" if why else ""
+                return Suggestion("gave_up", f"no plan was found within {within}, which proves nothing{because}")
 
     def _plan(self, candidate: Candidate) -> PlanningResult:
         key = (candidate.skill.name, *candidate.objects.values())

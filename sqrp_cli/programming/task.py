@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement, pairwise, product
-from math import comb
+from math import comb, prod
 
 from sqrp_cli.errors import InputError, Problem, counted, expected_names
 from sqrp_cli.knowledge import units
@@ -18,6 +18,9 @@ from sqrp_cli.logic.domain import Parameter
 
 MAX_CANDIDATES = 100_000
 """A task with more candidates than this is refused."""
+
+MAX_SPLITS = 10_000
+"""Words that may be handed out to a skill's parameters in more ways than this are refused."""
 
 MOST_OF_UNIT = 3
 """Letters of a word that is no known unit and may be meant as one."""
@@ -75,16 +78,15 @@ def read_task(text: str, workspace: Workspace) -> Task:
         choices = _object_choices(skill, workspace, settings, filters)
     except InputError as error:
         raise InputError(
-            *(replace(problem, mend=_unit_hint(words, skill, workspace)) for problem in error.problems)
+            *(replace(problem, mend=problem.mend or _unit_hint(words, skill, workspace)) for problem in error.problems)
         ) from error
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
-    count = 1
-    for values in [*choices, *motion]:
-        count *= len(values)
+    names = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
+    counts = dict(zip(names, map(len, [*choices, *motion]), strict=True))
+    count, most = prod(counts.values()), max(counts, key=lambda name: counts[name], default="")
     if count > MAX_CANDIDATES:
-        message = (
-            f"the task has {counted(count)} candidates, the limit is {MAX_CANDIDATES:,}; name fewer objects or values"
-        )
+        message = f"the task has {counted(count)} candidates, the limit is {MAX_CANDIDATES:,}"
+        message += f"; name fewer objects or values, most of all for `{most}` of `{skill.name}`, with {counts[most]:,}"
         raise InputError(Problem("too-many-candidates", message))
     return Task(text, skill, tuple(_candidates(skill, choices, motion)))
 
@@ -220,6 +222,9 @@ def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
         if not words:
             yield []
         return
+    if comb(len(words) + count - 1, len(words)) > MAX_SPLITS:
+        message = f"{len(words)} words may be meant for {count} parameters in too many ways"
+        raise InputError(Problem("ambiguous-task", message, mend="say which parameter each is for: `name=object`"))
     ways = [
         [words[start:end] for start, end in zip((0, *cuts), (*cuts, len(words)), strict=True)]
         for cuts in combinations_with_replacement(range(len(words) + 1), count - 1)

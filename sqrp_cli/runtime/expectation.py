@@ -119,7 +119,7 @@ class Expectation:
         X_WT = X_WL[twin.tool_frame]
         starts = {name: np.array(rows) for name, rows in step.before.objects.items()}
         X_WO: dict[str, Array] = {name: X[None] for name, X in starts.items()}
-        for name in {primitive.held for primitive in step.primitives if primitive.held is not None}:
+        for name in dict.fromkeys(primitive.held for primitive in step.primitives if primitive.held is not None):
             X_WO[name] = _carried(name, step, primitive_of, X_WT, starts[name])
         held = [step.primitives[index].held for index in primitive_of.tolist()]
         when_open = values_when_open(step)

@@ -18,7 +18,8 @@ from sqrp_cli.knowledge.source import Document
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
 from sqrp_cli.scoring.compute import Computer
 from sqrp_cli.scoring.findings import Findings, Progress, score_cells
-from sqrp_cli.scoring.variation import Values
+from sqrp_cli.scoring.margin import middle_of_draws, middle_of_grid
+from sqrp_cli.scoring.variation import Values, shares
 
 AS_IT_IS: Values = ()
 """The values of the workspace as its file has it."""
@@ -46,18 +47,20 @@ class Variant:
 class ScoredVariant:
     """A variant with its scores.
 
-    q_eoi, q_avg: means over every choice of objects of every task, of its best candidate, in 0..1; an infeasible one
-    counts 0; None where a variant cannot be scored, or a quality is undefined for all. time: mean duration of those
-    that can be done [s]. delay: mean of the longest time that a fault may remain unnoticed in them [s]; None without
-    faults. passed: tasks that pass.
+    choices: of objects, of every task. feasible: how many of them can be done. q_eoi, q_avg: means over those that can
+    be done, each by its best candidate, in 0..1; None where a variant cannot be scored, or a quality is undefined for
+    all. time: their mean duration [s]. delay: mean of the longest time that a fault may remain unnoticed in them [s];
+    None without faults. passed: tasks that pass.
     """
 
     variant: Variant
     findings: Findings
-    q_eoi: float | None
-    q_avg: float | None
-    time: float | None
-    delay: float | None
+    choices: int = 0
+    feasible: int = 0
+    q_eoi: float | None = None
+    q_avg: float | None = None
+    time: float | None = None
+    delay: float | None = None
 
     @property
     def passed(self) -> int:
@@ -66,19 +69,24 @@ class ScoredVariant:
 
     @property
     def order(self) -> tuple[float, ...]:
-        """Better variants come first: no errors, tasks that pass, then as candidates in a ranking."""
+        """Better variants come first: no errors, tasks that pass, choices that can be done, then as in a ranking."""
         qualities = [-round((quality or 0.0) / _QUALITY_STEP) for quality in (self.q_eoi, self.q_avg)]
         time = math.inf if self.time is None else self.time
         delay = math.inf if self.delay is None else round(self.delay / _DELAY_STEP)
-        return (self.findings.count("error"), -self.passed, *qualities, time, delay)
+        return (self.findings.count("error"), -self.passed, -self.feasible, *qualities, time, delay)
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """The variants of a workspace, the best first; of equals the one that came first. The workspace as it is is one."""
+    """The variants of a workspace, the best first. The workspace as it is is one of them.
+
+    Of several that are best it is the workspace as it is, if it is one of them, else the one of most margin, see
+    `margin`; others that are equal are in the order of their values. equals: how many variants are best.
+    """
 
     document: Document
     variants: tuple[ScoredVariant, ...]
+    equals: int = 1
     interrupted: bool = False
 
     @property
@@ -114,8 +122,17 @@ def read_variants(file: Path, values: Sequence[Values], advance: Callable[[], No
     return document, variants
 
 
-def sweep(document: Document, variants: Sequence[Variant], computer: Computer, progress: Progress) -> Sweep:
-    """Score variants of a workspace. Raises InputError where results cannot be kept."""
+def sweep(
+    document: Document,
+    variants: Sequence[Variant],
+    shape: tuple[int, ...] | None,
+    computer: Computer,
+    progress: Progress,
+) -> Sweep:
+    """Score variants of a workspace: as it is, and others; shape: of the grid of these, see `variation.grid_shape`.
+
+    Raises InputError where results cannot be kept.
+    """
     findings = score_cells([variant.cell for variant in variants], computer, progress)
     if findings.interrupted:
         return Sweep(document, (), interrupted=True)
@@ -124,24 +141,39 @@ def sweep(document: Document, variants: Sequence[Variant], computer: Computer, p
     for variant in variants:
         count = max(1, len(variant.cell.tasks))
         scored.append(_scored(variant, replace(findings, results=tuple(next(results) for _ in range(count)))))
-    return Sweep(document, tuple(sorted(scored, key=lambda variant: variant.order)))
+    least = min(variant.order for variant in scored)
+    equal = [variant.order == least for variant in scored]
+    best = scored[0 if equal[0] else 1 + most_margin(equal[1:], [variant.values for variant in variants[1:]], shape)]
+    ranked = sorted(scored, key=lambda variant: (variant.order, variant is not best))
+    return Sweep(document, tuple(ranked), sum(equal))
+
+
+def most_margin(equal: Sequence[bool], values: Sequence[Values], shape: tuple[int, ...] | None) -> int:
+    """The index of the variant of most margin among equals, on a grid of a shape or among draws; see `margin`."""
+    marked = np.array(equal)
+    return middle_of_draws(marked, shares(values)) if shape is None else middle_of_grid(marked.reshape(shape))
 
 
 def _scored(variant: Variant, findings: Findings) -> ScoredVariant:
     if findings.count("error"):
-        return ScoredVariant(variant, findings, None, None, None, None)
+        return ScoredVariant(variant, findings)
     ways = [way.assessment for result in findings.results for way in result.score.ways.values()]
     feasible = [way for way in ways if way.feasible]
 
     def mean(name: str) -> float | None:
-        known = [getattr(way, name) for way in feasible if getattr(way, name) is not None]
-        undefined = len(feasible) - len(known)
-        return float(np.sum(known)) / (len(ways) - undefined) if known else None
+        known = [figure for way in feasible if (figure := getattr(way, name)) is not None]
+        return float(np.mean(known)) if known else None
 
-    times = [way.time for way in feasible if way.time is not None]
-    delays = [way.delay_worst for way in feasible if way.delay_worst is not None]
-    time, delay = (float(np.mean(values)) if values else None for values in (times, delays))
-    return ScoredVariant(variant, findings, mean("q_eoi"), mean("q_avg"), time, delay)
+    return ScoredVariant(
+        variant,
+        findings,
+        choices=len(ways),
+        feasible=len(feasible),
+        q_eoi=mean("q_eoi"),
+        q_avg=mean("q_avg"),
+        time=mean("time"),
+        delay=mean("delay_worst"),
+    )
 
 
 def from_here(path: Path) -> str:

@@ -11,6 +11,7 @@ from itertools import product
 import numpy as np
 
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.geometry import Array
 
 MAX_VARIANTS = 10_000
 """More variants than this are refused."""
@@ -36,7 +37,8 @@ class Variation:
     count: int | None
 
     def text(self, value: float) -> str:
-        """A value as YAML text."""
+        """A value as YAML text; what is nothing beside the ends is 0."""
+        value = 0.0 if abs(value) <= 1e-9 * max(abs(self.start), abs(self.end)) else value
         return f"{value:.6g}{f' {self.unit}' if self.unit else ''}"
 
 
@@ -88,6 +90,19 @@ def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> t
         raise InputError(Problem("bad-option", f"{total:,} variants are asked for, the limit is {MAX_VARIANTS:,}"))
     grids = [np.linspace(v.start, v.end, count).tolist() for v, count in zip(variations, counts, strict=True)]
     return tuple(_values(variations, point) for point in product(*grids))
+
+
+def grid_shape(variations: Sequence[Variation], draws: int | None) -> tuple[int, ...] | None:
+    """How many values of each path `variants` combines, in row-major order; None where they are drawn."""
+    return None if draws is not None else tuple(variation.count or 1 for variation in variations)
+
+
+def shares(values: Sequence[Values]) -> Array:
+    """Where each variant is between the least and the greatest of all, 0 to 1 for each path; shape (n, paths)."""
+    numbers = np.array([[float(text.split()[0]) for _, text in chosen] for chosen in values])
+    low, high = numbers.min(axis=0), numbers.max(axis=0)
+    found: Array = (numbers - low) / np.where(high > low, high - low, 1.0)
+    return found
 
 
 def _values(variations: Sequence[Variation], point: Sequence[float]) -> Values:

@@ -111,7 +111,7 @@ def _free_branches(cell: Cell, X_WT: Array) -> list[Array]:
     solutions = all_solutions(model, X_WT).solutions
     solutions = np.where(model.turns, np.radians(np.round(np.degrees(solutions))), np.round(solutions, 3))
     inside = solutions[((solutions >= model.lower) & (solutions <= model.upper)).all(axis=1)]
-    contacts = cell.collision.placed(cell.workspace.initial_world).check_all(inside) if len(inside) else ()
+    contacts = cell.collision.placed(cell.initial_world).check_all(inside) if len(inside) else ()
     return [q for q, contact in zip(inside, contacts, strict=True) if contact is None]
 
 
@@ -134,7 +134,7 @@ def places_to_try(model: RobotModel, reach: float, direction: float, size: float
 
 def cubes_in_reach(cell: Cell) -> list[Cube]:
     """Those of the cubes of a workspace that the arm can pick up, as many as `COLORS`, named by their colours."""
-    world: World = cell.workspace.initial_world
+    world: World = cell.initial_world
     found: list[Cube] = []
     for candidate in read_task(TASK, cell.workspace).candidates:
         if not isinstance(feasible_motion(cell, candidate, world), Infeasible):

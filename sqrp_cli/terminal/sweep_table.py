@@ -8,14 +8,13 @@ from sqrp_cli.terminal.console import Column, Styled, plain, print_table, say
 ROWS = 20
 """Variants that the table shows; the document has all."""
 
-_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "tasks\npassed")
+_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "can be\ndone", "tasks\npassed")
 
 
 def print_sweep(sweep: Sweep) -> None:
     """The table of variants, the best first."""
     paths = [path for path, _ in max((scored.variant.values for scored in sweep.variants), key=len)]
-    short = _short(paths)
-    columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in short)]
+    columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in column_titles(paths))]
     columns += [Column(title, right=True) for title in _FIGURES]
     shown = list(enumerate(sweep.variants[:ROWS], 1))
     shown += [
@@ -26,14 +25,14 @@ def print_sweep(sweep: Sweep) -> None:
         say(f"{', '.join(f'#{rank}' for rank in ranks)}: {reason}")
     if len(sweep.variants) > len(shown):
         say(plain(f"{len(sweep.variants) - len(shown)} more are in the document of --json.", "dim"))
-    say(plain("Figures are means over every choice of objects of every task; Q of what cannot be done is 0.", "dim"))
+    say(plain("Figures are means over the choices of objects, of every task, that can be done.", "dim"))
 
 
 def _row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
     values = dict(scored.variant.values)
     cells: list[Styled] = [str(rank), *(values.get(path, "as it is") for path in paths)]
     figures = [_figure(scored.q_eoi, 100, 1), _figure(scored.q_avg, 100, 1), _figure(scored.time, 1, 2)]
-    figures.append(_figure(scored.delay, 1, 2))
+    figures += [_figure(scored.delay, 1, 2), f"{scored.feasible} of {scored.choices}"]
     errors = scored.findings.count("error")
     passed = f"{scored.passed} of {len(scored.findings.results)}"
     return [*cells, *figures, plain("error", "bold red") if errors else passed]
@@ -53,10 +52,13 @@ def _figure(value: float | None, scale: float, digits: int) -> str:
     return "-" if value is None else f"{scale * value:.{digits}f}"
 
 
-def _short(paths: list[str]) -> list[str]:
-    """The paths without what they all begin with, but with two words at least."""
-    words = [path.split(".") for path in paths]
-    common = 0
-    while all(len(path) > common + 2 for path in words) and len({path[common] for path in words}) == 1:
-        common += 1
-    return [".".join(path[common:]) for path in words]
+def column_titles(paths: list[str]) -> list[str]:
+    """The end of each path under the name of what it belongs to, such as a camera; whole paths if two look alike."""
+    titles = ["\n".join(_owner_and_end(path.split("."))) for path in paths]
+    return titles if len(set(titles)) == len(titles) else paths
+
+
+def _owner_and_end(words: list[str]) -> list[str]:
+    named = words[0] in ("cameras", "objects", "detectors")
+    owner, rest = (words[1:2], words[2:]) if named else (words[:1], words[1:])
+    return [*owner, ".".join(rest[-2:])] if rest else owner

@@ -34,7 +34,7 @@ def many(wanted: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         workspace = load_workspace(_crowded(Path(folder)))
         task = read_task("pickup green", workspace)
-        assignment = Assignment(Cell.load(workspace), workspace.initial_world, Adaptive())
+        assignment = Assignment(Cell.load(workspace), workspace.stated_world, Adaptive())
     chosen = [task.candidates[int(i)] for i in np.linspace(0, len(task.candidates) - 1, wanted)]
     rows, feasible, start = [], 0, time.perf_counter()
     for number, candidate in enumerate(chosen, 1):
@@ -53,7 +53,7 @@ def many(wanted: int) -> None:
 
 def _each_of_tabletop() -> None:
     workspace = load_workspace(TABLETOP)
-    world = workspace.initial_world
+    world = workspace.stated_world
     candidates = read_task("pickup green", workspace).candidates
     rows = []
     for candidate in candidates:

@@ -117,7 +117,7 @@ def print_stages(imports: float) -> None:
     watch(observer, "near_pairs", "- of this culling")
     watch(observer.HullTester, "met", "- of this view hulls in coal")
     watch(observer, "visible_shares", "- of this visible shares")
-    assignment = Assignment(cell, workspace.initial_world, Adaptive())
+    assignment = Assignment(cell, workspace.stated_world, Adaptive())
     assessments = clock.run("all candidates, whole", lambda: [assignment.assess(c) for c in task.candidates])
     session = Session(workspace, task, assignment)
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):

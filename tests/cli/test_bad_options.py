@@ -59,7 +59,7 @@ BAD = [
     (["run", "--replay", "TMP/l"], ["file not found"]),
     (["rnak", "CELL", "watch seen"], ["rnak"]),
     (["program", "nwe", "CELL"], ["one program at a time", "sqrp program new"]),
-    (["run", "--replay", "CELL/arm.urdf"], ["this line is no event of a log"]),
+    (["run", "--replay", "CELL/arm.urdf"], ["this is no JSON"]),
     (["run", "--replay", "CELL/../cameras"], ["found a folder, expected a file"]),
     (["score", "CELL", "--baseline", "CELL"], ["found a folder, expected a file"]),
     (["score", "CELL", "--baseline", "CELL/workspce.yaml"], ["did you mean `workspace.yaml`?", "--save-baseline"]),

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
+ROOT = Path(__file__).parents[2]
 TASK = "pickup green"
 WITHOUT_IK = "import sys\nsys.modules['eaik'] = None  # importing it raises ImportError"
 
@@ -69,6 +75,57 @@ def test_explain_prints_the_same_bytes_in_another_process(sqrp_process, tabletop
 
 def test_show_prints_the_same_bytes_in_another_process(sqrp_process, tabletop, shown):
     assert sqrp_process("show", tabletop, "--json", PYTHONHASHSEED="4").out == shown.out
+
+
+@pytest.fixture
+def held_by_two_facts(tmp_path) -> Path:
+    """The tower's cell where facts alone say what the tool holds, by two words for it that two skills make true."""
+    cell = (ROOT / "workspaces" / "tower" / "workspace.yaml").read_text(encoding="utf-8")
+    folder = tmp_path / "held"
+    pinch = folder / "pinch"
+    pinch.mkdir(parents=True)
+    for name in ("skill.yaml", "pickup.pddl"):
+        text = (ROOT / "skills" / "pickup" / name).read_text(encoding="utf-8")
+        (pinch / name.replace("pickup", "pinch")).write_text(
+            text.replace("pickup", "pinch").replace("(hold ?", "(pinched ?").replace("hold", "pinched"),
+            encoding="utf-8",
+        )
+    held = "pose: {held: +z}}"
+    assert held in cell
+    for old, new in {
+        "../../skills/pickup,": "../../skills/pickup, pinch,", held: "pose: unknown}", "../../": f"{ROOT}/",
+        "  - hold(red)": "  - pinched(red)\n  - hold(red)", "../robots": f"{ROOT}/workspaces/robots",
+    }.items():  # fmt: skip
+        cell = cell.replace(old, new)
+    (folder / "workspace.yaml").write_text(cell, encoding="utf-8")
+    return folder
+
+
+def test_everything_is_the_same_bytes_whatever_order_sets_have(sqrp, held_by_two_facts, tmp_path):
+    asked = [held_by_two_facts, "pickup blue"]
+    for name, task in (("tabletop", "place g2 tray"), ("screws", "pickup_two_finger"), ("tower", "pickup")):
+        asked += [ROOT / "workspaces" / name, task]
+    for seed in (4, 5):
+        made = tmp_path / f"random{seed}"
+        assert sqrp("init", made, "--random", "--seed", seed, "--objects", 4, "--cameras", 3).code == 0
+        asked += [made, "pickup"]
+    command = [sys.executable, "-m", "tests.cli.all_output", *map(str, asked)]
+    said = [
+        json.loads(
+            subprocess.run(
+                command, cwd=ROOT, env=os.environ | {"PYTHONHASHSEED": seed}, capture_output=True, check=True
+            ).stdout
+        )
+        for seed in ("0", "1", "2")
+    ]
+    assert len(said[0]) == 36
+    held, *_ = json.loads(said[0][f"explain {held_by_two_facts} pickup blue --all --json --samples 4 --jobs 1"][1])[
+        "candidates"
+    ]
+    assert held
+    for name, found in said[0].items():
+        assert found[0] < 3, (name, found)
+        assert all(other[name] == found for other in said[1:]), name
 
 
 def test_the_number_of_processes_changes_nothing(sqrp, own_watch):

@@ -14,6 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from sqrp_cli.cli.sweep_table import column_titles
 
 from sqrp_cli.files import os as files_os
 from sqrp_cli.programming.pipeline import Assignment
@@ -487,6 +488,57 @@ def test_of_variants_that_see_as_much_the_one_that_sees_sooner_is_best(sqrp, own
     assert document["best"] == {"cameras.eye.latency": "10 ms"}
     # One frame period, 0.1 s, and the latency.
     assert [variant["delay"] for variant in document["variants"]] == pytest.approx([0.11, 0.135, 0.15, 0.16])
+
+
+def near_enough_from_a_step_aside(workspace: Path) -> None:
+    """Let `seen` be near enough from x = 0.0226 m on, 2 m from it, and not from where the camera is."""
+    edit(workspace, "body: {kind: color, distance: [1 m, 3 m]", "body: {kind: color, distance: [1 m, 2 m]")
+    edit(workspace, "task: watch green", "task: watch seen")
+
+
+def test_of_equal_variants_the_one_in_the_middle_of_the_longest_run_is_best(sqrp, own_watch, tmp_path):
+    near_enough_from_a_step_aside(own_watch)
+    arguments = ("--vary", "cameras.eye.pose.position[0]=-0.3:0.7:11", "--patch", tmp_path / "best.patch")
+    document = sqrp("score", own_watch, *arguments, "--json").document
+    assert document["best"] == {"cameras.eye.pose.position.0": "0.4"}
+    assert document["equals"] == 7
+    values = [next(iter(variant["values"].values()), None) for variant in document["variants"]]
+    assert values == ["0.4", "0.1", "0.2", "0.3", "0.5", "0.6", "0.7", None, "-0.3", "-0.2", "-0.1", "0"]
+    shown = " ".join(sqrp("score", own_watch, *arguments).out.split())
+    assert "position.0 = 0.4. Of 7 that are as good it has the most room around it. To have it:" in shown
+
+
+def test_of_equal_draws_the_one_farthest_from_those_that_are_worse_is_best(sqrp, own_watch, tmp_path):
+    near_enough_from_a_step_aside(own_watch)
+    arguments = ("--vary", "cameras.eye.pose.position[0]=-0.3:0.7", "--draws", 12, "--patch", tmp_path / "best.patch")
+    document = sqrp("score", own_watch, *arguments, "--json").document
+    drawn = [float(value) for variant in document["variants"] for value in variant["values"].values()]
+    assert sum(value > 0.0226 for value in drawn) == document["equals"] > 1
+    assert float(document["best"]["cameras.eye.pose.position.0"]) == max(drawn)  # worse ones are all below
+
+
+def test_figures_of_a_sweep_are_about_what_can_be_done(sqrp, own_watch, tmp_path):
+    edit(own_watch, "in_place(turned), ", "")  # so that `turned` cannot be watched, and `seen` can
+    arguments = ("--vary", "cameras.eye.latency=60 ms:50 ms:2", "--patch", tmp_path / "best.patch")
+    variants = sqrp("score", own_watch, *arguments, "--json").document["variants"]
+    assert [(variant["q_eoi"], variant["q_avg"]) for variant in variants] == [(1.0, 1.0)] * 3
+    assert [(variant["feasible"], variant["choices"]) for variant in variants] == [(1, 2)] * 3
+    shown = sqrp("score", own_watch, *arguments).out
+    assert "1 of 2" in shown
+    assert " ".join(shown.split()).count("100.0 100.0") == 3
+
+
+@pytest.mark.parametrize(
+    ("paths", "titles"),
+    [
+        (["cameras.cam1.pose.position.0"], ["cam1\nposition.0"]),
+        (["cameras.cam1.pose.position.0", "cameras.cam2.pose.position.0"], ["cam1\nposition.0", "cam2\nposition.0"]),
+        (["robot.base.position.2", "padding", "cameras.a.far"], ["robot\nposition.2", "padding", "a\nfar"]),
+        (["cameras.a.far", "objects.a.far"], ["cameras.a.far", "objects.a.far"]),
+    ],
+)
+def test_columns_of_a_sweep_say_whose_values_they_are(paths, titles):
+    assert column_titles(paths) == titles
 
 
 def test_a_sweep_warns_as_a_ranking_does_and_once_for_all_variants(sqrp, own_watch, tmp_path):

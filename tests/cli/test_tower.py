@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.report.packing import tidy
+from tests.cli.pages import detail_in
 from tests.replay import Replay, assert_continuous, assert_limits, assert_straight
 
 TOWER = Path(__file__).parents[2] / "workspaces" / "tower"
@@ -49,3 +51,13 @@ def test_nothing_touches_and_a_tower_stands_in_the_end(replay):
     for below, above, height in ((green, red, 0.045), (red, blue, 0.04)):
         np.testing.assert_allclose((above - below)[:2], 0, atol=1e-3)
         assert height - 1e-6 <= (above - below)[2] <= height + 2e-3
+
+
+def test_a_page_of_scores_begins_with_the_object_in_the_tool_as_the_scores_do(sqrp, tmp_path):
+    page = tmp_path / "page.html"
+    assert sqrp("score", TOWER, "--report", page).code == 0
+    explained = sqrp("explain", TOWER, STEPS[0], "--json").document
+    shown = detail_in(page)
+    assert shown["samples"][0]["held"] == explained["samples"][0]["held"] == "red"
+    for figures in ("q_avg", "q_eoi", "time", "primitives", "formulas"):
+        assert shown[figures] == tidy(explained[figures])

@@ -9,7 +9,9 @@ from typing import Any
 import pytest
 import yaml
 
+from sqrp_cli.report.packing import tidy
 from tests.cli.conftest import Outcome
+from tests.cli.pages import detail_in
 
 
 @pytest.fixture
@@ -21,6 +23,7 @@ def walled(tmp_path: Path, tabletop_cell: dict[str, Any]) -> Path:
     back = {"type": "wall", "size": [0.02, 1.2, 1.2], "pose": {"position": [-0.3, 0, 0.6]}, "fixed": True}
     cell["objects"] = {"table": things["table"], "g1": cube, "wall": wall, "back": back}
     cell["state"] = ["hand_empty", "obj_on_table(g1)"]
+    cell["tasks"] = [{"task": "pickup"}]
     (tmp_path / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
     return tmp_path
 
@@ -46,3 +49,15 @@ def test_the_planner_says_nothing_and_the_seed_decides(
     assert "nanobind" not in first.err
     assert "Info:" not in first.err
     assert first.out == second.out != other.out
+
+
+def test_a_page_of_scores_shows_the_motions_that_were_scored(
+    sqrp: Callable[..., Outcome], walled: Path, tmp_path: Path
+) -> None:
+    page = tmp_path / "page.html"
+    options = ("--samples", 5, "--seed", 3)
+    assert sqrp("score", walled, "--report", page, *options).code == 0
+    assert (
+        detail_in(page)["primitives"]
+        == tidy(sqrp("explain", walled, "pickup", "--json", *options).document)["primitives"]
+    )

@@ -26,7 +26,7 @@ _PART = re.compile(
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{2,}|(?<=`)\w(?=`)")
 _WHOLE = re.compile(
     r"expected a file|there is no|not found|is a folder|is a file|not a folder|is empty|no triangles|UTF-8"
-    r"|the limit is|be written|[\d,]+ bytes|:\d+:\d+ names this file"
+    r"|the limit is|this folder|be written|[\d,]+ bytes|:\d+:\d+ names this file"
 )
 _ERROR = re.compile(r"^error: ", re.MULTILINE)
 _NOISE = ("Traceback", "Warning:", "internal error", "Exception ignored", "libpng", "[ WARN", "terminate called")

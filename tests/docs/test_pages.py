@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from sqrp_cli import __version__
 from tests.docs.page import BLOCK, PAGES, ROOT, blocks, played
 
 RUN = [page for page in PAGES if any(block.kind in ("console", "sh") for block in blocks(page.read_text()))]
 
 LINK = re.compile(r"\]\((?!https?:|mailto:)([^)#\s]+)?(?:#([^)\s]+))?\)")
 
-MADE = {"commands.md", "workspace.md", "skill.md", "findings.md"}
+MADE = {"commands.md", "workspace.md", "skill.md", "findings.md", "usual-values.md"}
 """Pages that are made from the code."""
 
 
@@ -50,3 +51,9 @@ def test_the_readme_shows_the_main_commands() -> None:
     text = (ROOT / "README.md").read_text()
     for command in ("check", "rank", "explain", "program", "run", "audit", "score", "diff", "show", "init", "schema"):
         assert f"sqrp {command}" in text, command
+
+
+def test_the_changes_begin_with_the_version() -> None:
+    newest = re.search(r"^## (\S+),", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    assert newest is not None
+    assert newest[1] == __version__

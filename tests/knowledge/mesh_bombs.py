@@ -209,6 +209,7 @@ def obj_bombs() -> dict[str, Bomb]:
         "keyword": ("vv 1 2 3", "21: found `vv`, which is no keyword"),
         "materials without end": ("mtllib ../../../../../../../../../dev/zero", "21: the materials"),
         "groups without end": ("g a\n" * 50_000, "limit is 10,000"),
+        "a line without end": ("f 1 2 \\\n" * 100_000 + "3", "found a polygon with 300,000 corners"),
         "lines without end": ("\n" * 6_000_000, "lines, the limit is"),
     }
     return {name: Bomb(".obj", obj(line + "\n"), says) for name, (line, says) in lines.items()} | {

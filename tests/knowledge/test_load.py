@@ -85,7 +85,7 @@ def test_objects_keep_their_parts_types_and_places(cell: Path) -> None:
     assert tray.types == ("tray", "movable")
     assert workspace.objects["table"].types == ("table", "fixture")
     assert lost.X_WO is None
-    assert "lost" not in workspace.initial_world.X_WO
+    assert "lost" not in workspace.stated_world.X_WO
     assert workspace.objects["blue"].X_WO is not None
     assert np.allclose(workspace.objects["blue"].X_WO[:2, :2], np.array([[1, -1], [1, 1]]) / math.sqrt(2))
     assert workspace.state == {Atom("hand_empty"), Atom("on_table", ("red",)), Atom("on_table", ("blue",))}

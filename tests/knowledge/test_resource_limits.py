@@ -231,10 +231,10 @@ def test_a_precondition_about_all_tuples_of_many_objects_is_refused(count: int, 
     )
     path.write_text(text.replace("(and (on", f"(and (forall ({variables}) (hand_empty)) (on"), encoding="utf-8")
     problem = refusal(cell)
-    assert (problem.code, problem.place.file if problem.place else None) == ("too-many-literals", path)
+    assert (problem.code, problem.place.file if problem.place else None) == ("pddl-too-large", path)
     assert problem.place is not None
     assert problem.place.line == 5
-    assert "the limit is 100,000" in problem.message
+    assert "the limit is 50,000" in problem.message
 
 
 @pytest.mark.parametrize(

@@ -281,9 +281,10 @@ def moments(xx: float, yy: float, zz: float, xy: float = 0.0) -> str:
         ),
         (with_inertial("", 'lower="-1" upper="2" effort="-5"'), 17, "`effort` is -5, expected a positive number"),
         (with_inertial("", 'lower="-1" upper="2" velocity="-3"'), 17, "`velocity` is -3, expected a positive number"),
+        (with_inertial("", 'lower="-1" upper="2" velocity="1e-300"'), 17, "`velocity` is 1e-300, expected at least"),
         (with_inertial("", 'lower="2" upper="-1"'), 17, "lower limit of 2, above its upper limit of -1"),
     ],
-    ids=["mass", "moment", "effort", "velocity", "limits"],
+    ids=["mass", "moment", "effort", "velocity", "hardly any velocity", "limits"],
 )
 def test_what_no_robot_can_have_is_refused_at_its_line(tmp_path, text, line, told):
     found = problem(tmp_path, text)

@@ -159,7 +159,7 @@ def make_cell(arm: Arm, folder: Path, **things: dict[str, object]) -> Cell:
 @pytest.fixture(scope="module")
 def motion(cell: Cell) -> Motion:
     (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
-    planned = feasible_motion(cell, candidate, cell.workspace.initial_world)
+    planned = feasible_motion(cell, candidate, cell.initial_world)
     assert not isinstance(planned, Infeasible), planned
     return planned
 
@@ -276,7 +276,7 @@ def test_velocity_acceleration_jerk_and_position_keep_their_limits(cell: Cell, m
 
 def test_it_is_ranked(cell: Cell) -> None:
     (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
-    assessment = Assignment(cell, cell.workspace.initial_world, FixedCount(5)).assess(candidate)
+    assessment = Assignment(cell, cell.initial_world, FixedCount(5)).assess(candidate)
     assert assessment.feasible
     assert assessment.q_avg is not None
 
@@ -288,12 +288,12 @@ def test_more_positions_of_a_seventh_axis_are_tried_where_few_do_not_do(
     box = {"type": "box", "size": [0.06, 0.18, 0.17], "pose": {"position": [0.24, 0.11, 0.36]}, "fixed": True}
     cell = make_cell(ARMS["panda"], tmp_path, box=box)
     (candidate,) = read_task("pickup lift=0.05", cell.workspace).candidates
-    motion = feasible_motion(cell, candidate, cell.workspace.initial_world)
+    motion = feasible_motion(cell, candidate, cell.initial_world)
     assert isinstance(motion, Motion)
     for index in range(len(motion.primitives)):
         found = IndependentArm(cell, ARMS["panda"]).contacts(motion, index, 0.9 * CLEARANCE, 0.01)
         assert not any("box" in names for names in found)
     monkeypatch.setattr(plan_motion, "MORE_REDUNDANCY_SAMPLES", plan_motion.REDUNDANCY_SAMPLES)
-    few = feasible_motion(cell, candidate, cell.workspace.initial_world)
+    few = feasible_motion(cell, candidate, cell.initial_world)
     assert isinstance(few, Infeasible)
     assert " hits box " in few.reasons[0]

@@ -23,7 +23,7 @@ def candidate(cell: Cell) -> Candidate:
 
 @pytest.fixture
 def world(cell: Cell) -> World:
-    return cell.workspace.initial_world
+    return cell.initial_world
 
 
 def reasons(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:

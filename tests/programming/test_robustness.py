@@ -32,7 +32,7 @@ def cell(tabletop: Workspace) -> Cell:
 @pytest.fixture(scope="module")
 def found(cell: Cell) -> Study:
     candidate = read_task("pickup g4", cell.workspace).candidates[0]
-    result = study(cell, candidate, cell.workspace.initial_world, SAMPLING, full=True)
+    result = study(cell, candidate, cell.initial_world, SAMPLING, full=True)
     assert isinstance(result, Study)
     return result
 
@@ -42,7 +42,7 @@ def test_a_failed_camera_leaves_the_qualities_of_a_cell_without_it(cell: Cell, f
     for index, camera in enumerate(cell.observer.cameras):
         others = cell.observer.cameras[:index] + cell.observer.cameras[index + 1 :]
         smaller = dataclasses.replace(cell, observer=Observer(others, cell.observer.solids))
-        candidate, world = found.candidate, cell.workspace.initial_world
+        candidate, world = found.candidate, cell.initial_world
         again = study(smaller, candidate, world, SAMPLING, full=False)
         assert isinstance(again, Study)
         assert told[camera.name] == Qualities.of(again.timeline)

@@ -58,13 +58,13 @@ def candidate(cell: Cell, task: str) -> Candidate:
 @pytest.fixture(scope="module")
 def holding(cell: Cell) -> World:
     """The world after g2 was picked up."""
-    found = study(cell, candidate(cell, "pickup g2"), cell.workspace.initial_world, Adaptive(), full=False)
+    found = study(cell, candidate(cell, "pickup g2"), cell.initial_world, Adaptive(), full=False)
     assert isinstance(found, Study)
     return world_after(found)
 
 
 def test_a_precondition_that_holds_needs_no_plan(cell: Cell) -> None:
-    suggestion = Suggester(cell, cell.workspace.initial_world).suggest(candidate(cell, "pickup g2"))
+    suggestion = Suggester(cell, cell.initial_world).suggest(candidate(cell, "pickup g2"))
     assert (suggestion.outcome, suggestion.steps, suggestion.explanation) == ("satisfied", None, "")
 
 
@@ -88,7 +88,7 @@ def test_what_no_skill_can_establish_is_said_to_be_impossible(cell: Cell, holdin
 
 def test_a_step_that_cannot_be_done_says_why(cell: Cell, holding: World) -> None:
     facts = (holding.facts - {Atom("hold", ("g2",))}) | {Atom("hold", ("g1",))}
-    confused = World(facts, cell.workspace.initial_world.X_WO, None, None, holding.joints)
+    confused = World(facts, cell.initial_world.X_WO, None, None, holding.joints)
     suggestion = Suggester(cell, confused).suggest(candidate(cell, "pickup g3"))
     assert suggestion.steps is not None
     (step,) = suggestion.steps

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -87,6 +88,11 @@ def test_a_candidate_is_found_again_by_its_name(workspace: Workspace) -> None:
 @pytest.mark.parametrize(
     ("count", "task", "says"),
     [
+        (
+            1,
+            "pickup lift=" + ",".join(f"{k}mm" for k in range(1, 90_000)),
+            "most of all for `lift` of `pickup`, with 89,999",
+        ),
         (16, "pickup red", "candidates, the limit is 100,000; name fewer objects or values"),
         (60, "pickup", "the task has more than 10^12 candidates, the limit is 100,000"),
         (1000, "pickup red", "may be about any of the 1,001 parameters of `pickup`; say about which, as `object=...`"),
@@ -103,3 +109,22 @@ def test_a_skill_of_many_parameters_is_refused_before_all_of_them_are_combined(
     with pytest.raises(InputError) as caught:
         read_task(task, load_workspace(cell))
     assert says in str(caught.value)
+
+
+def many_parameters(workspace: Workspace, count: int) -> Workspace:
+    """The workspace with a skill of so many parameters, each for anything movable."""
+    skill = workspace.skills["pickup"]
+    parameters = tuple(replace(skill.action.parameters[0], name=f"p{number}") for number in range(count))
+    return replace(workspace, skills={"pickup": replace(skill, action=replace(skill.action, parameters=parameters))})
+
+
+def test_words_for_a_skill_of_fifteen_parameters_are_told_apart_at_once(workspace: Workspace) -> None:
+    large = many_parameters(workspace, 15)
+    named = " ".join(f"p{number}=g1" for number in range(3, 15))
+    (candidate,) = read_task(f"pickup g2 g3 g4 {named}", large).candidates
+    assert list(candidate.objects.values())[:4] == ["g2", "g3", "g4", "g1"]
+    with pytest.raises(InputError, match=r"the task has [\d,]+ candidates, the limit is 100,000"):
+        read_task("pickup g1 g2 g3", large)
+    with pytest.raises(InputError, match="9 words may be meant for 15 parameters in too many ways") as caught:
+        read_task("pickup g1 g2 g3 g1 g2 g3 g1 g2 g3", large)
+    assert caught.value.problems[0].mend == "say which parameter each is for: `name=object`"

@@ -30,7 +30,7 @@ def studies(cell: Cell) -> dict[str, Study]:
     found = {}
     for name in CANDIDATES:
         candidate = read_task(f"pickup {name}", cell.workspace).candidates[0]
-        result = study(cell, candidate, cell.workspace.initial_world, Adaptive(), full=True)
+        result = study(cell, candidate, cell.initial_world, Adaptive(), full=True)
         assert isinstance(result, Study)
         found[name] = result
     return found

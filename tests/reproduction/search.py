@@ -50,7 +50,7 @@ class Search(ABC):
         """Raises ValueError where a candidate cannot be done."""
         self.cell = cell
         candidates = {candidate.name: candidate for candidate in read_task(self.task, cell.workspace).candidates}
-        world = cell.workspace.initial_world
+        world = cell.initial_world
         studies = [study(cell, candidates[name], world, sampling, full=False) for name, sampling in self.wanted]
         self.watched = [Watched(one, cell.observer.solids) for one in studies if isinstance(one, Study)]
         if len(self.watched) < len(studies):

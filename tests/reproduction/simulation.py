@@ -73,7 +73,7 @@ class Picking:
     @classmethod
     def of(cls, cell: Cell) -> Picking:
         """The six candidates of a cell."""
-        ten, world = SAMPLINGS["10"], cell.workspace.initial_world
+        ten, world = SAMPLINGS["10"], cell.initial_world
         found = {name: study(cell, one, world, ten, full=False) for name, one in _candidates(cell).items()}
         g1 = _candidates(cell)["g1"]
         return cls(
@@ -128,7 +128,7 @@ def _candidates(cell: Cell) -> Mapping[str, Candidate]:
 
 def _seeing_at_home(cell: Cell, name: str, like: Study) -> frozenset[str]:
     """Cameras that see where an object stands while the robot is at home, as they have to see that of a study."""
-    model, world = cell.model, cell.workspace.initial_world
+    model, world = cell.model, cell.initial_world
     (box,) = next(target.boxes for target in like.targets if target.atom.predicate == "obj_on_table")
     moved = replace(box, frame=name, encloses=frozenset({name}))
     objects = {thing: fixed_frame(X_WO) for thing, X_WO in world.X_WO.items()}

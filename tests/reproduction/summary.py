@@ -34,7 +34,7 @@ class Summary:
 
 def feasible_study(cell: Cell, candidate: Candidate, sampling: Sampling, *, full: bool = False) -> Study:
     """The study of a candidate that can be done."""
-    found = study(cell, candidate, cell.workspace.initial_world, sampling, full=full)
+    found = study(cell, candidate, cell.initial_world, sampling, full=full)
     assert isinstance(found, Study), found
     return found
 

@@ -28,7 +28,7 @@ def cell() -> Cell:
 @pytest.fixture(scope="module", params=["g1", "g4"])
 def found(cell, request):
     (candidate,) = read_task(f"pickup {request.param}", cell.workspace).candidates
-    return study(cell, candidate, cell.workspace.initial_world, Adaptive(), full=True)
+    return study(cell, candidate, cell.initial_world, Adaptive(), full=True)
 
 
 def test_the_time_in_which_every_literal_is_covered_is_q_avg(cell, found):
@@ -67,7 +67,7 @@ def test_a_damaged_record_is_refused(found):
 def test_a_coarse_sampling_counts_what_it_cannot_tell_as_not_seen(cell):
     (candidate,) = read_task("pickup g1", cell.workspace).candidates
     fine, coarse = (
-        coverage_of(cell, study(cell, candidate, cell.workspace.initial_world, sampling, full=True))
+        coverage_of(cell, study(cell, candidate, cell.initial_world, sampling, full=True))
         for sampling in (Adaptive(), FixedCount(5))
     )
     for atom, target in coarse.targets.items():

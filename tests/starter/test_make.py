@@ -65,7 +65,7 @@ def cell(starter: Starter) -> Cell:
 
 @pytest.fixture(scope="module")
 def motions(cell: Cell) -> dict[str, Motion]:
-    world = cell.workspace.initial_world
+    world = cell.initial_world
     found = {c.name: feasible_motion(cell, c, world) for c in read_task("pickup green", cell.workspace).candidates}
     return {name: motion for name, motion in found.items() if isinstance(motion, Motion)}
 
@@ -82,7 +82,7 @@ def test_every_object_that_it_puts_there_can_be_picked_up(starter: Starter, moti
 def test_the_workspace_is_sound_and_its_home_points_down_and_touches_nothing(cell: Cell) -> None:
     assert [problem for problem in lint(cell.workspace) if problem.severity == "error"] == []
     assert cell.model.tool_pose(cell.model.home)[2, 2] < np.cos(np.radians(179)) + 1e-3
-    assert cell.collision.placed(cell.workspace.initial_world).check(cell.model.home) is None
+    assert cell.collision.placed(cell.initial_world).check(cell.model.home) is None
 
 
 def test_nothing_of_the_robot_reaches_beyond_the_tool_frame_along_its_axis(cell: Cell) -> None:
@@ -108,14 +108,14 @@ def test_every_motion_keeps_limits_and_distance(cell: Cell, motions: dict[str, M
         assert ((q >= model.lower - 1e-6) & (q <= model.upper + 1e-6)).all()
         if primitive.name in ("a1", "a2"):
             allowed = frozenset({("g1", link) for link in model.tool_links} if primitive.name == "a2" else ())
-            scene = cell.collision.placed(cell.workspace.initial_world, allowed)
+            scene = cell.collision.placed(cell.initial_world, allowed)
             assert set(scene.check_all(q[::4])) <= {None}, primitive.name
 
 
 def test_the_cameras_see_all_that_matters_in_one_way_at_least(cell: Cell) -> None:
     found = []
     for candidate in read_task("pickup green", cell.workspace).candidates:
-        studied = study(cell, candidate, cell.workspace.initial_world, FixedCount(20), full=False)
+        studied = study(cell, candidate, cell.initial_world, FixedCount(20), full=False)
         found.append(studied.assessment("").q_eoi)
     assert max(found) > 0.9
 

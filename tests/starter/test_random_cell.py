@@ -32,7 +32,7 @@ def test_a_cell_is_valid_and_has_what_was_asked_for(crowd: Crowd, tmp_path: Path
     assert not [problem for problem in lint(workspace) if problem.severity == "error"]
     cell = Cell.load(workspace)
     candidates = read_task(workspace.tasks[0].task, workspace).candidates[:5]
-    motions = [feasible_motion(cell, candidate, workspace.initial_world) for candidate in candidates]
+    motions = [feasible_motion(cell, candidate, workspace.stated_world) for candidate in candidates]
     assert not [m for m in motions if isinstance(m, Infeasible) and "before anything moves" in m.reasons[0]]
     places = np.array([thing.X_WO[:2, 3] for thing in workspace.objects.values() if thing.name != "table"])
     gaps = np.linalg.norm(places[:, None] - places, axis=2) + np.eye(len(places))

@@ -75,7 +75,7 @@ def write_programs(folder: Path) -> list[str]:
     cell = Cell.load(workspace)
     assessments = []
     for candidate in read_task(TASK, workspace).candidates:
-        result = study(cell, candidate, workspace.initial_world, Adaptive(), full=True)
+        result = study(cell, candidate, workspace.stated_world, Adaptive(), full=True)
         if isinstance(result, Infeasible):
             continue
         assessment = result.assessment(verdict(cell, result))

@@ -143,11 +143,13 @@ def _lines(content: bytes) -> Iterator[tuple[int, list[bytes]]]:
         words = line.split()
         if b"#" in line:
             words = line[: line.index(b"#")].split()
-        if begun:
-            words, begun = begun + words, []
-        if words and words[-1].endswith(b"\\"):
-            begun = [*words[:-1], words[-1][:-1]] if words[-1] != b"\\" else words[:-1]
-        elif words:
-            yield number, words
+        begun += words  # in place, since a line may be continued a hundred thousand times
+        if begun and begun[-1].endswith(b"\\"):
+            begun[-1] = begun[-1][:-1]
+            if not begun[-1]:
+                begun.pop()
+        elif begun:
+            yield number, begun
+            begun = []
     if begun:
         yield number, begun

@@ -56,7 +56,7 @@ class BodyPairs:
         """Those whose names are not of an allowed pair."""
         names = np.array([body.name for body in bodies.bodies])
         kept = np.ones(len(self.inner), dtype=bool)
-        for first, second in allowed:
+        for first, second in sorted(allowed):
             is_first, is_second = names == first, names == second
             kept &= ~(is_first[self.inner] & is_second[self.outer] | is_second[self.inner] & is_first[self.outer])
         return self._chosen(kept)

@@ -119,7 +119,7 @@ class RobotScene(Record):
             joints={name: JointLimits.of(limits) for name, limits in own.limits.items()},
             home=model.joint_values(model.home),
             fingers=None if own.fingers is None else Fingers.of(own.fingers),
-            held=cell.workspace.initial_world.held,
+            held=cell.initial_world.held,
             markers={link: Marker(id=marker.id, side=marker.side) for link, marker in own.markers.items()},
             geometry=own.geometry,
             unchecked_pairs=sorted(map(list, cell.unchecked_pairs)),

@@ -136,11 +136,15 @@ class ScoreDocument(Document):
 
 @dataclass(frozen=True, kw_only=True)
 class VariantResult(Record):
-    """A variant of a workspace, with means over every choice of objects of every task."""
+    """A variant of a workspace, with means over the choices of objects that can be done."""
 
     rank: int
     values: Mapping[str, str]
     """What differs from the workspace as it is, by path."""
+    choices: int
+    """Choices of objects of every task."""
+    feasible: int
+    """Those of them that can be done; the figures are means over these."""
     q_eoi: float | None
     q_avg: float | None
     time: float | None
@@ -156,6 +160,8 @@ class VaryDocument(Document):
     variants: list[VariantResult]
     """The best first."""
     best: Mapping[str, str]
+    equals: int
+    """Variants that are as good as the best; it has the most room around it."""
     patch: str | None
     """The file that was written."""
     passed: bool
@@ -169,6 +175,8 @@ class VaryDocument(Document):
                 VariantResult(
                     rank=rank,
                     values=dict(scored.variant.values),
+                    choices=scored.choices,
+                    feasible=scored.feasible,
                     q_eoi=scored.q_eoi,
                     q_avg=scored.q_avg,
                     time=scored.time,
@@ -178,6 +186,7 @@ class VaryDocument(Document):
                 for rank, scored in enumerate(sweep.variants, 1)
             ],
             best=dict(sweep.best.variant.values),
+            equals=sweep.equals,
             patch=patch,
             passed=sweep.best.findings.passed,
         )

@@ -139,8 +139,7 @@ class _Builder:
 
     def _add_urdf(self, urdf: UrdfModel, robot: Robot, parent: mujoco.MjsBody, X_PR: Array) -> None:
         """A URDF whose root link has the pose X_PR in a body."""
-        name = urdf.root if urdf.root != "world" else "robot's world"  # MuJoCo has a `world` of its own
-        root = parent.add_body(name=name, pos=X_PR[:3, 3], quat=quaternion(X_PR))
+        root = parent.add_body(name=urdf.root, pos=X_PR[:3, 3], quat=quaternion(X_PR))
         bodies = {urdf.root: root}
         for joint in urdf.joints.values():
             body = bodies[joint.parent].add_body(name=joint.child, pos=joint.X_PJ[:3, 3], quat=quaternion(joint.X_PJ))

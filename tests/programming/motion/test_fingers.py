@@ -33,13 +33,13 @@ def cell() -> Cell:
 
 
 def motion_of(cell: Cell, task: str) -> Motion:
-    motion = feasible_motion(cell, read_task(task, cell.workspace).candidates[0], cell.workspace.initial_world)
+    motion = feasible_motion(cell, read_task(task, cell.workspace).candidates[0], cell.initial_world)
     assert isinstance(motion, Motion)
     return motion
 
 
 def reasons(cell: Cell, task: str) -> str:
-    motion = feasible_motion(cell, read_task(task, cell.workspace).candidates[0], cell.workspace.initial_world)
+    motion = feasible_motion(cell, read_task(task, cell.workspace).candidates[0], cell.initial_world)
     assert isinstance(motion, Infeasible)
     return "\n".join(motion.reasons)
 
@@ -111,11 +111,11 @@ def test_release_opens_the_fingers_where_it_leaves_the_object(cell: Cell) -> Non
     candidate = read_task("pickup_two_finger cube", cell.workspace).candidates[0]
     a1, a2, a3, *_ = candidate.skill.primitives
     back = replace(candidate, skill=replace(candidate.skill, primitives=(a1, a2, a3, Release(name="a4", release=0.5))))
-    motion = feasible_motion(cell, back, cell.workspace.initial_world)
+    motion = feasible_motion(cell, back, cell.initial_world)
     assert isinstance(motion, Motion)
     assert motion.final.joints[FINGER] == pytest.approx(OPEN)
     assert motion.final.held is None
-    assert motion.final.X_WO["cube"] == pytest.approx(cell.workspace.initial_world.X_WO["cube"], abs=1e-9)
+    assert motion.final.X_WO["cube"] == pytest.approx(cell.initial_world.X_WO["cube"], abs=1e-9)
 
 
 def test_open_fingers_keep_their_clearance_from_what_they_grasp_and_from_its_neighbours(cell: Cell) -> None:
@@ -125,7 +125,7 @@ def test_open_fingers_keep_their_clearance_from_what_they_grasp_and_from_its_nei
 
 def test_fingers_that_close_on_a_neighbour_are_found_out(cell: Cell) -> None:
     """Nothing is in the way of the open fingers, but something thin stands between one of them and the object."""
-    world = cell.workspace.initial_world
+    world = cell.initial_world
     X_WO = {**world.X_WO, "neighbour": pose(position=(0.45, 0.1 + 0.0305, 0.02))}
     candidate = read_task("pickup_two_finger cube", cell.workspace).candidates[0]
     motion = feasible_motion(cell, candidate, replace(world, X_WO=X_WO))

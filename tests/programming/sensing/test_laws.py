@@ -374,7 +374,7 @@ def turned_cell(workspace: Workspace, X_NW: Array) -> Workspace:
 @pytest.fixture(scope="module")
 def studies(tabletop: Workspace) -> dict[str, tuple[Study, Study]]:
     """The feasible candidates of the tabletop, asked for coverage only and for the full matrix."""
-    cell, world = Cell.load(tabletop), tabletop.initial_world
+    cell, world = Cell.load(tabletop), tabletop.stated_world
     found = {}
     for candidate in read_task("pickup green", tabletop).candidates:
         quick, full = (study(cell, candidate, world, Adaptive(), full=full) for full in (False, True))
@@ -425,7 +425,7 @@ def test_the_place_of_a_whole_cell_does_not_change_its_quality(
 def test_two_processes_give_what_one_gives(tabletop: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pipeline, "WORTH_A_PROCESS", 1)
     task = read_task("pickup green", tabletop).candidates
-    assignment = Assignment(Cell.load(tabletop), tabletop.initial_world, FixedCount(20))
+    assignment = Assignment(Cell.load(tabletop), tabletop.stated_world, FixedCount(20))
     one, two = ([figures(a) for a in assess_all(assignment, task, jobs)] for jobs in (1, 2))
     assert one == two
 

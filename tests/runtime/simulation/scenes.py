@@ -82,7 +82,7 @@ def cell(base: Workspace, things: Sequence[SceneObject], cameras: Sequence[Camer
 
 def world(base: Workspace, joints: Mapping[str, float] | None = None) -> World:
     """The initial world of a workspace, with some joints elsewhere."""
-    initial = base.initial_world
+    initial = base.stated_world
     return replace(initial, joints={**initial.joints, **(joints or {})})
 
 

@@ -78,7 +78,7 @@ def test_an_opengl_that_does_not_start_is_reported_by_the_cell() -> None:
         "from sqrp_cli.errors import InputError\n"
         "if __name__ == '__main__':\n"
         "    workspace = load_workspace(Path('workspaces/tabletop'))\n"
-        "    with SimulatedCell(workspace, workspace.initial_world, 0) as cell:\n"
+        "    with SimulatedCell(workspace, workspace.stated_world, 0) as cell:\n"
         "        try:\n"
         "            cell.frames(['cam1'])\n"
         "        except InputError as error:\n"

@@ -1,0 +1,18 @@
+"""What a page that `--report` wrote carries."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import zlib
+from pathlib import Path
+from typing import Any
+
+
+def detail_in(page: Path, number: int = 0) -> dict[str, Any]:
+    """The document of one of the candidates of a page."""
+    (data,) = re.findall(rf'id="detail-{number}">([^<]*)<', page.read_text(encoding="utf-8"))
+    document = json.loads(zlib.decompress(base64.b64decode(data)))
+    assert isinstance(document, dict)
+    return document

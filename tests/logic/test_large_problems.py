@@ -1,0 +1,119 @@
+"""Problems too large to be solved: that is told from their numbers before the work, or after little of it."""
+
+from __future__ import annotations
+
+import resource
+import time
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from sqrp_cli.logic.conditions import All, GroundCondition, Some, ground_condition, literal_count
+from sqrp_cli.logic.domain import (
+    Condition,
+    Conjunction,
+    Disjunction,
+    Domain,
+    Exists,
+    ForAll,
+    Holds,
+    Negation,
+    Parameter,
+)
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.pddl import Variable, parse_domain
+from sqrp_cli.logic.planner import GaveUp, find_plan
+
+NEEDS = "(:requirements :negative-preconditions :universal-preconditions)"
+FIFTEEN = " ".join(f"?p{number}" for number in range(15))
+GOAL = Holds("done", ())
+
+
+def read(actions: str) -> Domain:
+    text = f"(define (domain d) {NEEDS} (:predicates (on ?x ?y) (at ?x) (free ?x) (done))\n{actions})"
+    return parse_domain(text, Path("large.pddl"))
+
+
+@pytest.mark.parametrize(
+    ("actions", "within", "why"),
+    [
+        (
+            f"(:action big :parameters ({FIFTEEN}) :precondition (at ?p0) :effect (and (done) (at ?p14)))",
+            "50,000 ground actions",
+            "the 15 parameters of `big` (large.pddl:2:10) have 30,517,578,125 choices",
+        ),
+        (
+            f"(:action big :parameters ({FIFTEEN}) :precondition (free ?p14) :effect (done))",
+            "500,000 choices of objects",
+            "the 15 parameters of `big` (large.pddl:2:10) have 30,517,578,125 choices",
+        ),
+        (
+            f"(:action big :parameters () :precondition (forall ({FIFTEEN}) (at ?p3)) :effect (done))",
+            "50,000 literals",
+            "30,517,578,125",
+        ),
+        (
+            """(:action big :parameters (?p ?q ?r ?s ?t) :precondition (forall (?a ?b ?c ?d) (not (on ?a ?p)))
+              :effect (and (on ?p ?q) (done)))""",
+            "1,000,000 literals of ground actions",
+            "the 5 parameters of `big`",
+        ),
+    ],
+)
+def test_planning_gives_up_at_once_and_says_which_action_is_too_large(actions: str, within: str, why: str) -> None:
+    objects = {f"o{number}": frozenset({"thing"}) for number in range(5)}
+    began, memory = time.process_time(), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    result = find_plan(read(actions), objects, frozenset({Atom("at", ("o0",))}), GOAL, {})
+    assert isinstance(result, GaveUp)
+    assert result.within == within
+    assert why in result.why
+    assert time.process_time() - began < 10
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < 200_000  # KiB
+
+
+def test_a_search_among_many_actions_ends_after_few_states() -> None:
+    domain = read("""
+      (:action move :parameters (?x ?y ?z) :precondition (and (on ?x ?y) (not (on ?y ?z)))
+       :effect (and (on ?y ?z) (not (on ?x ?y))))
+      (:action note :parameters (?x) :precondition (forall (?y) (on ?x ?y)) :effect (free ?x))
+      (:action end :parameters (?x) :precondition (and (on ?x ?x) (free ?x)) :effect (done))""")
+    objects = {f"o{number}": frozenset({"thing"}) for number in range(24)}
+    began = time.process_time()
+    result = find_plan(domain, objects, frozenset({Atom("on", ("o0", "o1"))}), GOAL, {})
+    assert isinstance(result, GaveUp)
+    assert result.within.endswith("states and 13,872 ground actions")
+    assert time.process_time() - began < 30
+
+
+PREDICATES = st.sampled_from([Holds("at", (Variable("x"),)), GOAL])
+VARIABLES = st.lists(st.sampled_from([Parameter("x"), Parameter("y"), Parameter("z", "cube")]), min_size=1, max_size=2)
+CONDITIONS: st.SearchStrategy[Condition] = st.recursive(
+    PREDICATES,
+    lambda parts: st.one_of(
+        st.builds(Negation, parts),
+        st.builds(Conjunction, st.lists(parts, max_size=3).map(tuple)),
+        st.builds(Disjunction, st.lists(parts, max_size=3).map(tuple)),
+        st.builds(ForAll, VARIABLES.map(tuple), parts),
+        st.builds(Exists, VARIABLES.map(tuple), parts),
+    ),
+    max_leaves=6,
+)
+
+
+@given(CONDITIONS, st.integers(0, 3), st.integers(0, 2))
+def test_the_number_of_literals_is_told_without_making_them(condition: Condition, cubes: int, others: int) -> None:
+    objects = {f"c{number}": frozenset({"cube"}) for number in range(cubes)}
+    objects |= {f"o{number}": frozenset({"thing"}) for number in range(others)}
+    typed = "(:requirements :typing) (:types cube) (:predicates (p))"
+    domain = parse_domain(f"(define (domain d) {typed} (:action a :parameters () :effect (p)))", Path("d.pddl"))
+    made = ground_condition(condition, {"x": "a"}, objects, domain)
+    assert literal_count(condition, objects, domain) == _count(made)
+
+
+def _count(made: GroundCondition) -> int:
+    match made:
+        case All(parts) | Some(parts, _):
+            return sum(map(_count, parts))
+    return 1
