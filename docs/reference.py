@@ -156,7 +156,7 @@ def _yaml(value: object) -> str:
 
 def _words(entry: str) -> str:
     """The title of an entry: `JointMoveEntry` is *Joint move*."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", entry.removesuffix("Entry")).capitalize()
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", entry.removesuffix("Entry").removesuffix("Spec")).capitalize()
 
 
 def _anchor(entry: str) -> str:

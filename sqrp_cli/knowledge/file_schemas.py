@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic.json_schema import GenerateJsonSchema
-
 from sqrp_cli.knowledge.entries import Entry
-from sqrp_cli.knowledge.skill_file import SkillFile
-from sqrp_cli.knowledge.units import Quantity
+from sqrp_cli.knowledge.skill import SkillFile
 from sqrp_cli.knowledge.workspace_file import WorkspaceFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -21,12 +18,5 @@ FILES: Mapping[str, type[Entry]] = {"workspace": WorkspaceFile, "skill": SkillFi
 
 def file_schema(name: str) -> dict[str, Any]:
     """JSON Schema (2020-12) of the files of that name, one of `FILES`."""
-    schema = FILES[name].model_json_schema(schema_generator=_Generator)
+    schema = FILES[name].model_json_schema()
     return {"$schema": DIALECT, **schema}
-
-
-class _Generator(GenerateJsonSchema):
-    """Shows quantities as people write them."""
-
-    def encode_default(self, dft: Any) -> Any:  # noqa: ANN401 - any default
-        return dft.value if isinstance(dft, Quantity) else super().encode_default(dft)

@@ -10,7 +10,8 @@ import numpy as np
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, side_pose
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import BoxSpec, Grasp, GraspWaypoint, Reference, Release, Setting, Skill
+from sqrp_cli.knowledge.settings import Reference, Setting
+from sqrp_cli.knowledge.skill import BoxSpec, Grasp, GraspWaypoint, Release, Skill
 from sqrp_cli.knowledge.source import Document
 from sqrp_cli.knowledge.urdf import WORLD
 from sqrp_cli.logic.domain import Holds

@@ -21,7 +21,8 @@ from sqrp_cli.knowledge.lint_values import (
     empty_boxes,
     thresholds_out_of_reach,
 )
-from sqrp_cli.knowledge.skill import Reference, Skill
+from sqrp_cli.knowledge.settings import Reference
+from sqrp_cli.knowledge.skill import Skill
 from sqrp_cli.knowledge.workspace import Workspace
 
 
@@ -79,11 +80,11 @@ def _without_target(skill: Skill) -> Iterator[Problem]:
 
 def _too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     available = len(workspace.cameras)
-    for target in skill.targets.values():
+    for predicate, target in skill.targets.items():
         if target.cameras > available:
             wanted = f"{target.cameras} camera{'s' if target.cameras > 1 else ''}"
-            message = f"skill `{skill.name}`: `{target.predicate}` needs {wanted}, the cell has {available}"
-            place = skill.places.get(f"targets.{target.predicate}.cameras", target.place)
+            message = f"skill `{skill.name}`: `{predicate}` needs {wanted}, the cell has {available}"
+            place = skill.place("targets", predicate, "cameras")
             yield Problem("too-few-cameras", message, place, mend="add cameras, or lower `cameras` of the target")
 
 

@@ -44,7 +44,7 @@ def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
             continue
         for predicate in predicates_of(requirement.formula):
             boxes = skill.targets[predicate].boxes if predicate in skill.targets else ()
-            for box in boxes:
+            for index, box in enumerate(boxes):
                 if box.frame not in grasped or (predicate, box.name) in reported:
                     continue
                 reported.add((predicate, box.name))
@@ -53,7 +53,8 @@ def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
                     f"which moves with `{box.frame}`; once that is lost, the box is where it fell"
                 )
                 mend = f"give the box a frame that stays: `tool`, or `{box.frame}@start`"
-                yield Problem("box-moves-with-lost-object", message, box.place, mend=mend)
+                place = skill.place("targets", predicate, "boxes", index, "name")
+                yield Problem("box-moves-with-lost-object", message, place, mend=mend)
 
 
 def contradictions(skill: Skill) -> Iterator[Problem]:

@@ -29,19 +29,20 @@ START = "@start"
 
 def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     """Boxes that no camera sees as large as their detector needs, even from the nearest possible place."""
-    for target in skill.targets.values():
-        for box in target.boxes:
+    for predicate, target in skill.targets.items():
+        for index, box in enumerate(target.boxes):
             detector = workspace.detectors[box.detector]
             looks = list(product(workspace.cameras.values(), objects_meant(workspace, skill, box)))
             # Mostly one of the first is large enough, and then the others do not matter.
             if looks and all(_largest_in_image(workspace, box, *look) < detector.min_pixels for look in looks):
                 largest = max(_largest_in_image(workspace, box, *look) for look in looks)
                 message = (
-                    f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}` measures at most {largest:.1f} "
+                    f"skill `{skill.name}`: box `{box.name}` of `{predicate}` measures at most {largest:.1f} "
                     f"pixels in any camera, detector `{detector.name}` needs {detector.min_pixels:g}"
                 )
                 mend = "use a larger box or marker, a nearer camera or a longer lens"
-                yield Problem("too-small-for-every-camera", message, box.place, mend=mend)
+                place = skill.place("targets", predicate, "boxes", index, "name")
+                yield Problem("too-small-for-every-camera", message, place, mend=mend)
 
 
 def blind_cameras(workspace: Workspace) -> Iterator[Problem]:

@@ -87,7 +87,7 @@ def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
 
 def empty_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     """Boxes of which a negative margin leaves nothing."""
-    for target in skill.targets.values():
+    for predicate, target in skill.targets.items():
         for index, box in enumerate(target.boxes):
             things = [thing for thing in objects_meant(workspace, skill, box) if thing is not None]
             thing = min(things, key=lambda thing: min(thing.size), default=None)
@@ -97,5 +97,5 @@ def empty_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
                 f"skill `{skill.name}`: with a margin of {box.margin:g} m nothing is left of box `{box.name}` around "
                 f"`{thing.name}`, which is {min(thing.size):g} m thin"
             )
-            place = skill.places.get(f"targets.{target.predicate}.boxes.{index}.margin", box.place)
+            place = skill.place("targets", predicate, "boxes", index, "margin")
             yield Problem("empty-box", message, place, mend="the margin enlarges a box on every side; raise it to 0 m")

@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.read_robot import RobotReader
 from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.source import Document, parse_document, read_document
+from sqrp_cli.knowledge.source import Document, KeyPath, dotted, parse_document, read_document
 from sqrp_cli.knowledge.urdf import WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.validation import validate
@@ -182,42 +182,43 @@ def _check_skill(
         if parameter.name in (WORLD, TOOL, *links, *objects):
             message = f"skill `{skill.name}` has a parameter `{parameter.name}`, which also names something of the cell"
             yield Problem("ambiguous-name", message, Place(skill.domain.path), mend="rename the parameter")
-    for target in skill.targets.values():
+    for predicate, target in skill.targets.items():
         for index, box in enumerate(target.boxes):
-            path = f"targets.{target.predicate}.boxes.{index}"
+            path = ("targets", predicate, "boxes", index)
             yield from _check_box(skill, box, path, links, objects, detectors)
 
 
 def _check_box(
-    skill: Skill, box: BoxSpec, path: str, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
+    skill: Skill, box: BoxSpec, path: KeyPath, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
 ) -> Iterator[Problem]:
     parameters = [parameter.name for parameter in skill.action.parameters]
     things = [*parameters, *objects]
 
-    def unknown(code: str, key: str, name: str, what: str, valid: Sequence[str]) -> Iterator[Problem]:
+    def problem(code: str, message: str, *key: str | int) -> Problem:
+        at = (*path, *key)
+        return Problem(code, f"`{dotted(at)}`: {message}", skill.place(*at))
+
+    def unknown(kind: str, name: str, what: str, valid: Sequence[str], *key: str | int) -> Iterator[Problem]:
         if name not in valid:
-            place = skill.places.get(f"{path}.{key}", box.place)
-            yield Problem(
-                code, f"`{path}.{key}`: found `{name}`, which is {what}; {expected_names(name, valid)}", place
-            )
+            message = f"found `{name}`, which is {what}; {expected_names(name, valid)}"
+            yield problem(f"unknown-{kind}", message, *key)
 
     if box.frame.endswith(START):
         what = "no skill parameter or object, as `@start` needs"
-        yield from unknown("unknown-frame", "frame", box.frame.removesuffix(START), what, things)
+        yield from unknown("frame", box.frame.removesuffix(START), what, things, "frame")
     else:
         what = "neither `world` nor `tool`, a link, a skill parameter or an object"
-        yield from unknown("unknown-frame", "frame", box.frame, what, [WORLD, TOOL, *things, *links])
+        yield from unknown("frame", box.frame, what, [WORLD, TOOL, *things, *links], "frame")
     if box.at is not None and box.frame in links and box.frame != TOOL:
-        place = skill.places.get(f"{path}.frame", box.place)
-        message = f"`{path}.frame`: found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
-        yield Problem("wrong-value", message, place)
+        message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
+        yield problem("wrong-value", message, "frame")
     if box.fits is not None:
-        yield from unknown("unknown-object", "fits", box.fits, "no skill parameter or object", things)
+        yield from unknown("object", box.fits, "no skill parameter or object", things, "fits")
     for index, name in enumerate(box.encloses or ()):
         what = "neither a link nor an object, a skill parameter or `tool`"
         called = link_called(name, links)
-        yield from unknown("unknown-enclosed", f"encloses.{index}", called, what, [TOOL, *things, *links])
-    yield from unknown("unknown-detector", "detector", box.detector, "no detector of the workspace", detectors)
+        yield from unknown("enclosed", called, what, [TOOL, *things, *links], "encloses", index)
+    yield from unknown("detector", box.detector, "no detector of the workspace", detectors, "detector")
 
 
 def _words_of_two_meanings(
@@ -235,10 +236,14 @@ def _words_of_two_meanings(
         if entry.frame == WORLD
     ]
     used += [
-        (box.frame, f"skill `{skill.name}`: box `{box.name}` of `{target.predicate}`", box.place)
+        (
+            box.frame,
+            f"skill `{skill.name}`: box `{box.name}` of `{predicate}`",
+            skill.place("targets", predicate, "boxes", index, "name"),
+        )
         for skill in skills
-        for target in skill.targets.values()
-        for box in target.boxes
+        for predicate, target in skill.targets.items()
+        for index, box in enumerate(target.boxes)
     ]
     for word, what, place in used:
         if word in meanings:

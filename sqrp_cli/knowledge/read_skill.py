@@ -2,40 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
-from sqrp_cli.geometry import read_only
-from sqrp_cli.knowledge import setting_kind, skill_file
 from sqrp_cli.knowledge.digest import ContentDigest
+from sqrp_cli.knowledge.entries import Entry
 from sqrp_cli.knowledge.input_file import decoded, read_input
-from sqrp_cli.knowledge.read_settings import SettingsReader
+from sqrp_cli.knowledge.settings import Kind, ListedValues, MotionParameter, MotionValue, Reference, ValueRange
 from sqrp_cli.knowledge.skill import (
     HOME,
     BoxSpec,
+    FormulaEntry,
     Grasp,
     GraspWaypoint,
-    JointMove,
-    PoseWaypoint,
-    PrimitiveAction,
-    PutWaypoint,
-    RaiseWaypoint,
-    Release,
+    Names,
     Requirement,
     Response,
-    RetreatWaypoint,
+    RetryEntry,
     Skill,
-    StraightMove,
-    TargetSpec,
-    TurnWaypoint,
-    Wait,
-    Waypoint,
+    SkillFile,
 )
-from sqrp_cli.knowledge.skill_file import BoxEntry, FormulaEntry, PrimitiveEntry, SkillFile, WaypointEntry
-from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, read_document
+from sqrp_cli.knowledge.source import MAX_BYTES, Document, KeyPath, describe, dotted, read_document
+from sqrp_cli.knowledge.units import Quantity
 from sqrp_cli.knowledge.usual_values import SKILL, unusual_values
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.logic.mtl import Always, Eventually, Formula, check_formula, children, parse_formula
@@ -78,7 +70,7 @@ def _read_domain(path: Path, digest: ContentDigest) -> Domain:
 
 
 class _SkillReader:
-    """Turns the entries of one skill file into records and collects every problem on the way."""
+    """Checks what one skill file says beyond its format, and collects every problem on the way."""
 
     def __init__(self, document: Document, file: SkillFile, domain: Domain, action: Action) -> None:
         self.document = document
@@ -86,81 +78,118 @@ class _SkillReader:
         self.domain = domain
         self.action = action
         self.objects = [parameter.name for parameter in action.parameters]
-        self.settings = SettingsReader(document, file.motion)
-        self.problems = self.settings.problems
+        self.problems: list[Problem] = []
+        self.values = {name: self._motion_values(name) for name in file.motion}
+        self.kinds: dict[str, list[Kind]] = {name: [] for name in file.motion}
 
     def read(self, folder: Path) -> Skill:
         for name in self.file.motion:
             if name in self.objects:
                 self._report("ambiguous-name", ("motion", name), "the PDDL action has a parameter of this name too")
-        waypoints = {name: self._waypoint(name, entry) for name, entry in self.file.waypoints.items()}
-        self._check_waypoints()
-        primitives = tuple(self._primitive(index, entry) for index, entry in enumerate(self.file.primitives))
-        skill = Skill(
+        for name, waypoint in self.file.waypoints.items():
+            self._check_fields(waypoint, ("waypoints", name))
+        self._check_origins()
+        for index, primitive in enumerate(self.file.primitives):
+            if primitive.name in [other.name for other in self.file.primitives[:index]]:
+                message = f"`{primitive.name}` names an earlier primitive action too"
+                self._report("duplicate-name", ("primitives", index, "name"), message)
+            self._check_fields(primitive, ("primitives", index))
+        parameters, requirements = self._parameters(), self._requirements()
+        self._check_targets()
+        if self.problems:
+            raise InputError(*self.problems)
+        return Skill(
             name=folder.name,
             folder=folder,
             domain=self.domain,
             action=self.action,
-            motion_parameters=self.settings.parameters(),
-            waypoints=waypoints,
-            primitives=primitives,
-            requirements=self._requirements(),
-            targets=self._targets(),
+            motion_parameters=parameters,
+            waypoints=self.file.waypoints,
+            primitives=tuple(self.file.primitives),
+            requirements=requirements,
+            targets=self.file.targets,
             places=self.document.places,
-            warnings=() if self.problems else tuple(unusual_values(self.document, SKILL)),
+            warnings=tuple(unusual_values(self.document, SKILL)),
         )
-        if self.problems:
-            raise InputError(*self.problems)
-        return skill
 
     def _report(self, code: str, path: KeyPath, message: str) -> None:
         self.problems.append(self.document.problem(code, path, message))
 
-    def _known(self, name: str, valid: list[str] | Mapping[str, object], what: str, path: KeyPath) -> bool:
+    def _known(self, name: str, valid: Collection[str], what: str, path: KeyPath) -> bool:
         if name in valid:
             return True
-        self._report(
-            f"unknown-{what.replace(' ', '-')}",
-            path,
-            f"found `{name}`, which is no {what}; {expected_names(name, valid)}",
-        )
+        message = f"found `{name}`, which is no {what}; {expected_names(name, valid)}"
+        self._report(f"unknown-{what.replace(' ', '-')}", path, message)
         return False
 
-    def _waypoint(self, name: str, entry: WaypointEntry) -> Waypoint:
-        path = ("waypoints", name)
-        setting = self.settings.setting
-        match entry:
-            case skill_file.GraspWaypointEntry():
-                self._known(entry.object, self.objects, "skill parameter", (*path, "object"))
-                side = setting(entry.side, setting_kind.SIDE, (*path, "side"))
-                yaw = setting(entry.yaw, setting_kind.YAW, (*path, "yaw"))
-                depth = setting(entry.depth, setting_kind.DISTANCE, (*path, "depth"))
-                return GraspWaypoint(entry.object, side, yaw, depth)
-            case skill_file.PutWaypointEntry():
-                self._known(entry.put, self.objects, "skill parameter", (*path, "put"))
-                self._known(entry.onto, self.objects, "skill parameter", (*path, "onto"))
-                along = setting(entry.along, setting_kind.OFFSET_SHARE, (*path, "along"))
-                across = setting(entry.across, setting_kind.OFFSET_SHARE, (*path, "across"))
-                return PutWaypoint(
-                    entry.put, entry.onto, along, across, setting(entry.yaw, setting_kind.YAW, (*path, "yaw"))
-                )
-            case skill_file.TurnWaypointEntry():
-                turn = setting(entry.turn, setting_kind.YAW, (*path, "turn"))
-                return TurnWaypoint(entry.origin, turn, setting(entry.tilt, setting_kind.YAW, (*path, "tilt")))
-            case skill_file.RetreatWaypointEntry():
-                return RetreatWaypoint(entry.origin, setting(entry.retreat, setting_kind.DISTANCE, (*path, "retreat")))
-            case skill_file.RaiseWaypointEntry():
-                return RaiseWaypoint(entry.origin, setting(entry.lift, setting_kind.DISTANCE, (*path, "raise")))
-            case skill_file.PoseWaypointEntry():
-                return PoseWaypoint(read_only(entry.pose.matrix()))
+    def _check_fields(self, entry: Entry, path: KeyPath) -> None:
+        """The names and settings of a waypoint or primitive action, by the marks of its fields."""
+        for name, info in type(entry).model_fields.items():
+            value, at = getattr(entry, name), (*path, info.alias or name)
+            for mark in info.metadata:
+                if isinstance(mark, Kind):
+                    self._check_setting(value, mark, at)
+                elif isinstance(mark, Names):
+                    valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
+                    self._known(value, [*valid, HOME] if mark.home else valid, mark.what, at)
 
-    def _check_waypoints(self) -> None:
+    def _check_setting(self, value: Quantity | MotionValue | Reference, kind: Kind, path: KeyPath) -> None:
+        """The setting at `path`, whose own value or whose parameter's values must be of `kind`."""
+        if isinstance(value, Reference):
+            if self._is_parameter(value.parameter, path):
+                self.kinds[value.parameter].append(kind)
+                self._check_values(value.parameter, kind, path)
+        elif not isinstance(value, float) and (complaint := kind.complaint(value)) is not None:
+            self._report(complaint[0], path, complaint[1])
+
+    def _is_parameter(self, name: str, path: KeyPath) -> bool:
+        if name not in self.file.motion:
+            message = f"found `${name}`, which is no parameter under `motion`; {expected_names(name, self.file.motion)}"
+            self._report("unknown-parameter", path, message)
+        return name in self.file.motion
+
+    def _check_values(self, parameter: str, kind: Kind, path: KeyPath) -> None:
+        """Says of the first value of a parameter that is not of the kind what the setting at `path` needs."""
+        complaints = (kind.complaint(value) for value in self.values[parameter])
+        if (complaint := next(filter(None, complaints), None)) is not None:
+            self._report(complaint[0], ("motion", parameter), f"{complaint[1]}, because `{dotted(path)}` uses it")
+
+    def _parameters(self) -> tuple[MotionParameter, ...]:
+        """The motion parameters with their values in SI units; to be asked when all settings have been checked."""
+        parameters = []
+        for name, stated in self.values.items():
+            values = tuple(value.value if isinstance(value, Quantity) else value for value in stated)
+            if len(set(values)) < len(values):
+                self._report("repeated-value", ("motion", name), "a value is given twice")
+            parameters.append(MotionParameter(name, values, tuple(dict.fromkeys(self.kinds[name]))))
+        return tuple(parameters)
+
+    def _motion_values(self, name: str) -> tuple[Quantity | str, ...]:
+        entry = self.file.motion[name]
+        if isinstance(entry, ValueRange):
+            return self._spread(name, entry)
+        return tuple(entry.values) if isinstance(entry, ListedValues) else (entry,)
+
+    def _spread(self, name: str, entry: ValueRange) -> tuple[Quantity | str, ...]:
+        start, end = entry.start, entry.to
+        if not isinstance(start, Quantity) or not isinstance(end, Quantity):
+            word = end if isinstance(start, Quantity) else start
+            message = f"found {describe(word)}, expected a number at both ends of a range"
+            self._report("wrong-unit", ("motion", name), message)
+            return (Quantity(0.0, None),)
+        dimension = start.dimension or end.dimension
+        if dimension is not end.dimension and end.dimension is not None:
+            message = f"the range goes from {dimension.name if dimension else 'a number'} to {end.dimension.name}"
+            self._report("wrong-unit", ("motion", name), message)
+        return tuple(Quantity(float(value), dimension) for value in np.linspace(start.value, end.value, entry.count))
+
+    def _check_origins(self) -> None:
         """Every `from` names another waypoint, and none leads back to itself; `home` is not redefined."""
         if HOME in self.file.waypoints:
             self._report(
                 "ambiguous-name", ("waypoints", HOME), "`home` is the robot's home configuration; take another name"
             )
-        origins = {name: getattr(entry, "origin", None) for name, entry in self.file.waypoints.items()}
+        origins = {name: getattr(waypoint, "waypoint", None) for name, waypoint in self.file.waypoints.items()}
         for name, origin in origins.items():
             path = ("waypoints", name, "from")
             if origin in (None, HOME) or not self._known(origin, [*origins, HOME], "waypoint", path):
@@ -172,66 +201,25 @@ class _SkillReader:
             if origin == name and name == next(other for other in origins if other in seen):
                 self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join([*seen, name])}")
 
-    def _primitive(self, index: int, entry: PrimitiveEntry) -> PrimitiveAction:
-        path = ("primitives", index)
-        setting = self.settings.setting
-        if entry.name in [other.name for other in self.file.primitives[:index]]:
-            self._report("duplicate-name", (*path, "name"), f"`{entry.name}` names an earlier primitive action too")
-        match entry:
-            case skill_file.JointMoveEntry():
-                self._known(entry.joint_move, [*self.file.waypoints, HOME], "waypoint", (*path, "joint_move"))
-                return JointMove(
-                    entry.name,
-                    entry.joint_move,
-                    setting(entry.speed, setting_kind.SPEED_SHARE, (*path, "speed")),
-                    setting(entry.elbow, setting_kind.ELBOW, (*path, "elbow")),
-                    setting(entry.shoulder, setting_kind.SHOULDER, (*path, "shoulder")),
-                    setting(entry.wrist, setting_kind.WRIST, (*path, "wrist")),
-                    setting(entry.via, setting_kind.VIA, (*path, "via")),
-                )
-            case skill_file.StraightMoveEntry():
-                self._known(entry.straight_move, self.file.waypoints, "waypoint", (*path, "straight_move"))
-                return StraightMove(
-                    entry.name,
-                    entry.straight_move,
-                    setting(entry.speed, setting_kind.SPEED, (*path, "speed")),
-                    setting(entry.acceleration, setting_kind.ACCELERATION, (*path, "acceleration")),
-                    setting(entry.jerk, setting_kind.JERK, (*path, "jerk")),
-                )
-            case skill_file.GraspEntry():
-                self._known(entry.grasp, self.objects, "skill parameter", (*path, "grasp"))
-                duration = setting(entry.duration, setting_kind.DURATION, (*path, "duration"))
-                return Grasp(entry.name, entry.grasp, duration)
-            case skill_file.ReleaseEntry():
-                return Release(entry.name, setting(entry.release, setting_kind.DURATION, (*path, "release")))
-            case skill_file.WaitEntry():
-                return Wait(entry.name, setting(entry.wait, setting_kind.DURATION, (*path, "wait")))
-
     def _requirements(self) -> tuple[Requirement, ...]:
-        requirements = []
-        for index, item in enumerate(self.file.formulas):
-            path: KeyPath = ("formulas", index)
-            entry = item if isinstance(item, FormulaEntry) else FormulaEntry(formula=item)
-            text_path = (*path, "formula") if isinstance(item, FormulaEntry) else path
-            requirements.append(self._requirement(None, entry, path, text_path))
-        for name, entry in self.file.faults.items():
-            requirements.append(self._requirement(name, entry, ("faults", name), ("faults", name, "formula")))
-        return tuple(requirement for requirement in requirements if requirement is not None)
+        found = [self._requirement(None, entry, ("formulas", index)) for index, entry in enumerate(self.file.formulas)]
+        found += [self._requirement(name, entry, ("faults", name)) for name, entry in self.file.faults.items()]
+        return tuple(requirement for requirement in found if requirement is not None)
 
-    def _requirement(
-        self, name: str | None, entry: FormulaEntry, path: KeyPath, text_path: KeyPath
-    ) -> Requirement | None:
-        formula = self._formula(entry.formula, text_path)
-        condition = None
-        if isinstance(entry.response, str):
-            response = Response(entry.response)
-        else:
-            if entry.response.when is not None:
-                condition = self._condition(entry.response.when, (*path, "response", "when"))
-            response = Response("retry", entry.response.retry, condition)
+    def _requirement(self, name: str | None, stated: FormulaEntry | str, path: KeyPath) -> Requirement | None:
+        at: KeyPath = path if isinstance(stated, str) else (*path, "formula")
+        entry = FormulaEntry(formula=stated) if isinstance(stated, str) else stated
+        formula = self._formula(entry.formula, at)
+        response = self._response(entry.response, (*path, "response"))
         if formula is None:
             return None
-        return Requirement(name, formula, response, entry.settle, self.document.value_place(text_path))
+        return Requirement(name, formula, response, entry.settle, self.document.value_place(at))
+
+    def _response(self, entry: RetryEntry | Literal["stop", "continue"], path: KeyPath) -> Response:
+        if not isinstance(entry, RetryEntry):
+            return Response(entry)
+        condition = None if entry.when is None else self._condition(entry.when, (*path, "when"))
+        return Response("retry", entry.retry, condition)
 
     def _condition(self, text: str, path: KeyPath) -> Formula | None:
         """A formula about what is seen now."""
@@ -257,42 +245,23 @@ class _SkillReader:
         self.problems.extend(check_formula(formula, self.domain, self.action, names))
         return formula
 
-    def _targets(self) -> dict[str, TargetSpec]:
-        targets = {}
-        for predicate, entry in self.file.targets.items():
-            path = ("targets", predicate)
+    def _check_targets(self) -> None:
+        for predicate, target in self.file.targets.items():
+            path: KeyPath = ("targets", predicate)
             self._known(predicate, self.domain.predicates, "predicate", path)
-            boxes = tuple(self._box((*path, "boxes", index), box) for index, box in enumerate(entry.boxes))
-            for index, box in enumerate(boxes):
-                if box.name in [other.name for other in boxes[:index]]:
+            for index, box in enumerate(target.boxes):
+                self._check_at(box, (*path, "boxes", index, "at"))
+            for index, box in enumerate(target.boxes):
+                if box.name in [other.name for other in target.boxes[:index]]:
                     self._report("duplicate-name", (*path, "boxes", index, "name"), "an earlier box has this name too")
-            targets[predicate] = TargetSpec(predicate, entry.cameras, boxes, self.document.key_place(path))
-        return targets
 
-    def _box(self, path: KeyPath, entry: BoxEntry) -> BoxSpec:
-        if entry.at is not None and self._known(entry.at, self.file.waypoints, "waypoint", (*path, "at")):
-            waypoint = self.file.waypoints[entry.at]
-            grasped = [getattr(primitive, "grasp", None) for primitive in self.file.primitives]
-            grasps = isinstance(waypoint, skill_file.GraspWaypointEntry) and waypoint.object == entry.fits
-            if entry.frame == "tool" and entry.fits in grasped and not grasps:
-                message = (
-                    f"found waypoint `{entry.at}`, expected one that grasps `{entry.fits}` (with `object` and `side`)"
-                )
-                self._report("wrong-value", (*path, "at"), message)
-        normal = None
-        if entry.normal is not None:
-            x, y, z = np.asarray(entry.normal) / np.linalg.norm(entry.normal)
-            normal = (float(x), float(y), float(z))
-        return BoxSpec(
-            name=entry.name,
-            frame=entry.frame,
-            fits=entry.fits,
-            at=entry.at,
-            margin=entry.margin,
-            size=entry.size,
-            X_FB=read_only(entry.pose.matrix()),
-            detector=entry.detector,
-            normal=normal,
-            encloses=None if entry.encloses is None else tuple(entry.encloses),
-            place=self.document.key_place((*path, "name")),
-        )
+    def _check_at(self, box: BoxSpec, path: KeyPath) -> None:
+        """Where a box is held must be a waypoint; in the tool, one that grasps what the skill takes hold of."""
+        if box.at is None or not self._known(box.at, self.file.waypoints, "waypoint", path):
+            return
+        grasped = [primitive.object for primitive in self.file.primitives if isinstance(primitive, Grasp)]
+        waypoint = self.file.waypoints[box.at]
+        grasps = isinstance(waypoint, GraspWaypoint) and waypoint.object == box.fits
+        if box.frame == "tool" and box.fits in grasped and not grasps:
+            message = f"found waypoint `{box.at}`, expected one that grasps `{box.fits}` (with `object` and `side`)"
+            self._report("wrong-value", path, message)

@@ -1,246 +1,330 @@
-"""A skill: what it needs and does (PDDL), how it moves, and what must be seen while it does."""
+"""A skill: what it needs and does (PDDL), how it moves, and what must be seen while it does.
+
+What skill.yaml states is described by the models here, from `SkillFile` down: they are both the format and the records.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.setting_kind import Kind
+from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.knowledge import settings
+from sqrp_cli.knowledge.bounds import SHORTEST_DIRECTION
+from sqrp_cli.knowledge.entries import (
+    Direction,
+    Entry,
+    Extents,
+    Length,
+    Name,
+    Pose,
+    Text,
+    Time,
+    mapping_or_else,
+    one_of,
+)
+from sqrp_cli.knowledge.settings import MotionParameter, MotionValues
+from sqrp_cli.knowledge.source import dotted
 from sqrp_cli.logic.mtl import Formula
 from sqrp_cli.logic.pddl import Action, Domain
-
-MotionValue = float | str
-"""Value of a motion parameter: a number in SI units, or a word such as `+z` or `up`."""
-
-
-@dataclass(frozen=True)
-class MotionParameter:
-    """A parameter of the motion with the values that candidates try, in order; the first is the default.
-
-    kinds: what each setting that uses it may be.
-    """
-
-    name: str
-    values: tuple[MotionValue, ...]
-    kinds: tuple[Kind, ...] = ()
-
-
-@dataclass(frozen=True)
-class Reference:
-    """The name of a motion parameter, where a number or word may also stand directly."""
-
-    parameter: str
-
-
-Setting = MotionValue | Reference
-
-
-@dataclass(frozen=True)
-class GraspWaypoint:
-    """The tool frame's origin in the centre of one side of an object, its z axis pointing into the object.
-
-    object: the skill parameter that names the object. side: the outward axis of that side in the object's frame, one of
-    `+x -x +y -y +z -z`. yaw: turn of the tool about its z axis [rad]; at yaw 0 the tool's x axis lies along the
-    object's x axis (y axis for the sides +x and -x). depth: how far the tool frame goes into the object from there, for
-    fingers [m].
-    """
-
-    object: str
-    side: Setting
-    yaw: Setting
-    depth: Setting = 0.0
-
-
-@dataclass(frozen=True)
-class PutWaypoint:
-    """The tool frame where the object that it holds stands upright on top of another object.
-
-    object, on: the skill parameters that name them. along, across: where on it, in -1..1 along its x and its y axis:
-    at 0 in the middle, at -1 and 1 flush with the edges. yaw: turn of the object against what it stands on [rad].
-    """
-
-    object: str
-    on: str
-    along: Setting
-    across: Setting
-    yaw: Setting
-
-
-@dataclass(frozen=True)
-class TurnWaypoint:
-    """Another waypoint, turned about the tool's z axis by `turn` and then about its x axis by `tilt` [rad]."""
-
-    waypoint: str
-    turn: Setting
-    tilt: Setting
-
-
-@dataclass(frozen=True)
-class RetreatWaypoint:
-    """Another waypoint, moved back against the tool's z axis by `distance` [m]."""
-
-    waypoint: str
-    distance: Setting
-
-
-@dataclass(frozen=True)
-class RaiseWaypoint:
-    """Another waypoint, moved up along the world's z axis by `distance` [m]."""
-
-    waypoint: str
-    distance: Setting
-
-
-@dataclass(frozen=True, eq=False)
-class PoseWaypoint:
-    """The tool frame at a fixed pose, `X_WT`, shape (4, 4)."""
-
-    X_WT: Array
-
-
-Waypoint = GraspWaypoint | PutWaypoint | RetreatWaypoint | RaiseWaypoint | TurnWaypoint | PoseWaypoint
 
 HOME = "home"
 """The waypoint that every skill has: the robot's home configuration."""
 
 
 @dataclass(frozen=True)
-class JointMove:
-    """All joints move together to a waypoint; speed is a share of the joints' velocity limits, in (0, 1].
+class Names:
+    """Marks a field whose value must name something of the skill; home: it may be `HOME` too."""
 
-    elbow, shoulder, wrist: which branch of inverse kinematics it ends in, or `any`; see `programming.arm.branches`.
-    via: `direct`, or `home` for a stop at the home configuration on the way.
-    """
-
-    name: str
-    to: str
-    speed: Setting
-    elbow: Setting = "any"
-    shoulder: Setting = "any"
-    wrist: Setting = "any"
-    via: Setting = "direct"
+    what: Literal["skill parameter", "waypoint"]
+    home: bool = False
 
 
-@dataclass(frozen=True)
-class StraightMove:
-    """The tool frame moves to a waypoint on a straight line.
-
-    speed [m/s], acceleration [m/s^2] and jerk [m/s^3] are those of the tool.
-    """
-
-    name: str
-    to: str
-    speed: Setting
-    acceleration: Setting
-    jerk: Setting
+Parameter = Annotated[Name, Names("skill parameter")]
+Origin = Annotated[Name, Field(alias="from", description="The other waypoint.")]
 
 
-@dataclass(frozen=True)
-class Grasp:
-    """The tool takes hold of an object; it is attached at the end of `duration` [s]."""
+class GraspWaypoint(Entry):
+    """The tool at the centre of one side of an object, pointing into it."""
 
-    name: str
-    object: str
-    duration: Setting
-
-
-@dataclass(frozen=True)
-class Release:
-    """The tool lets go of what it holds, which is detached at the end of `duration` [s]."""
-
-    name: str
-    duration: Setting
+    object: Parameter = Field(description="The skill parameter that names the object.")
+    side: settings.Side = Field(description="Outward axis of that side: +x, -x, +y, -y, +z or -z.")
+    yaw: settings.Yaw = Field(
+        default=0.0,
+        description="Turn of the tool about its z axis; at 0 its x axis lies along the object's x axis (y axis for the "
+        "sides +x and -x).",
+    )
+    depth: settings.Distance = Field(
+        default=0.0, description="How far the tool frame goes into the object, between fingers."
+    )
 
 
-@dataclass(frozen=True)
-class Wait:
-    """The robot stands still for `duration` [s]."""
+class PutWaypoint(Entry):
+    """The held object standing upright on top of another object."""
 
-    name: str
-    duration: Setting
+    object: Parameter = Field(alias="put", description="The skill parameter that names the held object.")
+    on: Parameter = Field(alias="onto", description="The skill parameter that names what it is put on.")
+    along: settings.OffsetShare = Field(
+        default=0.0, description="Where along its x axis: 0 in the middle, -1 and 1 at the edges."
+    )
+    across: settings.OffsetShare = Field(default=0.0, description="Where along its y axis, likewise.")
+    yaw: settings.Yaw = Field(default=0.0, description="Turn against what it is put on.")
 
 
-PrimitiveAction = JointMove | StraightMove | Grasp | Release | Wait
+class TurnWaypoint(Entry):
+    """Another waypoint, turned about the tool's axes."""
+
+    waypoint: Origin
+    turn: settings.Yaw = Field(description="Turn about the tool's z axis.")
+    tilt: settings.Yaw = Field(default=0.0, description="Turn about the tool's x axis after that.")
+
+
+class RetreatWaypoint(Entry):
+    """Another waypoint, moved back against the tool's z axis."""
+
+    waypoint: Origin
+    distance: settings.Distance = Field(alias="retreat", description="By how much.")
+
+
+class RaiseWaypoint(Entry):
+    """Another waypoint, moved up along the world's z axis."""
+
+    waypoint: Origin
+    distance: settings.Distance = Field(alias="raise", description="By how much.")
+
+
+class PoseWaypoint(Entry):
+    """The tool frame at a fixed pose in the world."""
+
+    pose: Pose = Field(description="Of the tool frame in the world.")
+
+    @property
+    def X_WT(self) -> Array:
+        """The pose as a matrix, shape (4, 4)."""
+        return read_only(self.pose.matrix())
+
+
+Waypoint = Annotated[
+    Annotated[GraspWaypoint, Tag("<object>")]
+    | Annotated[PutWaypoint, Tag("<put>")]
+    | Annotated[RetreatWaypoint, Tag("<retreat>")]
+    | Annotated[RaiseWaypoint, Tag("<raise>")]
+    | Annotated[TurnWaypoint, Tag("<turn>")]
+    | Annotated[PoseWaypoint, Tag("<pose>")],
+    one_of("object", "put", "retreat", "raise", "turn", "pose"),
+]
+
+PrimitiveName = Annotated[Name, Field(description="What formulas call it, as in `a1.start`.")]
+
+
+class JointMove(Entry):
+    """All joints move together to a waypoint."""
+
+    name: PrimitiveName
+    to: Annotated[Name, Names("waypoint", home=True)] = Field(
+        alias="joint_move", description="The waypoint to go to; `home` is the robot's home configuration."
+    )
+    speed: settings.SpeedShare = Field(default=1.0, description="Share of the joints' velocity limits.")
+    elbow: settings.Elbow = Field(default="any", description="How the arm is bent at the end: up, down or any.")
+    shoulder: settings.Shoulder = Field(default="any", description="On which side the shoulder is: left, right or any.")
+    wrist: settings.Wrist = Field(default="any", description="no_flip: bent as at home; flip or any.")
+    via: settings.Via = Field(default="direct", description="direct, or home: with a stop at home on the way.")
+
+
+class StraightMove(Entry):
+    """The tool moves to a waypoint on a straight line."""
+
+    name: PrimitiveName
+    to: Annotated[Name, Names("waypoint")] = Field(alias="straight_move", description="The waypoint to go to.")
+    speed: settings.Speed = Field(description="Speed of the tool, such as 5 cm/s.")
+    acceleration: settings.Acceleration = Field(default=0.5, description="Acceleration of the tool [m/s^2].")
+    jerk: settings.Jerk = Field(default=5.0, description="Jerk of the tool [m/s^3].")
+
+
+class Grasp(Entry):
+    """The tool takes hold of an object, at the end of `duration`."""
+
+    name: PrimitiveName
+    object: Parameter = Field(alias="grasp", description="The skill parameter that names the object.")
+    duration: settings.Duration = Field(description="How long that takes.")
+
+
+class Release(Entry):
+    """The tool lets go of what it holds, at the end of the duration."""
+
+    name: PrimitiveName
+    duration: settings.Duration = Field(alias="release", description="The duration.")
+
+
+class Wait(Entry):
+    """The robot stands still."""
+
+    name: PrimitiveName
+    duration: settings.Duration = Field(alias="wait", description="The duration.")
+
+
+PrimitiveAction = Annotated[
+    Annotated[JointMove, Tag("<joint_move>")]
+    | Annotated[StraightMove, Tag("<straight_move>")]
+    | Annotated[Grasp, Tag("<grasp>")]
+    | Annotated[Release, Tag("<release>")]
+    | Annotated[Wait, Tag("<wait>")],
+    one_of("joint_move", "straight_move", "grasp", "release", "wait"),
+]
+
+
+class RetryEntry(Entry):
+    """Try the skill again."""
+
+    retry: Annotated[int, Field(strict=True, ge=1, le=100)] = Field(description="How often at most.")
+    when: Text | None = Field(default=None, description="What must be seen before a retry starts, as a formula.")
+
+
+ResponseEntry = Annotated[
+    Annotated[RetryEntry, Tag("<mapping>")] | Annotated[Literal["stop", "continue"], Tag("<else>")], mapping_or_else()
+]
+
+
+class FormulaEntry(Entry):
+    """An MTL formula with the response to its violation."""
+
+    formula: Text = Field(description="Such as always[a1.start, a2.end] (not hold and obj_on_table).")
+    response: ResponseEntry = Field(default="stop", description="stop, continue, or {retry: N, when: FORMULA}.")
+    settle: Time = Field(default=0.5, description="Time that a literal may lag behind its expected change.")
+
+
+FormulaOrText = Annotated[Annotated[FormulaEntry, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()]
+
+
+def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The vector at length 1; one that is too short for that stays as it is, for its owner to refuse."""
+    if max(map(abs, vector)) < SHORTEST_DIRECTION:
+        return vector
+    x, y, z = np.asarray(vector) / np.linalg.norm(vector)
+    return float(x), float(y), float(z)
+
+
+UnitVector = Annotated[Direction, AfterValidator(_unit)]
+
+
+class BoxSpec(Entry):
+    """A box of a target: where to look for what."""
+
+    name: Name = Field(description="What output calls it.")
+    frame: Text = Field(
+        description="`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with "
+        "`@start` (where it was when the skill began)."
+    )
+    fits: Name | None = Field(default=None, description="The skill parameter or object that gives the box its size.")
+    at: Name | None = Field(
+        default=None,
+        description="With `fits`: the waypoint at which it is held: the box is where it then is in the tool (frame "
+        "`tool`), or in the world, from where the box moves with its frame.",
+    )
+    margin: Length = Field(default=0.0, description="With `fits`: enlargement on every side.")
+    size: Extents | None = Field(default=None, description="Full extents, instead of `fits`.")
+    pose: Pose = Field(default=Pose(), description="Pose of the box in the frame.")
+    detector: Name = Field(description="The detector of the workspace that looks for it.")
+    normal: UnitVector | None = Field(
+        default=None, description="Direction away from the surface that it lies on (markers)."
+    )
+    encloses: tuple[Text, ...] | None = Field(
+        default=None,
+        description="Links, objects, skill parameters or `tool` that it encloses; default: the object of its frame.",
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> BoxSpec:
+        if (self.fits is None) == (self.size is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `fits`, `size`")
+        if self.fits is None and (self.at is not None or self.margin):
+            raise PydanticCustomError("conflicting-keys", "`at` and `margin` go with `fits`, not with `size`")
+        if self.at is None and self.fits is not None and self.frame == "tool":
+            raise PydanticCustomError("conflicting-keys", "`at` is needed with `fits` in frame `tool`")
+        if self.normal is not None and max(map(abs, self.normal)) < SHORTEST_DIRECTION:
+            raise PydanticCustomError("wrong-value", "`normal` has length 0")
+        if self.size is not None and min(self.size) < 0.002 and self.normal is None:
+            raise PydanticCustomError("missing-key", "a box with a side under 2 mm needs a `normal`")
+        return self
+
+    @property
+    def X_FB(self) -> Array:
+        """The pose of the box in the frame (on top of `fits`), shape (4, 4)."""
+        return read_only(self.pose.matrix())
+
+
+class TargetSpec(Entry):
+    """What decides a predicate."""
+
+    cameras: Annotated[int, Field(strict=True, ge=1, le=200)] = Field(
+        default=1, description="How many cameras must each see all boxes."
+    )
+    boxes: list[BoxSpec] = Field(min_length=1, max_length=20, description="All of them decide it together.")
+
+
+MOST_ENTRIES = 200
+"""Of a kind in a skill."""
+
+
+class SkillFile(Entry):
+    """How a skill moves, and what the cameras must see while it does."""
+
+    motion: dict[Name, MotionValues] = Field(
+        default={}, max_length=MOST_ENTRIES, description="Parameters of the motion with the values to try."
+    )
+    waypoints: dict[Name, Waypoint] = Field(default={}, max_length=MOST_ENTRIES, description="Poses of the tool frame.")
+    primitives: list[PrimitiveAction] = Field(
+        min_length=1, max_length=100, description="What the robot does, one after the other."
+    )
+    formulas: list[FormulaOrText] = Field(
+        default=[], max_length=MOST_ENTRIES, description="What must hold while all goes well."
+    )
+    faults: dict[Name, FormulaEntry] = Field(default={}, max_length=MOST_ENTRIES, description="What may go wrong.")
+    targets: dict[Name, TargetSpec] = Field(
+        default={}, max_length=MOST_ENTRIES, description="What decides each predicate, and where to look."
+    )
 
 
 @dataclass(frozen=True)
 class Response:
-    """What the robot does when a formula is violated or a fault is seen.
-
-    retries: how often a `retry` may be tried. condition: what must be seen before a retry starts, None for nothing.
-    """
+    """What the robot does when a formula is violated or a fault is seen."""
 
     action: Literal["stop", "retry", "continue"]
     retries: int = 0
+    """How often a `retry` may be tried."""
     condition: Formula | None = None
+    """What must be seen before a retry starts."""
 
 
 @dataclass(frozen=True)
 class Requirement:
-    """A temporal sensing requirement: an MTL formula over the skill's predicates, with the response to its violation.
-
-    name: `None` for a plain requirement; the fault's name for a formula that describes a fault.
-    settle: time that a literal may lag behind its expected change before it counts as violated [s].
-    place: where the formula's text starts.
-    """
+    """A temporal sensing requirement: what a `FormulaEntry` says, its texts parsed as MTL."""
 
     name: str | None
+    """Of the fault that the formula describes; None for a plain requirement."""
     formula: Formula
     response: Response
     settle: float
+    """Time that a literal may lag behind its expected change before it counts as violated [s]."""
     place: Place
-
-
-@dataclass(frozen=True, eq=False)
-class BoxSpec:
-    """One box of a target, before grounding.
-
-    frame: `world`, a link, `tool` (the tool frame), a skill parameter or an object (the box moves with it), or either
-    of them with `@start` (where that object is when the skill begins).
-    fits: a skill parameter or an object: the box has the size of that object, enlarged by `margin` [m] on every side.
-    at: with `fits`, a waypoint: the box lies where the object would be if it were held there: with frame `tool` that is
-    its place in the tool, with another one its place in the world, from where the box then moves with that frame.
-    None: the box lies at the frame, or `size` is given.
-    size: full extents [m]. X_FB: pose of the box in the frame (on top of `fits`), shape (4, 4).
-    normal: unit vector in the box's axes, away from the surface it lies on, or None.
-    encloses: links, objects, skill parameters or `tool` (all parts of the tool) that the box encloses; None for the
-    default: the object of the frame.
-    """
-
-    name: str
-    frame: str
-    fits: str | None
-    at: str | None
-    margin: float
-    size: tuple[float, float, float] | None
-    X_FB: Array
-    detector: str
-    normal: tuple[float, float, float] | None
-    encloses: tuple[str, ...] | None
-    place: Place
-
-
-@dataclass(frozen=True)
-class TargetSpec:
-    """What decides a predicate: `cameras` of the cell must each see all the boxes."""
-
-    predicate: str
-    cameras: int
-    boxes: tuple[BoxSpec, ...]
-    place: Place
+    """Where the formula's text starts."""
 
 
 @dataclass(frozen=True)
 class Skill:
-    """A skill as its two files define it; `action` is its PDDL action, `domain` the types and predicates around it."""
+    """A skill as its two files define it."""
 
     name: str
     folder: Path
     domain: Domain
+    """The types and predicates around its action."""
     action: Action
     motion_parameters: tuple[MotionParameter, ...]
     waypoints: Mapping[str, Waypoint]
@@ -251,6 +335,12 @@ class Skill:
     """Position of every key of skill.yaml, by its dotted path (such as `primitives.0.to`)."""
     warnings: tuple[Problem, ...]
     """Findings that do not prevent its use."""
+
+    def place(self, *path: str | int) -> Place:
+        """Where a key of skill.yaml stands, such as `targets`, `hold`, `boxes`, 0; if it is missing, what lacks it."""
+        while path[1:] and dotted(path) not in self.places:
+            path = path[:-1]
+        return self.places[dotted(path)]
 
     @property
     def retried_faults(self) -> frozenset[str]:

@@ -7,7 +7,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from sqrp_cli.errors import Problem
-from sqrp_cli.knowledge.skill import Reference, Skill, StraightMove
+from sqrp_cli.knowledge.settings import Reference
+from sqrp_cli.knowledge.skill import Skill, StraightMove
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 

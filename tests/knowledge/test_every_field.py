@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pydantic import BaseModel
+from pydantic import BaseModel, PlainValidator
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge import skill_file, workspace_file
+from sqrp_cli.knowledge import skill, workspace_file
 from sqrp_cli.knowledge.entries import CameraPose, Entry, Pose
-from sqrp_cli.knowledge.skill_file import SkillFile
+from sqrp_cli.knowledge.settings import Kind
+from sqrp_cli.knowledge.skill import SkillFile
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted, read_document
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace_file import WorkspaceFile
@@ -68,15 +69,26 @@ USES = [use for file in FILES for use in uses(file)]
 
 def test_the_files_use_the_fields_of_every_model() -> None:
     """A new field belongs into tests/cases/every_field; one or two may wait."""
-    modules = (workspace_file, skill_file)
+    modules = (workspace_file, skill)
     models = {thing for module in modules for thing in vars(module).values() if isinstance(thing, type)}
     entries = {model for model in models if issubclass(model, Entry) and model is not Entry} | {Pose, CameraPose}
     known = {(model.__name__, name) for model in entries for name in model.model_fields}
     used = {(use.model, use.name) for use in USES}
-    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxEntry"} <= {model for model, _ in used}
+    assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxSpec"} <= {model for model, _ in used}
     # A camera's pose in a quaternion or as rpy is the same field as any other pose's.
     unused = known - used - {("CameraPose", "quaternion"), ("CameraPose", "rpy")}
     assert len(unused) <= 0.05 * len(known), unused
+
+
+def test_every_setting_of_a_skill_says_what_it_may_be() -> None:
+    """One without a kind would never be checked."""
+    models = [thing for thing in vars(skill).values() if isinstance(thing, type) and issubclass(thing, Entry)]
+    marks = {(m.__name__, name): info.metadata for m in models for name, info in m.model_fields.items()}
+    settings = {
+        field for field, metadata in marks.items() if any(isinstance(mark, PlainValidator) for mark in metadata)
+    }
+    assert len(settings) >= 20
+    assert [field for field in settings if not any(isinstance(mark, Kind) for mark in marks[field])] == []
 
 
 def damaged(use: FieldUse, change: Callable[[dict[str, Any], str], None]) -> list[Problem]:

@@ -15,7 +15,8 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.lint import lint
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.scene import Box
-from sqrp_cli.knowledge.skill import JointMove, Reference, StraightMove
+from sqrp_cli.knowledge.settings import Reference
+from sqrp_cli.knowledge.skill import JointMove, StraightMove
 from sqrp_cli.logic.literal import Atom
 
 Damage = Callable[[dict[str, Any]], Path]

@@ -9,17 +9,8 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import (
-    HOME,
-    Grasp,
-    JointMove,
-    MotionValue,
-    PrimitiveAction,
-    Release,
-    Skill,
-    StraightMove,
-    Wait,
-)
+from sqrp_cli.knowledge.settings import MotionValue
+from sqrp_cli.knowledge.skill import HOME, Grasp, JointMove, PrimitiveAction, Release, Skill, StraightMove, Wait
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.branches import BranchChoice
 from sqrp_cli.programming.arm.kinematics import RobotModel

@@ -9,16 +9,14 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose
 from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.settings import MotionValue, Reference, Setting
 from sqrp_cli.knowledge.skill import (
     HOME,
     GraspWaypoint,
-    MotionValue,
     PoseWaypoint,
     PutWaypoint,
     RaiseWaypoint,
-    Reference,
     RetreatWaypoint,
-    Setting,
     TurnWaypoint,
     Waypoint,
 )

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import combinations
 
 import coal
 import numpy as np
 import pinocchio as pin
+from pydantic import TypeAdapter
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.scene import Box, Part, SceneObject
-from sqrp_cli.knowledge.skill import Skill
+from sqrp_cli.knowledge.skill import Skill, Waypoint
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
@@ -29,6 +31,11 @@ def thing(name: str, size: tuple[float, float, float], X_WO: Array | None, fixed
     return SceneObject(
         name, "thing", None, (), size, X_WO, fixed, None, None, (Part(name, name, Box(size), np.eye(4)),)
     )
+
+
+def read_waypoints(stated: Mapping[str, object]) -> dict[str, Waypoint]:
+    """Waypoints as a skill file states them."""
+    return TypeAdapter(dict[str, Waypoint]).validate_python(stated)
 
 
 class Cell:

@@ -110,7 +110,7 @@ def test_fingers_move_during_the_grasp_only_and_never_open_in_it(cell: Cell) -> 
 def test_release_opens_the_fingers_where_it_leaves_the_object(cell: Cell) -> None:
     candidate = read_task("pickup_two_finger cube", cell.workspace).candidates[0]
     a1, a2, a3, *_ = candidate.skill.primitives
-    back = replace(candidate, skill=replace(candidate.skill, primitives=(a1, a2, a3, Release("a4", 0.5))))
+    back = replace(candidate, skill=replace(candidate.skill, primitives=(a1, a2, a3, Release(name="a4", release=0.5))))
     motion = feasible_motion(cell, back, cell.initial_world)
     assert isinstance(motion, Motion)
     assert motion.final.joints[FINGER] == pytest.approx(OPEN)

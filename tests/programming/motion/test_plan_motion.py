@@ -13,12 +13,8 @@ import pytest
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.knowledge.skill import (
     HOME,
-    GraspWaypoint,
     JointMove,
-    PoseWaypoint,
-    RaiseWaypoint,
     Release,
-    RetreatWaypoint,
     Skill,
     StraightMove,
     Wait,
@@ -32,9 +28,9 @@ from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.straight_line import ToolLine, straight_line
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples, time_path
 from sqrp_cli.trajectory import Path
-from tests.programming.motion.cells import VALUES, Cell, PinocchioCell, thing
+from tests.programming.motion.cells import VALUES, Cell, PinocchioCell, read_waypoints, thing
 
-PLACED = pose(axis_rotation(0, np.pi), (0.35, 0.35, 0.041))
+PLACED = {"position": [0.35, 0.35, 0.041], "rpy": ["180 deg", 0, 0]}
 """The tool frame pointing down, where a cube held by its top stands 1 mm above the table."""
 
 
@@ -53,14 +49,15 @@ def pickup(tabletop: Workspace) -> Skill:
 def pick_and_place(pickup: Skill) -> Skill:
     """Pick up, carry to `PLACED`, wait, release, retreat, go home."""
     speed = {"speed": 0.1, "acceleration": 0.5, "jerk": 5.0}
-    waypoints = {**pickup.waypoints, "placed": PoseWaypoint(PLACED), "over": RaiseWaypoint("placed", 0.05)}
+    added = {"placed": {"pose": PLACED}, "over": {"from": "placed", "raise": 0.05}}
+    waypoints = {**pickup.waypoints, **read_waypoints(added)}
     carry = (
-        JointMove("b1", "over", 0.8),
-        StraightMove("b2", "placed", **speed),
-        Wait("b3", 0.2),
-        Release("b4", 0.5),
-        StraightMove("b5", "over", **speed),
-        JointMove("b6", HOME, 1.0),
+        JointMove(name="b1", joint_move="over", speed=0.8),
+        StraightMove(name="b2", straight_move="placed", **speed),
+        Wait(name="b3", wait=0.2),
+        Release(name="b4", release=0.5),
+        StraightMove(name="b5", straight_move="over", **speed),
+        JointMove(name="b6", joint_move=HOME, speed=1.0),
     )
     return replace(pickup, waypoints=waypoints, primitives=(*pickup.primitives[:4], *carry))
 
@@ -314,11 +311,11 @@ def test_a_line_that_leaves_the_reach_is_infeasible_and_says_after_how_far(cell:
 def test_grasping_from_the_side_works_too(cell: Cell, tabletop: Workspace) -> None:
     tall = thing("cube", (0.05, 0.05, 0.4), pose(position=(0.5, -0.2, 0.2)), fixed=False)
     waypoints = {
-        "grasp": GraspWaypoint("object", "-x", 0.0),
-        "above": RetreatWaypoint("grasp", 0.05),
-        "lifted": RaiseWaypoint("grasp", 0.1),
+        "grasp": {"object": "object", "side": "-x", "yaw": 0.0},
+        "above": {"from": "grasp", "retreat": 0.05},
+        "lifted": {"from": "grasp", "raise": 0.1},
     }
-    skill = replace(cell.skill, waypoints=waypoints)
+    skill = replace(cell.skill, waypoints=read_waypoints(waypoints))
     motion = Cell(tabletop.robot, cell.model, skill, (TABLE, tall)).plan()
     assert isinstance(motion, Motion)
     q_grasp = motion.primitives[2].trajectory.positions([0.0])[0]

@@ -7,29 +7,23 @@ import pytest
 
 from sqrp_cli.geometry import axis_rotation, inverse, pose, side_pose
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import (
-    GraspWaypoint,
-    PoseWaypoint,
-    PutWaypoint,
-    RaiseWaypoint,
-    Reference,
-    RetreatWaypoint,
-    TurnWaypoint,
-)
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder, put_pose
+from tests.programming.motion.cells import read_waypoints
 
 SIZE = (0.1, 0.2, 0.3)
 TRAY = (0.6, 0.4, 0.02)
-WAYPOINTS = {
-    "grasp": GraspWaypoint("object", "+z", Reference("yaw")),
-    "above": RetreatWaypoint("grasp", 0.02),
-    "lifted": RaiseWaypoint("above", 0.1),
-    "inspect": PoseWaypoint(pose(position=(1.0, 2.0, 3.0))),
-    "put": PutWaypoint("object", "onto", Reference("along"), -1.0, Reference("yaw")),
-    "over": RaiseWaypoint("put", 0.1),
-    "turned": TurnWaypoint("home", 0.4, 0.2),
-    "deep": GraspWaypoint("object", "-x", 0.0, 0.03),
-}
+WAYPOINTS = read_waypoints(
+    {
+        "grasp": {"object": "object", "side": "+z", "yaw": "$yaw"},
+        "above": {"from": "grasp", "retreat": 0.02},
+        "lifted": {"from": "above", "raise": 0.1},
+        "inspect": {"pose": {"position": [1.0, 2.0, 3.0]}},
+        "put": {"put": "object", "onto": "onto", "along": "$along", "across": -1.0, "yaw": "$yaw"},
+        "over": {"from": "put", "raise": 0.1},
+        "turned": {"from": "home", "turn": 0.4, "tilt": 0.2},
+        "deep": {"object": "object", "side": "-x", "depth": 0.03},
+    }
+)
 HOME = pose(axis_rotation(0, np.pi), (0.3, 0.1, 0.5))
 IN_TOOL = pose(axis_rotation(0, 2.0), (0.01, 0.02, 0.15))
 
