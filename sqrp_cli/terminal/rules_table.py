@@ -14,9 +14,10 @@ from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, plain, print_tabl
 def print_rules(rules: Iterable[Rule]) -> None:
     """A row for each finding, a table for each subject."""
     for number, (subject, group) in enumerate(groupby(rules, key=lambda rule: rule.subject)):
-        say(f"\n{subject}" if number else subject, "bold")
+        if number:
+            say()
         rows = [(rule.code, _severity(rule.severity), rule.meaning) for rule in group]
-        print_table([Column(""), Column(""), Column("", shrink=True)], rows)
+        print_table([Column(subject), Column("severity"), Column("looks for", shrink=True)], rows)
     say("\nOne of them in full, with examples: sqrp rules CODE")
 
 

@@ -76,14 +76,13 @@ def test_what_is_no_code_is_still_in_the_source():
 
 def test_codes_that_are_put_together_are_the_listed_ones():
     made = {
-        path.name
+        (path.name, str(call.args[0].values[0].value))
         for path in files()
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.JoinedStr)
-        and isinstance(node.values[0], ast.Constant)
-        and re.fullmatch(r"([a-z]+-)+", str(node.values[0].value))
+        for call, name in calls(ast.parse(path.read_text(encoding="utf-8")))
+        if name in CALLS and call.args and isinstance(call.args[0], ast.JoinedStr)
+        if isinstance(call.args[0].values[0], ast.Constant) and CODE.match(f"{call.args[0].values[0].value}x")
     }
-    assert made == set(UNKNOWN)
+    assert made == {(name, "unknown-") for name in UNKNOWN}
 
 
 def literal_severities() -> Iterator[tuple[str, str]]:
