@@ -65,7 +65,12 @@ def _command(name: str, command: Any) -> Iterator[str]:  # noqa: ANN401 # typer'
 
 def findings_page() -> str:
     """Every finding with its examples, subject after subject."""
-    parts = ["# Findings", "", "What can be wrong with the input, as `sqrp rules` lists it. Errors must be mended, and", ""]
+    parts = [
+        "# Findings",
+        "",
+        "What can be wrong with the input, as `sqrp rules` lists it. Errors must be mended, and",
+        "",
+    ]
     parts[2] += " warnings are doubts. `sqrp check --json` has the codes in `problems[].code`."
     for subject, group in groupby(rules().values(), key=lambda rule: rule.subject):
         parts += [f"## {subject}", ""]

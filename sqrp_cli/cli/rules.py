@@ -13,7 +13,9 @@ NAME = "rules"
 
 Code = Annotated[
     str | None,
-    typer.Argument(metavar="[CODE]", help="A finding, such as wrong-unit; all of them unless given.", show_default=False),
+    typer.Argument(
+        metavar="[CODE]", help="A finding, such as wrong-unit; all of them unless given.", show_default=False
+    ),
 ]
 
 
