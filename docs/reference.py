@@ -1,5 +1,4 @@
-"""The pages of the documentation that are made from the code: commands, the keys of the files
-that people write, and findings.
+"""The pages of the documentation that are made from the code: commands, keys of files, findings.
 
 A hook of MkDocs, which calls `on_files` before it builds.
 """

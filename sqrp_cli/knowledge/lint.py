@@ -28,8 +28,8 @@ from sqrp_cli.knowledge.workspace import Workspace
 def lint(workspace: Workspace) -> tuple[Problem, ...]:
     """Every finding, first those of the skills, then those of cameras and objects; none if the workspace is fine.
 
-    What each means is in `checks/findings.yaml`. Intervals that end before they start
-    and frames that do not exist are refused when the workspace is read.
+    What each means is in `checks/findings.yaml`. Intervals that end before they start and frames that do not exist are
+    refused when the workspace is read.
     """
     findings: list[Problem] = list(_without_skills(workspace))
     for skill in workspace.skills.values():

@@ -32,7 +32,7 @@ NO_CODES = {
     "system-out",  # an element of JUnit's format
     "no-mapping",  # becomes `wrong-type`
 }  # fmt: skip
-"""Words with hyphens in the source that are no codes. A new one is a code, and belongs into the registry, or belongs here."""
+"""Words with hyphens in the source that are no codes. A new word is a code, which the registry lacks, or belongs here."""
 OF_OTHERS = {SOURCE / "logic" / "unified_planner.py"}
 """Files in which `Problem` may be that of another library, if its first argument is a single word."""
 UNKNOWN = {
