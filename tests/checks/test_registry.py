@@ -6,6 +6,7 @@ import ast
 import re
 import shutil
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -32,7 +33,7 @@ NO_CODES = {
     "system-out",  # an element of JUnit's format
     "no-mapping",  # becomes `wrong-type`
 }  # fmt: skip
-"""Words with hyphens in the source that are no codes. A new word is a code, which the registry lacks, or belongs here."""
+"""Words with hyphens that are no codes. A new word belongs here, or is a code that the registry lacks."""
 OF_OTHERS = {SOURCE / "logic" / "unified_planner.py"}
 """Files in which `Problem` may be that of another library, if its first argument is a single word."""
 UNKNOWN = {
@@ -49,8 +50,14 @@ def calls(node: ast.AST) -> Iterator[tuple[ast.Call, str]]:
             yield call, call.func.id if isinstance(call.func, ast.Name) else call.func.attr
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def codes_in(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = parsed(path)
     texts = {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}
     words = {
         call.args[0].value
@@ -78,7 +85,7 @@ def test_codes_that_are_put_together_are_the_listed_ones():
     made = {
         (path.name, str(call.args[0].values[0].value))
         for path in files()
-        for call, name in calls(ast.parse(path.read_text(encoding="utf-8")))
+        for call, name in calls(parsed(path))
         if name in CALLS and call.args and isinstance(call.args[0], ast.JoinedStr)
         if isinstance(call.args[0].values[0], ast.Constant) and CODE.match(f"{call.args[0].values[0].value}x")
     }
@@ -88,7 +95,7 @@ def test_codes_that_are_put_together_are_the_listed_ones():
 def literal_severities() -> Iterator[tuple[str, str]]:
     """Codes with the severity that their problem is made with: that of the call, or that of a `replace` around it."""
     for path in files():
-        for function in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for function in ast.walk(parsed(path)):
             if isinstance(function, ast.FunctionDef):
                 warns = any(
                     name == "replace" and ("severity", "warning") in keywords(call) for call, name in calls(function)
