@@ -13,9 +13,7 @@ NAME = "rules"
 
 Code = Annotated[
     str | None,
-    typer.Argument(
-        metavar="[CODE]", help="A finding, such as wrong-unit; all of them unless given.", show_default=False
-    ),
+    typer.Argument(metavar="CODE", help="A finding, such as wrong-unit; all of them unless given.", show_default=False),
 ]
 
 
