@@ -1,4 +1,4 @@
-"""The pages of the documentation that are made from the code: commands and the keys of the files that people write.
+"""The pages of the documentation that are made from the code: commands, keys of files, findings.
 
 A hook of MkDocs, which calls `on_files` before it builds.
 """
@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from itertools import groupby
 from typing import Any
 
 import typer.main
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
+from sqrp_cli.checks.registry import Rule, rules
 from sqrp_cli.cli.app import app
 from sqrp_cli.knowledge.file_schemas import file_schema
 from sqrp_cli.knowledge.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
@@ -28,6 +30,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add the pages that are made from the code."""
     pages = {
         "reference/commands.md": commands_page(),
+        "reference/findings.md": findings_page(),
         "reference/workspace.md": keys_page("workspace", "Keys of `workspace.yaml`"),
         "reference/skill.md": keys_page("skill", "Keys of `skill.yaml`"),
         "reference/usual-values.md": usual_values_page(),
@@ -59,6 +62,41 @@ def _command(name: str, command: Any) -> Iterator[str]:  # noqa: ANN401 # typer'
         names, meaning = parameter.get_help_record(context)
         yield f"| `{_cell(names)}` | {_cell(meaning)} |"
     yield ""
+
+
+def findings_page() -> str:
+    """Every finding with its examples, subject after subject."""
+    parts = [
+        "# Findings",
+        "",
+        "What can be wrong with the input, as `sqrp rules` lists it. Errors must be mended, and",
+        "",
+    ]
+    parts[2] += " warnings are doubts. `sqrp check --json` has the codes in `problems[].code`."
+    for subject, group in groupby(rules().values(), key=lambda rule: rule.subject):
+        parts += [f"## {subject}", ""]
+        for rule in group:
+            parts += _finding(rule)
+    return "\n".join(parts) + "\n"
+
+
+def _finding(rule: Rule) -> Iterator[str]:
+    yield f"### {rule.code}"
+    yield ""
+    yield f"*{rule.severity.capitalize()}.* {_prose(rule.meaning)} {_prose(rule.why)}"
+    yield ""
+    of = f" in {rule.file}" if rule.file else ""
+    yield f"```text\npasses{of}:\n{_indented(rule.passes)}\nfails{of}:\n{_indented(rule.fails)}\n```"
+    yield ""
+
+
+def _indented(example: str) -> str:
+    return "\n".join(f"  {line}" for line in example.splitlines())
+
+
+def _prose(sentence: str) -> str:
+    """A sentence in which angle brackets are no HTML."""
+    return sentence.replace("<", "&lt;")
 
 
 def keys_page(name: str, title: str) -> str:

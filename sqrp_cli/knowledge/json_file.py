@@ -27,7 +27,6 @@ LONGEST_NAME = 60
 
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{},:]|[^\s\[\]{},:"]+', re.DOTALL)
 _BRACKET = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[{]|[\]}]', re.DOTALL)
-_HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 
 
@@ -55,19 +54,18 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
     """The value of a JSON text; path, line: of its beginning, for problems.
 
     Raises InputError, with line and column, for what is no JSON, nests deeper than `MAX_DEPTH`, has a number that is
-    not finite or longer than `MAX_DIGITS`, gives a key twice, or holds half a character.
+    not finite or longer than `MAX_DIGITS`, or gives a key twice. Half characters stay: names that are no UTF-8 have
+    some.
     """
     try:
         _check_depth(text)
         data = json.loads(
             text, object_pairs_hook=_unique, parse_float=_finite, parse_int=_short, parse_constant=_refuse
         )
-        if _HALF_CHARACTER.search(text):
-            json.dumps(data, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
         message = f"this is no JSON: {error.msg[:1].lower()}{error.msg[1:]}"
         raise InputError(Problem("json-syntax", message, Place(path, line + error.lineno - 1, error.colno))) from None
-    except (_Unfit, UnicodeEncodeError):
+    except _Unfit:
         raise InputError(_unfit(path, text, line)) from None
     return data
 
@@ -188,8 +186,7 @@ def _wrong(token: _Token, seen: set[KeyPath]) -> tuple[str, str] | None:
     if token.is_key:
         seen.add(token.path)
     if token.text.startswith('"'):
-        half = any("\ud800" <= character <= "\udfff" for character in _text(token.text))
-        return ("half-character", "found half a character (`\\ud800` to `\\udfff`)") if half else None
+        return None
     if token.text.lstrip("-")[:1].isdigit():
         whole = token.text.lstrip("-").isdigit()
         if whole and len(token.text) > MAX_DIGITS:

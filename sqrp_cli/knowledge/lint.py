@@ -29,12 +29,8 @@ from sqrp_cli.knowledge.workspace import Workspace
 def lint(workspace: Workspace) -> tuple[Problem, ...]:
     """Every finding, first those of the skills, then those of cameras and objects; none if the workspace is fine.
 
-    Codes: no-skills, literal-without-target, box-moves-with-lost-object, contradictory-formulas, fault-of-the-plan,
-    contradictory-precondition, against-the-precondition, against-the-effect, too-few-cameras,
-    empty-box, too-small-for-every-camera, unused-parameter, held-against-the-facts, threshold-out-of-reach,
-    detector-out-of-range, principal-point-outside, unusual-focal-lengths, implausible-lens, camera-inside-object,
-    camera-sees-nothing, overlapping-objects, floating-object, beside-support. Intervals that end before they start
-    and frames that do not exist are refused when the workspace is read.
+    What each means is in `checks/findings.yaml`. Intervals that end before they start and frames that do not exist are
+    refused when the workspace is read.
     """
     findings: list[Problem] = list(_without_skills(workspace))
     for skill in workspace.skills.values():

@@ -42,7 +42,8 @@ LONGEST_TITLE = 9
 LEAST_FOLDED = 16
 """Cells that a column whose text is folded needs at least."""
 
-_SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
+SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
+"""How errors and warnings are shown."""
 
 
 @dataclass(frozen=True)
@@ -273,7 +274,7 @@ def print_problems(problems: Iterable[Problem]) -> None:
     """Problems on stderr: place, what was found and expected, the line with a caret, and what mends it."""
     console = diagnostics()
     for problem in problems:
-        line = Text.assemble((f"{problem.severity}: ", _SEVERITY_STYLES[problem.severity]))
+        line = Text.assemble((f"{problem.severity}: ", SEVERITY_STYLES[problem.severity]))
         if problem.place is not None:
             line.append(f"{one_line(str(problem.place))}: ", style="bold")
         line.append(one_line(problem.message))

@@ -28,6 +28,8 @@ COMMANDS = [
     ("explain", TABLETOP, "pickup g2", "--samples", "3"),
     ("explain", TABLETOP, "pickup object=g2,g6", "--samples", "3", "--all"),
     ("explain", TABLETOP, "pickup g6"),
+    ("rules",),
+    ("rules", "wrong-unit"),
     ("show", TABLETOP),
     ("show", CELLS / "screws"),
     ("show", TOWER),
@@ -87,4 +89,6 @@ def strict(schema: dict) -> dict:
 
 
 def test_the_documents_are_those_of_the_commands_that_print_json():
-    assert set(DOCUMENTS) == {"rank", "explain", "check", "program", "run", "audit", "score", "diff", "show", "init"}
+    assert set(DOCUMENTS) == {
+        "rank", "explain", "check", "program", "run", "audit", "score", "diff", "show", "init", "rules"
+    }  # fmt: skip

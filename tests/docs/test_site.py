@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from sqrp_cli.checks.registry import rules
 from sqrp_cli.knowledge.file_schemas import FILES, file_schema
 from tests.docs.page import ROOT
 
@@ -27,8 +28,27 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_every_command_has_its_section(site: Path) -> None:
     page = (site / "reference" / "commands.html").read_text()
-    for command in ("check", "rank", "explain", "program", "run", "audit", "score", "diff", "show", "schema", "init"):
+    for command in (
+        "check",
+        "rank",
+        "explain",
+        "program",
+        "run",
+        "audit",
+        "score",
+        "diff",
+        "show",
+        "rules",
+        "schema",
+        "init",
+    ):
         assert f'id="sqrp-{command}"' in page
+
+
+def test_every_finding_has_its_section(site: Path) -> None:
+    page = (site / "reference" / "findings.html").read_text()
+    for code in rules():
+        assert f'id="{code}"' in page
 
 
 @pytest.mark.parametrize("file", FILES)

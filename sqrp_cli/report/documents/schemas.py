@@ -13,6 +13,7 @@ from sqrp_cli.report.documents.candidates import RankDocument
 from sqrp_cli.report.documents.checks import CheckDocument
 from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
 from sqrp_cli.report.documents.programs import ProgramDocument
+from sqrp_cli.report.documents.rules import RulesDocument
 from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
@@ -30,6 +31,7 @@ DOCUMENTS: Mapping[str, Any] = {
     "diff": ScoreDocument,
     "show": ShowDocument,
     "init": InitDocument,
+    "rules": RulesDocument,
 }
 """What each command prints with `--json`."""
 

@@ -1,0 +1,1 @@
+"""What SQRP finds in its input: the registry of all findings."""

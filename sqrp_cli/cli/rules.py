@@ -1,0 +1,41 @@
+"""`sqrp rules`: what each finding means."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from sqrp_cli.cli.options import Json
+from sqrp_cli.errors import ExitCode
+
+NAME = "rules"
+
+Code = Annotated[
+    str | None,
+    typer.Argument(metavar="CODE", help="A finding, such as wrong-unit; all of them unless given.", show_default=False),
+]
+
+
+def command(code: Code = None, as_json: Json = False) -> ExitCode:
+    """What can be found in the input: codes, what they look for, and why.
+
+    With CODE one finding in full, with an example that passes and one that fails.
+    """
+    from sqrp_cli.checks.registry import rule_of, rules
+
+    chosen = list(rules().values()) if code is None else [rule_of(code)]
+    if as_json:
+        from sqrp_cli.report.documents.document import as_text
+        from sqrp_cli.report.documents.rules import RulesDocument
+        from sqrp_cli.terminal.console import say_raw
+
+        say_raw(as_text(RulesDocument.of(chosen)))
+        return ExitCode.OK
+    from sqrp_cli.terminal.rules_table import print_rule, print_rules
+
+    if code is None:
+        print_rules(chosen)
+    else:
+        print_rule(chosen[0])
+    return ExitCode.OK
