@@ -7,6 +7,7 @@ camera covers what when, and the world before and after.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass
 from itertools import pairwise
 from typing import Annotated, Literal, Protocol
 
@@ -14,8 +15,8 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.entries import Entry
+from sqrp_cli.geometry import Array, check_finite, read_only
+from sqrp_cli.knowledge.entries import Entry, Stored
 from sqrp_cli.knowledge.units import read_quantity
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.literal import Atom
@@ -125,14 +126,24 @@ class ProgramTarget(Entry):
     seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
 
 
-class ProgramFault(Entry):
-    """What a fault was predicted to cost; see `programming.faults.FaultMetrics`."""
+@dataclass(frozen=True)
+class FaultMetrics(Stored):
+    """What a fault costs when it happens at a time x that is uniform over its interval."""
 
     delay_mean: Seconds
+    """From x until it is noticed, mean [s]."""
     delay_worst: Seconds
+    """From x until it is noticed, supremum [s]."""
     blind_longest: Seconds
+    """Longest stretch of the interval in which it cannot be seen [s]."""
     unseen: Share
+    """Share of x after which it is never seen, so that it is noticed at the end of the skill, in 0..1."""
     expected_time: Seconds
+    """Mean time from the start of the skill until it is done after one retry [s]."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a figure is not finite."""
+        check_finite("a fault", *astuple(self))
 
 
 class ProgramWorld(Entry):
@@ -176,7 +187,7 @@ class Step(Entry):
     time: Seconds
     q_avg: Share | None
     q_eoi: Share | None
-    faults: Mapping[str, ProgramFault]
+    faults: Mapping[str, FaultMetrics]
     verdict: str
     primitives: tuple[ProgramPrimitive, ...]
     formulas: tuple[ProgramFormula, ...]

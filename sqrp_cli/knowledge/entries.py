@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, LiteralString
 
@@ -44,15 +45,46 @@ class Entry(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _only_declared_keys(cls, data: Any) -> Any:  # noqa: ANN401 - runs before validation
-        valid = [field.alias or name for name, field in cls.model_fields.items()]
-        if not isinstance(data, dict | cls):
-            needed = [field.alias or name for name, field in cls.model_fields.items() if field.is_required()]
-            raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or valid})
-        if isinstance(data, dict):
-            unknown = {str(key): expected_names(str(key), valid) for key in data if key not in valid}
-            if unknown:
-                raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
+        if not isinstance(data, cls):
+            keys = {field.alias or name: field.is_required() for name, field in cls.model_fields.items()}
+            _check_keys(data, keys)
         return data
+
+
+class Stored:
+    """A frozen dataclass that a file holds as it stands: a mapping of its fields, by their aliases, and no others.
+
+    Pydantic checks what a file says by the annotations of the fields, and takes a record that exists as it is.
+    """
+
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True, use_attribute_docstrings=True)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """What Pydantic makes of the dataclass, behind a check of the keys."""
+        schema = handler(source)
+        fields = handler.resolve_ref_schema(schema)["schema"]["fields"]  # type: ignore[typeddict-item]
+        keys = {part.get("validation_alias", part["name"]): part["schema"]["type"] != "default" for part in fields}
+
+        def check(data: object) -> object:
+            if not isinstance(data, cls):
+                _check_keys(data, keys)
+            return data
+
+        return no_info_before_validator_function(check, schema)
+
+
+def _check_keys(data: object, keys: Mapping[str, bool]) -> None:
+    """Raises PydanticCustomError unless data is a mapping with no other than these keys.
+
+    keys: whether each is required.
+    """
+    if not isinstance(data, dict):
+        needed = [key for key, required in keys.items() if required]
+        raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or list(keys)})
+    unknown = {str(key): expected_names(str(key), keys) for key in data if key not in keys}
+    if unknown:
+        raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
 
 
 class ForeignEntry(BaseModel):

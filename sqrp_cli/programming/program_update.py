@@ -14,7 +14,6 @@ from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.program import (
     ProgramBox,
-    ProgramFault,
     ProgramFormula,
     ProgramPrimitive,
     ProgramResponse,
@@ -42,16 +41,7 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
         time=motion.time,
         q_avg=assessment.q_avg,
         q_eoi=assessment.q_eoi,
-        faults={
-            name: ProgramFault(
-                delay_mean=fault.delay_mean,
-                delay_worst=fault.delay_worst,
-                blind_longest=fault.blind_longest,
-                unseen=fault.unseen,
-                expected_time=fault.expected_time,
-            )
-            for name, fault in assessment.faults.items()
-        },
+        faults=assessment.faults,
         verdict=assessment.verdict,
         primitives=tuple(
             ProgramPrimitive(

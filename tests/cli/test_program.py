@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 
-from sqrp_cli.cli import session
+from sqrp_cli.api import session
 from sqrp_cli.program_file import load_program
 
 Document = dict[str, Any]
