@@ -16,16 +16,21 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_finite, read_only
-from sqrp_cli.knowledge.entries import Entry, Stored
+from sqrp_cli.knowledge.entries import Entry, Stored, Written
 from sqrp_cli.knowledge.units import read_quantity
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.trajectory import Trajectory
 
+START = "@start"
+"""Suffix of a frame that stays where an object was when the step began."""
+
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Numbers = tuple[Finite, ...]
 Row = Annotated[Numbers, Field(min_length=4, max_length=4)]
 Pose = Annotated[tuple[Row, ...], Field(min_length=4, max_length=4)]
+PoseMatrix = Annotated[Array, Written(Pose, read_only, np.ndarray.tolist)]
+"""A pose, shape (4, 4), which a file writes as nested rows."""
 Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -106,23 +111,30 @@ class ProgramFormula(Entry):
     response: ProgramResponse
 
 
-class ProgramBox(Entry):
-    """A box to look at: full extents [m], pose in a link of the robot, an object, `world` or `OBJECT@start`."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TargetBox(Stored):
+    """A box to look at."""
 
     name: str
     detector: str
+    """The name of the detector that looks for what is in it."""
     frame: str
+    """`world`, a link, an object, or `OBJECT@start`."""
     size: tuple[Finite, Finite, Finite]
-    pose: Pose
+    """Full extents [m]."""
+    X_FB: Annotated[PoseMatrix, Field(alias="pose")]
+    """Pose of the box in the frame, shape (4, 4)."""
     normal: tuple[Finite, Finite, Finite] | None
+    """Unit vector in the box's axes, away from the surface, if it has one."""
     encloses: tuple[str, ...]
+    """Names of links, objects or parts that do not hide the box, in order."""
 
 
 class ProgramTarget(Entry):
     """What decides an atom: so many cameras must each see all boxes. seen: from when to when each camera does [s]."""
 
     cameras: int
-    boxes: tuple[ProgramBox, ...]
+    boxes: tuple[TargetBox, ...]
     seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
 
 

@@ -142,7 +142,7 @@ def _world_flaws(world: ProgramWorld, at: Keys, joints: Sequence[str]) -> Iterat
         yield from _pose_flaws(world.held_pose, (*at, "held_pose"))
 
 
-def _pose_flaws(rows: Pose, at: Keys) -> Iterator[Flaw]:
+def _pose_flaws(rows: Pose | Array, at: Keys) -> Iterator[Flaw]:
     X = np.array(rows)
     R = X[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
@@ -236,7 +236,7 @@ def _jump(
 
 def _target_flaws(target: ProgramTarget, at: Keys, time: float) -> Iterator[Flaw]:
     for index, box in enumerate(target.boxes):
-        yield from _pose_flaws(box.pose, (*at, "boxes", index, "pose"))
+        yield from _pose_flaws(box.X_FB, (*at, "boxes", index, "pose"))
     for camera, intervals in target.seen.items():
         edges = list(chain.from_iterable(intervals))
         if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > time + SAME_TIME):

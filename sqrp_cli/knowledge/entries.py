@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, LiteralString
 
@@ -20,7 +20,11 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import CoreSchema, PydanticCustomError
-from pydantic_core.core_schema import no_info_before_validator_function
+from pydantic_core.core_schema import (
+    no_info_after_validator_function,
+    no_info_before_validator_function,
+    plain_serializer_function_ser_schema,
+)
 
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, rpy_to_matrix
@@ -63,7 +67,7 @@ class Stored:
     def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """What Pydantic makes of the dataclass, behind a check of the keys."""
         schema = handler(source)
-        fields = handler.resolve_ref_schema(schema)["schema"]["fields"]  # type: ignore[typeddict-item]
+        fields = handler.resolve_ref_schema(schema)["schema"]["fields"]
         keys = {part.get("validation_alias", part["name"]): part["schema"]["type"] != "default" for part in fields}
 
         def check(data: object) -> object:
@@ -72,6 +76,23 @@ class Stored:
             return data
 
         return no_info_before_validator_function(check, schema)
+
+
+@dataclass(frozen=True)
+class Written:
+    """Marks a field of a record that a file writes in another form, such as an array as nested lists.
+
+    form: the type that Pydantic checks. read: what the field is of a value in that form, write: the other way round.
+    """
+
+    form: Any
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any]
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """What Pydantic makes of the form, between `read` and `write`."""
+        written = plain_serializer_function_ser_schema(self.write)
+        return no_info_after_validator_function(self.read, handler.generate_schema(self.form), serialization=written)
 
 
 def _check_keys(data: object, keys: Mapping[str, bool]) -> None:

@@ -13,7 +13,6 @@ from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.program import (
-    ProgramBox,
     ProgramFormula,
     ProgramPrimitive,
     ProgramResponse,
@@ -21,7 +20,6 @@ from sqrp_cli.program import (
     ProgramWorld,
     Step,
     TrajectoryNumbers,
-    pose_rows,
 )
 from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.sensing.cause import Cause
@@ -94,18 +92,7 @@ def _target(study: Study, column: int, cameras: tuple[str, ...]) -> ProgramTarge
     sees &= observation.required[:, column, None]
     return ProgramTarget(
         cameras=target.cameras,
-        boxes=tuple(
-            ProgramBox(
-                name=box.name,
-                detector=box.detector.name,
-                frame=box.frame,
-                size=box.size,
-                pose=pose_rows(box.X_FB),
-                normal=box.normal,
-                encloses=tuple(sorted(box.encloses)),
-            )
-            for box in target.boxes
-        ),
+        boxes=target.boxes,
         seen={name: _intervals(study, sees[:, index]) for index, name in enumerate(cameras)},
     )
 

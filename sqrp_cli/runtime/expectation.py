@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.program import ProgramBox, ProgramTarget, Step
-from sqrp_cli.runtime.box_object import START, object_of
+from sqrp_cli.program import START, ProgramTarget, Step, TargetBox
+from sqrp_cli.runtime.box_object import object_of
 from sqrp_cli.runtime.twin import Twin
 
 SPACING = 0.02
@@ -49,12 +49,12 @@ def values_when_open(step: Step) -> dict[str, bool]:
     return {atom: (atom in step.before.facts) == (step.before.held is None) for atom in step.targets}
 
 
-def _is_in(name: str | None, box: ProgramBox, situation: Situation) -> bool:
+def _is_in(name: str | None, box: TargetBox, situation: Situation) -> bool:
     if name is None:
         return False
     if box.frame in situation.X_WL:
         return situation.held == name
-    X_FB = np.array(box.pose)
+    X_FB = box.X_FB
     if box.frame == "world":
         X_WB = X_FB
     elif box.frame.endswith(START):

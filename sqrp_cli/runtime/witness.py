@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from sqrp_cli.geometry import Array, matrix_to_quaternion
-from sqrp_cli.program import ProgramBox, Step
-from sqrp_cli.runtime.box_object import START
+from sqrp_cli.program import START, Step, TargetBox
 from sqrp_cli.runtime.narrator import Narrator
 from sqrp_cli.runtime.outcome import STATE, Event
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
@@ -110,15 +109,15 @@ def asked_boxes(step: Step) -> dict[str, list[dict[str, Any]]]:
     return {atom: [box for box in boxes if box is not None] for atom, boxes in found.items()}
 
 
-def _asked(step: Step, box: ProgramBox) -> dict[str, Any] | None:
+def _asked(step: Step, box: TargetBox) -> dict[str, Any] | None:
     name = box.frame.removesuffix(START)
     carried = {step.before.held, *(primitive.held for primitive in step.primitives)}
     if name not in step.before.objects:
-        frame, X_FB = box.frame, np.array(box.pose)
+        frame, X_FB = box.frame, box.X_FB
     elif box.frame == name and name in carried:
         return None
     else:
-        frame, X_FB = "world", np.array(step.before.objects[name]) @ np.array(box.pose)
+        frame, X_FB = "world", np.array(step.before.objects[name]) @ box.X_FB
     return {"frame": frame, "size": list(box.size), "pose": [[_rounded(x) for x in row] for row in X_FB.tolist()]}
 
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.program import (
-    ProgramBox,
     ProgramFormula,
     ProgramPrimitive,
     ProgramResponse,
     ProgramTarget,
     ProgramWorld,
     Step,
+    TargetBox,
     TrajectoryNumbers,
-    pose_rows,
 )
 from sqrp_cli.trajectory import Trajectory
 
@@ -39,13 +38,13 @@ class FixedExpectation:
         return len(self.covering(atom, t, margin)) >= self.step.targets[atom].cameras
 
 
-def box() -> ProgramBox:
-    return ProgramBox(
+def box() -> TargetBox:
+    return TargetBox(
         name="place",
         detector="color",
         frame="world",
         size=(0.04, 0.04, 0.04),
-        pose=pose_rows(np.eye(4)),
+        X_FB=np.eye(4),
         normal=None,
         encloses=(),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -90,9 +90,7 @@ def test_boxes_are_where_images_are_searched_for_things() -> None:
     frames = {"in_tool": "tip", "in_place": "cube@start", "beside": "cube", "on_tray": "tray", "fixed": "world"}
     plain = step([], {atom: {} for atom in frames})
     targets = {
-        atom: ProgramTarget(
-            cameras=1, boxes=(box().model_copy(update={"frame": frame, "pose": pose_rows(X_OB)}),), seen={}
-        )
+        atom: ProgramTarget(cameras=1, boxes=(replace(box(), frame=frame, X_FB=X_OB),), seen={})
         for atom, frame in frames.items()
     }
     before = plain.before.model_copy(update={"objects": {"cube": pose_rows(X_WO), "tray": pose_rows(X_WO)}})
