@@ -11,26 +11,19 @@ from dataclasses import astuple, dataclass
 from itertools import pairwise
 from typing import Annotated, Literal, Protocol
 
-import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.geometry import Array, check_finite, read_only
-from sqrp_cli.knowledge.entries import Entry, Stored, Written
+from sqrp_cli.geometry import check_finite
+from sqrp_cli.knowledge.entries import Entry, Finite, PoseMatrix, Stored
 from sqrp_cli.knowledge.units import read_quantity
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.trajectory import Trajectory
 
 START = "@start"
 """Suffix of a frame that stays where an object was when the step began."""
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Numbers = tuple[Finite, ...]
-Row = Annotated[Numbers, Field(min_length=4, max_length=4)]
-Pose = Annotated[tuple[Row, ...], Field(min_length=4, max_length=4)]
-PoseMatrix = Annotated[Array, Written(Pose, read_only, np.ndarray.tolist)]
-"""A pose, shape (4, 4), which a file writes as nested rows."""
 Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -158,38 +151,6 @@ class FaultMetrics(Stored):
         check_finite("a fault", *astuple(self))
 
 
-class ProgramWorld(Entry):
-    """A world: facts, poses of objects, what is held at which pose in the tool frame, and joint positions."""
-
-    facts: tuple[str, ...]
-    objects: Mapping[str, Pose]
-    held: str | None
-    held_pose: Pose | None
-    joints: Mapping[str, Finite]
-
-    @classmethod
-    def of(cls, world: World) -> ProgramWorld:
-        """A world as numbers."""
-        return cls(
-            facts=tuple(sorted(map(str, world.facts))),
-            objects={name: pose_rows(X_WO) for name, X_WO in world.X_WO.items()},
-            held=world.held,
-            held_pose=None if world.X_TO is None else pose_rows(world.X_TO),
-            joints={name: float(value) for name, value in world.joints.items()},
-        )
-
-    @property
-    def world(self) -> World:
-        """The world."""
-        return World(
-            facts=frozenset(Atom.of(fact) for fact in self.facts),
-            X_WO={name: read_only(np.array(rows)) for name, rows in self.objects.items()},
-            held=self.held,
-            X_TO=None if self.held_pose is None else read_only(np.array(self.held_pose)),
-            joints=dict(self.joints),
-        )
-
-
 class Step(Entry):
     """One candidate that was chosen: a skill with all its parameters."""
 
@@ -204,13 +165,13 @@ class Step(Entry):
     primitives: tuple[ProgramPrimitive, ...]
     formulas: tuple[ProgramFormula, ...]
     targets: Mapping[str, ProgramTarget]
-    before: ProgramWorld
-    after: ProgramWorld
+    before: World
+    after: World
 
     @property
     def short_task(self) -> str:
         """The skill and the objects that it was done with, such as `pickup g2`: a task of just this."""
-        objects = (value for value in self.parameters.values() if value in self.before.objects)
+        objects = (value for value in self.parameters.values() if value in self.before.X_WO)
         return " ".join([self.skill, *map(str, objects)])
 
     @property
@@ -221,7 +182,7 @@ class Step(Entry):
             f"{name}={text}"
             for name, texts in settings
             for text in texts.split(",")
-            if name in self.parameters and self.parameters[name] not in self.before.objects
+            if name in self.parameters and self.parameters[name] not in self.before.X_WO
             if (text if (read := read_quantity(text)) is None else read.value) == self.parameters[name]
         ]
         return " ".join([self.short_task, *chosen])
@@ -263,8 +224,3 @@ class Replanner(Protocol):
 
     def replan(self, step: Step, world: World) -> Step | None:
         """The same skill with the same parameters from `world`; None where that is infeasible."""
-
-
-def pose_rows(X: Array) -> Pose:
-    """A pose as nested rows."""
-    return tuple(tuple(row) for row in X.tolist())

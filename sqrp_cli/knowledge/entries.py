@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, LiteralString
 
+import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -27,7 +28,7 @@ from pydantic_core.core_schema import (
 )
 
 from sqrp_cli.errors import expected_names
-from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, rpy_to_matrix
+from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix
 from sqrp_cli.knowledge import units
 from sqrp_cli.knowledge.bounds import (
     LARGEST,
@@ -93,6 +94,17 @@ class Written:
         """What Pydantic makes of the form, between `read` and `write`."""
         written = plain_serializer_function_ser_schema(self.write)
         return no_info_after_validator_function(self.read, handler.generate_schema(self.form), serialization=written)
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+_Row = Annotated[tuple[Finite, ...], Field(min_length=4, max_length=4)]
+
+PoseMatrix = Annotated[
+    Array,
+    Written(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist),
+]
+"""A pose, shape (4, 4), which a file writes as nested rows; whether it is one is not checked."""
 
 
 def _check_keys(data: object, keys: Mapping[str, bool]) -> None:

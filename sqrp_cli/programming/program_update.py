@@ -17,7 +17,6 @@ from sqrp_cli.program import (
     ProgramPrimitive,
     ProgramResponse,
     ProgramTarget,
-    ProgramWorld,
     Step,
     TrajectoryNumbers,
 )
@@ -54,8 +53,8 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
         ),
         formulas=_formulas(study),
         targets={str(target.atom): _target(study, column, cameras) for column, target in enumerate(study.targets)},
-        before=ProgramWorld.of(study.world),
-        after=ProgramWorld.of(world_after(study)),
+        before=study.world,
+        after=world_after(study),
     )
 
 

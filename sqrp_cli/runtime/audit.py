@@ -63,8 +63,7 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
             judge = Judge(expectation, 1.0)
             check = PredictionCheck(index, expectation, list(workspace.cameras))
             checks.append(check)
-            starts = {name: np.array(X) for name, X in step.before.objects.items()}
-            pool.watch(Watchlist(dict(step.targets), starts, values_when_open(step)))
+            pool.watch(Watchlist(dict(step.targets), step.before.X_WO, values_when_open(step)))
             for entry in (entry for entry in entries if entry.step == index + 1):
                 image_done()
                 if entry.t is None or not 0.0 <= entry.t <= step.time:

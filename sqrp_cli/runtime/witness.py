@@ -112,12 +112,12 @@ def asked_boxes(step: Step) -> dict[str, list[dict[str, Any]]]:
 def _asked(step: Step, box: TargetBox) -> dict[str, Any] | None:
     name = box.frame.removesuffix(START)
     carried = {step.before.held, *(primitive.held for primitive in step.primitives)}
-    if name not in step.before.objects:
+    if name not in step.before.X_WO:
         frame, X_FB = box.frame, box.X_FB
     elif box.frame == name and name in carried:
         return None
     else:
-        frame, X_FB = "world", np.array(step.before.objects[name]) @ box.X_FB
+        frame, X_FB = "world", step.before.X_WO[name] @ box.X_FB
     return {"frame": frame, "size": list(box.size), "pose": [[_rounded(x) for x in row] for row in X_FB.tolist()]}
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.program import (
     ProgramFormula,
     ProgramPrimitive,
     ProgramResponse,
     ProgramTarget,
-    ProgramWorld,
     Step,
     TargetBox,
     TrajectoryNumbers,
@@ -65,7 +65,7 @@ def step(
     formulas: list[ProgramFormula], seen: dict[str, dict[str, list[tuple[float, float]]]], time: float = 10.0
 ) -> Step:
     still = Trajectory.standstill(np.zeros(1), time).to_numbers()
-    world = ProgramWorld(facts=(), objects={}, held=None, held_pose=None, joints={"a": 0.0})
+    world = World(frozenset(), {}, None, None, {"a": 0.0})
     return Step(
         task="do",
         skill="do",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
-from sqrp_cli.program import ProgramTarget, pose_rows
+from sqrp_cli.program import ProgramTarget
 from sqrp_cli.runtime.narrator import Narrator
 from sqrp_cli.runtime.outcome import Event
 from sqrp_cli.runtime.witness import Track, Witness, asked_boxes
@@ -93,7 +93,7 @@ def test_boxes_are_where_images_are_searched_for_things() -> None:
         atom: ProgramTarget(cameras=1, boxes=(replace(box(), frame=frame, X_FB=X_OB),), seen={})
         for atom, frame in frames.items()
     }
-    before = plain.before.model_copy(update={"objects": {"cube": pose_rows(X_WO), "tray": pose_rows(X_WO)}})
+    before = replace(plain.before, X_WO={"cube": X_WO, "tray": X_WO})
     (primitive,) = plain.primitives
     carrying = primitive.model_copy(update={"held": "cube"})
     found = asked_boxes(plain.model_copy(update={"targets": targets, "before": before, "primitives": (carrying,)}))
