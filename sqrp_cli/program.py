@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import check_finite
-from sqrp_cli.knowledge.entries import Entry, Finite, PoseMatrix, Stored
+from sqrp_cli.knowledge.entries import Entry, Finite, PoseMatrix, Stored, Written
 from sqrp_cli.knowledge.units import read_quantity
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.trajectory import Trajectory
@@ -28,28 +28,28 @@ Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class PathNumbers(Entry):
-    """`trajectory.Path` as numbers."""
+class _PathNumbers(Entry):
+    """What a file must say of a `trajectory.Path`."""
 
     breaks: Numbers
     coefficients: tuple[tuple[Numbers, ...], ...]
 
 
-class LawNumbers(Entry):
-    """`trajectory.PiecewiseCubic` as numbers."""
+class _LawNumbers(Entry):
+    """What a file must say of a `trajectory.PiecewiseCubic`."""
 
     breaks: Numbers
     coefficients: tuple[Numbers, ...]
 
 
-class TrajectoryNumbers(Entry):
-    """`trajectory.Trajectory` as numbers."""
+class _TrajectoryNumbers(Entry):
+    """What a file must say of a `trajectory.Trajectory`: what its arrays can hold, checked before there are any."""
 
-    path: PathNumbers
-    law: LawNumbers
+    path: _PathNumbers
+    law: _LawNumbers
 
     @model_validator(mode="after")
-    def _consistent(self) -> TrajectoryNumbers:
+    def _consistent(self) -> _TrajectoryNumbers:
         for part, breaks, count in (
             ("path", self.path.breaks, len(self.path.coefficients)),
             ("law", self.law.breaks, len(self.law.coefficients)),
@@ -67,10 +67,9 @@ class TrajectoryNumbers(Entry):
             raise PydanticCustomError("program-motion", message)
         return self
 
-    @property
-    def trajectory(self) -> Trajectory:
-        """The trajectory."""
-        return Trajectory.from_numbers(self.model_dump())
+
+def _trajectory(numbers: _TrajectoryNumbers) -> Trajectory:
+    return Trajectory.from_numbers(numbers.model_dump())
 
 
 class ProgramPrimitive(Entry):
@@ -81,7 +80,7 @@ class ProgramPrimitive(Entry):
     start: Seconds
     end: Seconds
     held: str | None
-    trajectory: TrajectoryNumbers
+    trajectory: Annotated[Trajectory, Written(_TrajectoryNumbers, _trajectory, Trajectory.to_numbers)]
 
 
 class ProgramResponse(Entry):

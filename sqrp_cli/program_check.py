@@ -187,7 +187,7 @@ def _jumps(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
     last: tuple[Array, ...] = (np.array([step.before.joints[joint] for joint in joints]), rest, rest)
     for index, primitive in enumerate(step.primitives):
         inside = (*at, "primitives", index, "trajectory")
-        trajectory = primitive.trajectory.trajectory
+        trajectory = primitive.trajectory
         first = _derivatives(trajectory, 0.0)
         yield from _jump(last, first, inside, f"where `{primitive.name}` begins", joints)
         yield from _inner_jumps(trajectory, inside, primitive, joints)

@@ -17,13 +17,14 @@ from pydantic import (
     GetJsonSchemaHandler,
     PlainSerializer,
     StringConstraints,
+    ValidatorFunctionWrapHandler,
     WithJsonSchema,
     model_validator,
 )
 from pydantic_core import CoreSchema, PydanticCustomError
 from pydantic_core.core_schema import (
-    no_info_after_validator_function,
     no_info_before_validator_function,
+    no_info_wrap_validator_function,
     plain_serializer_function_ser_schema,
 )
 
@@ -67,8 +68,8 @@ class Stored:
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """What Pydantic makes of the dataclass, behind a check of the keys."""
-        schema = handler(source)
-        fields = handler.resolve_ref_schema(schema)["schema"]["fields"]
+        schema: Any = {**handler.resolve_ref_schema(handler(source))}
+        fields = schema["schema"]["fields"]
         keys = {part.get("validation_alias", part["name"]): part["schema"]["type"] != "default" for part in fields}
 
         def check(data: object) -> object:
@@ -76,7 +77,8 @@ class Stored:
                 _check_keys(data, keys)
             return data
 
-        return no_info_before_validator_function(check, schema)
+        # Pydantic takes what has the reference where the record stands a second time: that must be the check, too.
+        return no_info_before_validator_function(check, schema, ref=schema.pop("ref"))
 
 
 @dataclass(frozen=True)
@@ -91,9 +93,16 @@ class Written:
     write: Callable[[Any], Any]
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """What Pydantic makes of the form, between `read` and `write`."""
-        written = plain_serializer_function_ser_schema(self.write)
-        return no_info_after_validator_function(self.read, handler.generate_schema(self.form), serialization=written)
+        """What Pydantic makes of the form, between `read` and `write`; a record that exists is taken as it is."""
+
+        def validate(value: object, in_form: ValidatorFunctionWrapHandler) -> object:
+            return value if isinstance(source, type) and isinstance(value, source) else self.read(in_form(value))
+
+        return no_info_wrap_validator_function(
+            validate,
+            handler.generate_schema(self.form),
+            serialization=plain_serializer_function_ser_schema(self.write),
+        )
 
 
 Finite = Annotated[float, Field(allow_inf_nan=False)]

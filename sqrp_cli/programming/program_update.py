@@ -18,7 +18,6 @@ from sqrp_cli.program import (
     ProgramResponse,
     ProgramTarget,
     Step,
-    TrajectoryNumbers,
 )
 from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.sensing.cause import Cause
@@ -47,7 +46,7 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
                 start=timed.start,
                 end=timed.end,
                 held=timed.held,
-                trajectory=TrajectoryNumbers.model_validate(timed.trajectory.to_numbers()),
+                trajectory=timed.trajectory,
             )
             for timed, action in zip(motion.primitives, candidate.skill.primitives, strict=True)
         ),

@@ -101,6 +101,6 @@ def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
 def _posture(step: Step, joints: tuple[str, ...], expectation: Expectation, t: float) -> Posture:
     """Where the robot is by the program, what it was told to hold, and where things are."""
     primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
-    q = primitive.trajectory.trajectory.positions(np.array([t - primitive.start]))[0]
+    q = primitive.trajectory.positions(np.array([t - primitive.start]))[0]
     holding = primitive.held is not None or primitive.action == "Grasp"
     return Posture(dict(zip(joints, q.tolist(), strict=True)), holding, expectation.object_poses(t))

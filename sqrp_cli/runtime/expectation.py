@@ -115,7 +115,7 @@ class Expectation:
         for index, primitive in enumerate(step.primitives):
             rows = np.flatnonzero(primitive_of == index)
             if len(rows):
-                q[rows] = primitive.trajectory.trajectory.positions(self._t[rows] - primitive.start)
+                q[rows] = primitive.trajectory.positions(self._t[rows] - primitive.start)
         X_WL = twin.poses_over(dict(zip(joints, q.T, strict=True)))
         X_WT = X_WL[twin.tool_frame]
         starts = step.before.X_WO

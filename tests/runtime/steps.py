@@ -12,7 +12,6 @@ from sqrp_cli.program import (
     ProgramTarget,
     Step,
     TargetBox,
-    TrajectoryNumbers,
 )
 from sqrp_cli.trajectory import Trajectory
 
@@ -57,14 +56,13 @@ def formula(text: str, action: str = "stop", fault: str | None = None, settle: f
 
 def played(move: Trajectory) -> ProgramPrimitive:
     """A primitive that is nothing but a motion."""
-    numbers = TrajectoryNumbers.model_validate(move.to_numbers())
-    return ProgramPrimitive(name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=numbers)
+    return ProgramPrimitive(name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=move)
 
 
 def step(
     formulas: list[ProgramFormula], seen: dict[str, dict[str, list[tuple[float, float]]]], time: float = 10.0
 ) -> Step:
-    still = Trajectory.standstill(np.zeros(1), time).to_numbers()
+    still = Trajectory.standstill(np.zeros(1), time)
     world = World(frozenset(), {}, None, None, {"a": 0.0})
     return Step(
         task="do",
@@ -82,7 +80,7 @@ def step(
                 start=0.0,
                 end=time,
                 held=None,
-                trajectory=TrajectoryNumbers.model_validate(still),
+                trajectory=still,
             ),
         ),
         formulas=tuple(formulas),
