@@ -15,13 +15,11 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import check_finite
-from sqrp_cli.knowledge.entries import Entry, Finite, PoseMatrix, Stored, Written
+from sqrp_cli.knowledge.entries import Entry, Finite, Stored, Written
+from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.knowledge.units import read_quantity
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.trajectory import Trajectory
-
-START = "@start"
-"""Suffix of a frame that stays where an object was when the step began."""
 
 Numbers = tuple[Finite, ...]
 Share = Annotated[float, Field(ge=0, le=1)]
@@ -101,25 +99,6 @@ class ProgramFormula(Entry):
     fault: str | None
     settle: Seconds
     response: ProgramResponse
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TargetBox(Stored):
-    """A box to look at."""
-
-    name: str
-    detector: str
-    """The name of the detector that looks for what is in it."""
-    frame: str
-    """`world`, a link, an object, or `OBJECT@start`."""
-    size: tuple[Finite, Finite, Finite]
-    """Full extents [m]."""
-    X_FB: Annotated[PoseMatrix, Field(alias="pose")]
-    """Pose of the box in the frame, shape (4, 4)."""
-    normal: tuple[Finite, Finite, Finite] | None
-    """Unit vector in the box's axes, away from the surface, if it has one."""
-    encloses: tuple[str, ...]
-    """Names of links, objects or parts that do not hide the box, in order."""
 
 
 class ProgramTarget(Entry):

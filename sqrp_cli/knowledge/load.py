@@ -17,6 +17,7 @@ from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.source import Document, parse_document, read_document
+from sqrp_cli.knowledge.target_box import START
 from sqrp_cli.knowledge.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.validation import validate
 from sqrp_cli.knowledge.workspace import ExpectedTask, Thresholds, Workspace
@@ -29,8 +30,6 @@ WORKSPACE_FILE = "workspace.yaml"
 
 TOOL = "tool"
 """In a skill: the tool frame, or all parts of the tool."""
-START = "@start"
-"""In a skill: behind an object, where it was when the skill began."""
 
 MOST_LITERALS = 100_000
 """Of a precondition, its quantifiers expanded over the objects of the workspace: that is done for each candidate."""

@@ -12,12 +12,12 @@ from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, TargetSpec
+from sqrp_cli.knowledge.target_box import START
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import ground_operators, operators_outside
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.program import START
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder

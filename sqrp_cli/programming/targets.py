@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from sqrp_cli.geometry import check_finite, check_poses
 from sqrp_cli.knowledge.detector import Detector
+from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.program import TargetBox
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

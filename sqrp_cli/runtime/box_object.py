@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Container
 
+from sqrp_cli.knowledge.target_box import START, TargetBox
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.program import START, TargetBox
 
 
 def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from sqrp_cli.geometry import Array, matrix_to_quaternion
-from sqrp_cli.program import START, Step, TargetBox
+from sqrp_cli.knowledge.target_box import START, TargetBox
+from sqrp_cli.program import Step
 from sqrp_cli.runtime.narrator import Narrator
 from sqrp_cli.runtime.outcome import STATE, Event
 from sqrp_cli.runtime.simulation.cell import SimulatedCell

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.program import (
     ProgramFormula,
@@ -11,7 +12,6 @@ from sqrp_cli.program import (
     ProgramResponse,
     ProgramTarget,
     Step,
-    TargetBox,
 )
 from sqrp_cli.trajectory import Trajectory
 

@@ -17,8 +17,9 @@ from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.marker import printed_side
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.program import ProgramTarget, TargetBox
+from sqrp_cli.program import ProgramTarget
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.sighting import Evidence, Posture, Watchlist
 from sqrp_cli.runtime.perception.vision import find_markers

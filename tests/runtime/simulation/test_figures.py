@@ -17,7 +17,8 @@ from sqrp_cli.geometry import pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import Box, Mesh, Part, SceneObject
-from sqrp_cli.program import ProgramTarget, TargetBox
+from sqrp_cli.knowledge.target_box import TargetBox
+from sqrp_cli.program import ProgramTarget
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.outlines import View
 from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Posture, Watchlist, Weakness
