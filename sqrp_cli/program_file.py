@@ -59,6 +59,7 @@ def save_program(program: Program, path: Path) -> None:
     head = f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n"
     sums = {"checksum": _checksum(program), "marks": "".join(_marks(program).values())}
     numbers = {**_as_written(program), **sums}
+    Program.model_validate(numbers)  # A figure that no file may hold is a bug, and seen before there is such a file.
     text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
     if len(text.encode()) > MAX_BYTES:
         message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
