@@ -84,7 +84,7 @@ def points(program: Program, rate: float) -> Iterator[Point]:
     for number, step in enumerate(program.steps, 1):
         for primitive in step.primitives:
             times = _times(begin + primitive.start, begin + primitive.end, rate)
-            trajectory = primitive.trajectory.trajectory
+            trajectory = primitive.trajectory
             local = times - begin - primitive.start
             states = (trajectory.positions(local), *(trajectory.derivatives(local, order) for order in (1, 2)))
             for time, q, v, a in zip(times.tolist(), *states, strict=True):

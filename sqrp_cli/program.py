@@ -7,50 +7,47 @@ camera covers what when, and the world before and after.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass
 from itertools import pairwise
 from typing import Annotated, Literal, Protocol
 
-import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
-from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.entries import Entry
+from sqrp_cli.geometry import check_finite
+from sqrp_cli.knowledge.entries import Entry, Finite, Stored, Written
+from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.knowledge.units import read_quantity
 from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.logic.literal import Atom
 from sqrp_cli.trajectory import Trajectory
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
 Numbers = tuple[Finite, ...]
-Row = Annotated[Numbers, Field(min_length=4, max_length=4)]
-Pose = Annotated[tuple[Row, ...], Field(min_length=4, max_length=4)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
-class PathNumbers(Entry):
-    """`trajectory.Path` as numbers."""
+class _PathNumbers(Entry):
+    """What a file must say of a `trajectory.Path`."""
 
     breaks: Numbers
     coefficients: tuple[tuple[Numbers, ...], ...]
 
 
-class LawNumbers(Entry):
-    """`trajectory.PiecewiseCubic` as numbers."""
+class _LawNumbers(Entry):
+    """What a file must say of a `trajectory.PiecewiseCubic`."""
 
     breaks: Numbers
     coefficients: tuple[Numbers, ...]
 
 
-class TrajectoryNumbers(Entry):
-    """`trajectory.Trajectory` as numbers."""
+class _TrajectoryNumbers(Entry):
+    """What a file must say of a `trajectory.Trajectory`: what its arrays can hold, checked before there are any."""
 
-    path: PathNumbers
-    law: LawNumbers
+    path: _PathNumbers
+    law: _LawNumbers
 
     @model_validator(mode="after")
-    def _consistent(self) -> TrajectoryNumbers:
+    def _consistent(self) -> _TrajectoryNumbers:
         for part, breaks, count in (
             ("path", self.path.breaks, len(self.path.coefficients)),
             ("law", self.law.breaks, len(self.law.coefficients)),
@@ -68,10 +65,9 @@ class TrajectoryNumbers(Entry):
             raise PydanticCustomError("program-motion", message)
         return self
 
-    @property
-    def trajectory(self) -> Trajectory:
-        """The trajectory."""
-        return Trajectory.from_numbers(self.model_dump())
+
+def _trajectory(numbers: _TrajectoryNumbers) -> Trajectory:
+    return Trajectory.from_numbers(numbers.model_dump())
 
 
 class ProgramPrimitive(Entry):
@@ -82,7 +78,7 @@ class ProgramPrimitive(Entry):
     start: Seconds
     end: Seconds
     held: str | None
-    trajectory: TrajectoryNumbers
+    trajectory: Annotated[Trajectory, Written(_TrajectoryNumbers, _trajectory, Trajectory.to_numbers)]
 
 
 class ProgramResponse(Entry):
@@ -105,66 +101,32 @@ class ProgramFormula(Entry):
     response: ProgramResponse
 
 
-class ProgramBox(Entry):
-    """A box to look at: full extents [m], pose in a link of the robot, an object, `world` or `OBJECT@start`."""
-
-    name: str
-    detector: str
-    frame: str
-    size: tuple[Finite, Finite, Finite]
-    pose: Pose
-    normal: tuple[Finite, Finite, Finite] | None
-    encloses: tuple[str, ...]
-
-
 class ProgramTarget(Entry):
     """What decides an atom: so many cameras must each see all boxes. seen: from when to when each camera does [s]."""
 
     cameras: int
-    boxes: tuple[ProgramBox, ...]
+    boxes: tuple[TargetBox, ...]
     seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
 
 
-class ProgramFault(Entry):
-    """What a fault was predicted to cost; see `programming.faults.FaultMetrics`."""
+@dataclass(frozen=True)
+class FaultMetrics(Stored):
+    """What a fault costs when it happens at a time x that is uniform over its interval."""
 
     delay_mean: Seconds
+    """From x until it is noticed, mean [s]."""
     delay_worst: Seconds
+    """From x until it is noticed, supremum [s]."""
     blind_longest: Seconds
+    """Longest stretch of the interval in which it cannot be seen [s]."""
     unseen: Share
+    """Share of x after which it is never seen, so that it is noticed at the end of the skill, in 0..1."""
     expected_time: Seconds
+    """Mean time from the start of the skill until it is done after one retry [s]."""
 
-
-class ProgramWorld(Entry):
-    """A world: facts, poses of objects, what is held at which pose in the tool frame, and joint positions."""
-
-    facts: tuple[str, ...]
-    objects: Mapping[str, Pose]
-    held: str | None
-    held_pose: Pose | None
-    joints: Mapping[str, Finite]
-
-    @classmethod
-    def of(cls, world: World) -> ProgramWorld:
-        """A world as numbers."""
-        return cls(
-            facts=tuple(sorted(map(str, world.facts))),
-            objects={name: pose_rows(X_WO) for name, X_WO in world.X_WO.items()},
-            held=world.held,
-            held_pose=None if world.X_TO is None else pose_rows(world.X_TO),
-            joints={name: float(value) for name, value in world.joints.items()},
-        )
-
-    @property
-    def world(self) -> World:
-        """The world."""
-        return World(
-            facts=frozenset(Atom.of(fact) for fact in self.facts),
-            X_WO={name: read_only(np.array(rows)) for name, rows in self.objects.items()},
-            held=self.held,
-            X_TO=None if self.held_pose is None else read_only(np.array(self.held_pose)),
-            joints=dict(self.joints),
-        )
+    def __post_init__(self) -> None:
+        """Raises ValueError if a figure is not finite."""
+        check_finite("a fault", *astuple(self))
 
 
 class Step(Entry):
@@ -176,18 +138,18 @@ class Step(Entry):
     time: Seconds
     q_avg: Share | None
     q_eoi: Share | None
-    faults: Mapping[str, ProgramFault]
+    faults: Mapping[str, FaultMetrics]
     verdict: str
     primitives: tuple[ProgramPrimitive, ...]
     formulas: tuple[ProgramFormula, ...]
     targets: Mapping[str, ProgramTarget]
-    before: ProgramWorld
-    after: ProgramWorld
+    before: World
+    after: World
 
     @property
     def short_task(self) -> str:
         """The skill and the objects that it was done with, such as `pickup g2`: a task of just this."""
-        objects = (value for value in self.parameters.values() if value in self.before.objects)
+        objects = (value for value in self.parameters.values() if value in self.before.X_WO)
         return " ".join([self.skill, *map(str, objects)])
 
     @property
@@ -198,7 +160,7 @@ class Step(Entry):
             f"{name}={text}"
             for name, texts in settings
             for text in texts.split(",")
-            if name in self.parameters and self.parameters[name] not in self.before.objects
+            if name in self.parameters and self.parameters[name] not in self.before.X_WO
             if (text if (read := read_quantity(text)) is None else read.value) == self.parameters[name]
         ]
         return " ".join([self.short_task, *chosen])
@@ -240,8 +202,3 @@ class Replanner(Protocol):
 
     def replan(self, step: Step, world: World) -> Step | None:
         """The same skill with the same parameters from `world`; None where that is infeasible."""
-
-
-def pose_rows(X: Array) -> Pose:
-    """A pose as nested rows."""
-    return tuple(tuple(row) for row in X.tolist())

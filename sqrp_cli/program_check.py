@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, pairwise
@@ -11,8 +10,8 @@ import numpy as np
 
 from sqrp_cli.errors import expected_names
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.program import Pose, Program, ProgramPrimitive, ProgramTarget, ProgramWorld, Step
+from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.program import Program, ProgramPrimitive, ProgramTarget, Step
 from sqrp_cli.trajectory import Trajectory
 
 SAME_TIME = 1e-6
@@ -23,9 +22,6 @@ LARGEST_JUMPS = (1e-6, 1e-4, 1e-2)
 
 LARGEST_SKEW = 1e-6
 """By how much the axes of a pose may deviate from unit length and right angles."""
-
-_NAME = r"[A-Za-z_][\w-]*"
-_FACT = re.compile(rf"{_NAME}(\({_NAME}(, *{_NAME})*\))?")
 
 Keys = tuple[str | int, ...]
 
@@ -74,7 +70,7 @@ def _names_in(step: Step, at: Keys) -> Iterator[tuple[str, str, Keys]]:
     """What a step names of its workspace: the kind of thing, its name, and where that stands."""
     yield "skill", step.skill, (*at, "skill")
     for moment, world in (("before", step.before), ("after", step.after)):
-        for name in world.objects:
+        for name in world.X_WO:
             yield "object", name, (*at, moment, "objects", name)
         if world.held is not None:
             yield "object", world.held, (*at, moment, "held")
@@ -101,8 +97,8 @@ def _held_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
     held = step.before.held
     for index, (primitive, then) in enumerate(zip(step.primitives, step.held_after, strict=True)):
         inside = (*at, "primitives", index, "held")
-        if primitive.held is not None and primitive.held not in step.before.objects:
-            expected = expected_names(primitive.held, step.before.objects)
+        if primitive.held is not None and primitive.held not in step.before.X_WO:
+            expected = expected_names(primitive.held, step.before.X_WO)
             yield Flaw(
                 "program-object",
                 inside,
@@ -123,7 +119,7 @@ def _named(held: str | None) -> str:
     return "nothing" if held is None else f"`{held}`"
 
 
-def _world_flaws(world: ProgramWorld, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
+def _world_flaws(world: World, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
     missing = [joint for joint in joints if joint not in world.joints]
     unknown = [joint for joint in world.joints if joint not in joints]
     if missing:
@@ -131,19 +127,15 @@ def _world_flaws(world: ProgramWorld, at: Keys, joints: Sequence[str]) -> Iterat
     elif unknown:
         message = f"there is no joint `{unknown[0]}`; {expected_names(unknown[0], joints)}"
         yield Flaw("program-joints", (*at, "joints", unknown[0]), message)
-    for index, fact in enumerate(world.facts):
-        if not _FACT.fullmatch(fact):
-            yield Flaw("program-fact", (*at, "facts", index), f"found `{fact}`, expected a fact such as `hold(g1)`")
-    for name, rows in world.objects.items():
-        yield from _pose_flaws(rows, (*at, "objects", name))
-    if (world.held is None) != (world.held_pose is None):
+    for name, X_WO in world.X_WO.items():
+        yield from _pose_flaws(X_WO, (*at, "objects", name))
+    if (world.held is None) != (world.X_TO is None):
         yield Flaw("program-held", (*at, "held"), "`held` and `held_pose` go together: both, or both `null`")
-    if world.held_pose is not None:
-        yield from _pose_flaws(world.held_pose, (*at, "held_pose"))
+    if world.X_TO is not None:
+        yield from _pose_flaws(world.X_TO, (*at, "held_pose"))
 
 
-def _pose_flaws(rows: Pose, at: Keys) -> Iterator[Flaw]:
-    X = np.array(rows)
+def _pose_flaws(X: Array, at: Keys) -> Iterator[Flaw]:
     R = X[:3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         rigid = np.abs(R @ R.T - np.eye(3)).max() < LARGEST_SKEW and np.linalg.det(R) > 0
@@ -195,7 +187,7 @@ def _jumps(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
     last: tuple[Array, ...] = (np.array([step.before.joints[joint] for joint in joints]), rest, rest)
     for index, primitive in enumerate(step.primitives):
         inside = (*at, "primitives", index, "trajectory")
-        trajectory = primitive.trajectory.trajectory
+        trajectory = primitive.trajectory
         first = _derivatives(trajectory, 0.0)
         yield from _jump(last, first, inside, f"where `{primitive.name}` begins", joints)
         yield from _inner_jumps(trajectory, inside, primitive, joints)
@@ -236,7 +228,7 @@ def _jump(
 
 def _target_flaws(target: ProgramTarget, at: Keys, time: float) -> Iterator[Flaw]:
     for index, box in enumerate(target.boxes):
-        yield from _pose_flaws(box.pose, (*at, "boxes", index, "pose"))
+        yield from _pose_flaws(box.X_FB, (*at, "boxes", index, "pose"))
     for camera, intervals in target.seen.items():
         edges = list(chain.from_iterable(intervals))
         if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > time + SAME_TIME):
@@ -246,10 +238,8 @@ def _target_flaws(target: ProgramTarget, at: Keys, time: float) -> Iterator[Flaw
 
 def _break_between(step: Step, following: Step, at: Keys) -> Iterator[Flaw]:
     """A step must start in the world that the one before it leaves."""
-    for field in ("facts", "objects", "held", "held_pose", "joints"):
-        left, right = getattr(step.after, field), getattr(following.before, field)
-        if field == "facts":
-            left, right = set(left), set(right)
-        if left != right:
+    left, start = (one.model_dump(by_alias=True) for one in (step, following))
+    for field in left["after"]:
+        if left["after"][field] != start["before"][field]:
             message = f"differs from `steps.{int(at[1]) - 1}.after.{field}`, where this step should start"
             yield Flaw("program-worlds", (*at, "before", field), message)

@@ -7,7 +7,7 @@ import json
 import os
 import shlex
 import string
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,8 @@ def save_program(program: Program, path: Path) -> None:
     """
     head = f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n"
     sums = {"checksum": _checksum(program), "marks": "".join(_marks(program).values())}
-    numbers = {**program.model_dump(mode="json"), **sums}
+    numbers = {**_as_written(program), **sums}
+    Program.model_validate(numbers)  # A figure that no file may hold is a bug, and seen before there is such a file.
     text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
     if len(text.encode()) > MAX_BYTES:
         message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
@@ -66,9 +67,14 @@ def save_program(program: Program, path: Path) -> None:
     write_atomically(path, text, executable=True)
 
 
+def _as_written(program: Program, without: Collection[str] = ()) -> dict[str, Any]:
+    """What the file says of a program, but for some of its keys."""
+    return program.model_dump(mode="json", by_alias=True, exclude=set(without))
+
+
 def _checksum(program: Program) -> str:
     """Digest of what a program says, however its file is laid out and wherever it lies."""
-    return _digest(program.model_dump(mode="json", exclude=_NOT_SUMMED))
+    return _digest(_as_written(program, _NOT_SUMMED))
 
 
 def _marks(program: Program) -> dict[Keys, str]:
@@ -76,7 +82,7 @@ def _marks(program: Program) -> dict[Keys, str]:
 
     Short, as there are hundreds: a changed value keeps its sign once in 64 times.
     """
-    values = _values(program.model_dump(mode="json", exclude=_NOT_SUMMED), ())
+    values = _values(_as_written(program, _NOT_SUMMED), ())
     return {keys: _SIGNS[int(_digest([keys, value])[:8], 16) % len(_SIGNS)] for keys, value in values}
 
 

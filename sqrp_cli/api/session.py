@@ -60,7 +60,7 @@ class Session:
 def _world_after(path: Path, cell: Cell) -> World:
     program = load_program(path)
     check_program(program, path, cell.workspace)
-    return program.steps[-1].after.world if program.steps else cell.initial_world
+    return program.steps[-1].after if program.steps else cell.initial_world
 
 
 def assess(session: Session, jobs: int, progress: Progress) -> Iterator[Assessment]:

@@ -93,7 +93,7 @@ class _Dialog:
     def world(self) -> World:
         """The world that the steps so far leave."""
         steps = self.program.steps
-        return steps[-1].after.world if steps else self.cell.initial_world
+        return steps[-1].after if steps else self.cell.initial_world
 
     def add_step(self) -> bool:
         """Show what can be done, and ask for a task and for one of its ways; whether there was an answer."""

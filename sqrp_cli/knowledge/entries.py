@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, LiteralString
 
+import numpy as np
 from pydantic import (
     BaseModel,
     BeforeValidator,
@@ -15,14 +17,19 @@ from pydantic import (
     GetJsonSchemaHandler,
     PlainSerializer,
     StringConstraints,
+    ValidatorFunctionWrapHandler,
     WithJsonSchema,
     model_validator,
 )
 from pydantic_core import CoreSchema, PydanticCustomError
-from pydantic_core.core_schema import no_info_before_validator_function
+from pydantic_core.core_schema import (
+    no_info_before_validator_function,
+    no_info_wrap_validator_function,
+    plain_serializer_function_ser_schema,
+)
 
 from sqrp_cli.errors import expected_names
-from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, rpy_to_matrix
+from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix
 from sqrp_cli.knowledge import units
 from sqrp_cli.knowledge.bounds import (
     LARGEST,
@@ -44,15 +51,82 @@ class Entry(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _only_declared_keys(cls, data: Any) -> Any:  # noqa: ANN401 - runs before validation
-        valid = [field.alias or name for name, field in cls.model_fields.items()]
-        if not isinstance(data, dict | cls):
-            needed = [field.alias or name for name, field in cls.model_fields.items() if field.is_required()]
-            raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or valid})
-        if isinstance(data, dict):
-            unknown = {str(key): expected_names(str(key), valid) for key in data if key not in valid}
-            if unknown:
-                raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
+        if not isinstance(data, cls):
+            keys = {field.alias or name: field.is_required() for name, field in cls.model_fields.items()}
+            _check_keys(data, keys)
         return data
+
+
+class Stored:
+    """A frozen dataclass that a file holds as it stands: a mapping of its fields, by their aliases, and no others.
+
+    Pydantic checks what a file says by the annotations of the fields, and takes a record that exists as it is.
+    """
+
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True, use_attribute_docstrings=True)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """What Pydantic makes of the dataclass, behind a check of the keys."""
+        schema: Any = {**handler.resolve_ref_schema(handler(source))}
+        fields = schema["schema"]["fields"]
+        keys = {part.get("validation_alias", part["name"]): part["schema"]["type"] != "default" for part in fields}
+
+        def check(data: object) -> object:
+            if not isinstance(data, cls):
+                _check_keys(data, keys)
+            return data
+
+        # Pydantic takes what has the reference where the record stands a second time: that must be the check, too.
+        return no_info_before_validator_function(check, schema, ref=schema.pop("ref"))
+
+
+@dataclass(frozen=True)
+class Written:
+    """Marks a field of a record that a file writes in another form, such as an array as nested lists.
+
+    form: the type that Pydantic checks. read: what the field is of a value in that form, write: the other way round.
+    """
+
+    form: Any
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any]
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """What Pydantic makes of the form, between `read` and `write`; a record that exists is taken as it is."""
+
+        def validate(value: object, in_form: ValidatorFunctionWrapHandler) -> object:
+            return value if isinstance(source, type) and isinstance(value, source) else self.read(in_form(value))
+
+        return no_info_wrap_validator_function(
+            validate,
+            handler.generate_schema(self.form),
+            serialization=plain_serializer_function_ser_schema(self.write),
+        )
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+_Row = Annotated[tuple[Finite, ...], Field(min_length=4, max_length=4)]
+
+PoseMatrix = Annotated[
+    Array,
+    Written(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist),
+]
+"""A pose, shape (4, 4), which a file writes as nested rows; whether it is one is not checked."""
+
+
+def _check_keys(data: object, keys: Mapping[str, bool]) -> None:
+    """Raises PydanticCustomError unless data is a mapping with no other than these keys.
+
+    keys: whether each is required.
+    """
+    if not isinstance(data, dict):
+        needed = [key for key, required in keys.items() if required]
+        raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or list(keys)})
+    unknown = {str(key): expected_names(str(key), keys) for key in data if key not in keys}
+    if unknown:
+        raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
 
 
 class ForeignEntry(BaseModel):

@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.overlap import box_penetration, gap_from_above
 from sqrp_cli.knowledge.read_cell import camera_axes_as_body
 from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, SceneObject, Shape, Sphere
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
+from sqrp_cli.knowledge.target_box import START
 from sqrp_cli.knowledge.urdf import WORLD
 from sqrp_cli.knowledge.workspace import Workspace
 
@@ -23,8 +24,6 @@ MIN_OVERLAP = 1e-3
 
 LEAST_GAP = 5e-3
 """Distance [m] from which an object counts as not standing on another one."""
-
-START = "@start"
 
 
 def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:

@@ -19,6 +19,7 @@ from sqrp_cli.knowledge.read_skill import read_skill
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted, parse_document, read_document
+from sqrp_cli.knowledge.target_box import START
 from sqrp_cli.knowledge.urdf import WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.validation import validate
@@ -32,8 +33,6 @@ WORKSPACE_FILE = "workspace.yaml"
 
 TOOL = "tool"
 """In a skill: the tool frame, or all parts of the tool."""
-START = "@start"
-"""In a skill: behind an object, where it was when the skill began."""
 
 
 def load_workspace(path: Path, content: bytes | None = None) -> Workspace:

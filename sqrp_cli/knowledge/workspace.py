@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
 
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.digest import SourceFile
+from sqrp_cli.knowledge.entries import Finite, PoseMatrix, Stored, Written, refused
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import Skill
 from sqrp_cli.knowledge.source import Scalar
 from sqrp_cli.logic.literal import Atom
+
+_NAME = r"[A-Za-z_][\w-]*"
+_FACT = re.compile(rf"{_NAME}(\({_NAME}(, *{_NAME})*\))?")
 
 
 @dataclass(frozen=True)
@@ -38,20 +45,33 @@ class ExpectedTask:
     thresholds: Thresholds
 
 
+def _fact(text: str) -> Atom:
+    if not _FACT.fullmatch(text):
+        raise refused("program-fact", f"found `{text}`, expected a fact such as `hold(g1)`")
+    return Atom.of(text)
+
+
+Facts = Annotated[
+    frozenset[Atom],
+    Written(tuple[Annotated[Atom, Written(str, _fact, str)], ...], frozenset, lambda facts: sorted(map(str, facts))),
+]
+"""Atoms that hold, which a file writes as text in alphabetical order."""
+
+
 @dataclass(frozen=True, eq=False)
-class World:
-    """What is true and where things are at one moment.
+class World(Stored):
+    """What is true and where things are at one moment."""
 
-    facts: the atoms that hold; every other one is false. X_WO: pose of each object whose place is known.
-    held: the object in the tool, with its pose in the tool frame `X_TO`; None if it is empty.
-    joints: position of every joint that is driven, those of the arm and of the fingers [rad or m].
-    """
-
-    facts: frozenset[Atom]
-    X_WO: Mapping[str, Array]
+    facts: Facts
+    """The atoms that hold; every other one is false."""
+    X_WO: Annotated[Mapping[str, PoseMatrix], Field(alias="objects")]
+    """Pose of each object whose place is known, shape (4, 4)."""
     held: str | None
-    X_TO: Array | None
-    joints: Mapping[str, float]
+    """The object in the tool; None if it is empty."""
+    X_TO: Annotated[PoseMatrix | None, Field(alias="held_pose")]
+    """Pose of the object in the tool in the tool frame, shape (4, 4)."""
+    joints: Mapping[str, Finite]
+    """Position of every joint that is driven, those of the arm and of the fingers [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)

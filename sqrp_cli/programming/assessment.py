@@ -9,8 +9,9 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import check_finite
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula_time import Stretch, merge
+from sqrp_cli.program import FaultMetrics
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.faults import FaultMetrics, fault_metrics
+from sqrp_cli.programming.faults import fault_metrics
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.infeasible import Infeasible

@@ -3,37 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, check_finite
+from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.program import FaultMetrics
 from sqrp_cli.programming.motion.recovery import Recovery
 from sqrp_cli.programming.ranges import begins_run
 from sqrp_cli.programming.timeline import Mask, Timeline
-
-
-@dataclass(frozen=True)
-class FaultMetrics:
-    """What a fault costs when it happens at a time x that is uniform over its interval.
-
-    delay_mean, delay_worst: from x until it is noticed, mean and supremum [s]. blind_longest: longest stretch of the
-    interval in which it cannot be seen [s]. unseen: share of x after which it is never seen, so that it is noticed at
-    the end of the skill, in 0..1.
-    expected_time: mean time from the start of the skill until it is done after one retry [s].
-    """
-
-    delay_mean: float
-    delay_worst: float
-    blind_longest: float
-    unseen: float
-    expected_time: float
-
-    def __post_init__(self) -> None:
-        """Raises ValueError if a figure is not finite."""
-        check_finite("a fault", *astuple(self))
 
 
 def fault_metrics(

@@ -12,6 +12,7 @@ from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, TargetSpec
+from sqrp_cli.knowledge.target_box import START
 from sqrp_cli.knowledge.urdf import link_called
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula import Formula
@@ -23,7 +24,7 @@ from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder
 from sqrp_cli.programming.pieces import GroundFormula
 from sqrp_cli.programming.sensing.scene import WORLD
-from sqrp_cli.programming.targets import START, Target, TargetBox
+from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.programming.task import Candidate
 
 TOOL = "tool"
@@ -97,7 +98,7 @@ class TargetGrounder:
         binding = {**self.candidate.objects, **dict(zip(names, atom.arguments, strict=True))}
         return Target(atom, spec.cameras, tuple(self._box(box, binding) for box in spec.boxes))
 
-    def _box(self, spec: BoxSpec, binding: Mapping[str, str]) -> TargetBox:
+    def _box(self, spec: BoxSpec, binding: Mapping[str, str]) -> SoughtBox:
         frame = self.model.tool_frame if spec.frame == TOOL else spec.frame
         at_start = frame.endswith(START)
         thing = binding.get(name := frame.removesuffix(START), name)
@@ -112,9 +113,10 @@ class TargetGrounder:
         if size is None:
             raise ValueError(f"box {spec.name} has neither a size nor something that it fits")
         frame, X_FB = on_robot(self.robot, self.model, frame, X_FB)
-        return TargetBox(
+        return SoughtBox(
             name=spec.name,
-            detector=self.detectors[spec.detector],
+            detector=spec.detector,
+            limits=self.detectors[spec.detector],
             frame=frame,
             size=size,
             X_FB=X_FB,
@@ -145,9 +147,9 @@ class TargetGrounder:
     def _tool_parts(self) -> tuple[str, ...]:
         return tuple(part.name for part in self.model.parts if part.parent in self.model.hand_links)
 
-    def _enclosed(self, spec: BoxSpec, thing: str, binding: Mapping[str, str]) -> frozenset[str]:
+    def _enclosed(self, spec: BoxSpec, thing: str, binding: Mapping[str, str]) -> tuple[str, ...]:
         if spec.encloses is None:
-            return frozenset({thing} if thing in self.objects else ())
+            return (thing,) if thing in self.objects else ()
         links = self.model.links
         named = [link_called(binding.get(name, name), links) for name in spec.encloses if name != TOOL]
-        return frozenset([*named, *(self._tool_parts if TOOL in spec.encloses else ())])
+        return tuple(sorted({*named, *(self._tool_parts if TOOL in spec.encloses else ())}))

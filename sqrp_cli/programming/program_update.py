@@ -13,16 +13,11 @@ from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.program import (
-    ProgramBox,
-    ProgramFault,
     ProgramFormula,
     ProgramPrimitive,
     ProgramResponse,
     ProgramTarget,
-    ProgramWorld,
     Step,
-    TrajectoryNumbers,
-    pose_rows,
 )
 from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.sensing.cause import Cause
@@ -42,16 +37,7 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
         time=motion.time,
         q_avg=assessment.q_avg,
         q_eoi=assessment.q_eoi,
-        faults={
-            name: ProgramFault(
-                delay_mean=fault.delay_mean,
-                delay_worst=fault.delay_worst,
-                blind_longest=fault.blind_longest,
-                unseen=fault.unseen,
-                expected_time=fault.expected_time,
-            )
-            for name, fault in assessment.faults.items()
-        },
+        faults=assessment.faults,
         verdict=assessment.verdict,
         primitives=tuple(
             ProgramPrimitive(
@@ -60,14 +46,14 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
                 start=timed.start,
                 end=timed.end,
                 held=timed.held,
-                trajectory=TrajectoryNumbers.model_validate(timed.trajectory.to_numbers()),
+                trajectory=timed.trajectory,
             )
             for timed, action in zip(motion.primitives, candidate.skill.primitives, strict=True)
         ),
         formulas=_formulas(study),
         targets={str(target.atom): _target(study, column, cameras) for column, target in enumerate(study.targets)},
-        before=ProgramWorld.of(study.world),
-        after=ProgramWorld.of(world_after(study)),
+        before=study.world,
+        after=world_after(study),
     )
 
 
@@ -104,18 +90,7 @@ def _target(study: Study, column: int, cameras: tuple[str, ...]) -> ProgramTarge
     sees &= observation.required[:, column, None]
     return ProgramTarget(
         cameras=target.cameras,
-        boxes=tuple(
-            ProgramBox(
-                name=box.name,
-                detector=box.detector.name,
-                frame=box.frame,
-                size=box.size,
-                pose=pose_rows(box.X_FB),
-                normal=box.normal,
-                encloses=tuple(sorted(box.encloses)),
-            )
-            for box in target.boxes
-        ),
+        boxes=target.boxes,
         seen={name: _intervals(study, sees[:, index]) for index, name in enumerate(cameras)},
     )
 

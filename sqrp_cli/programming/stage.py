@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.target_box import START
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.scene import WORLD, SceneStates, fixed_frame
-from sqrp_cli.programming.targets import START
 
 
 @dataclass(frozen=True, eq=False)

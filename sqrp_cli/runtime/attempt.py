@@ -6,8 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import numpy as np
-
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program import Step
@@ -41,10 +39,10 @@ class Attempt:
         """When its motion is over on the cell's clock [s]; infinite before it."""
         return float("inf") if self.start is None else self.start + self.step.time
 
-    @cached_property
+    @property
     def starts(self) -> Mapping[str, Array]:
         """Pose of each object when the step began, (4, 4)."""
-        return {name: np.array(rows) for name, rows in self.step.before.objects.items()}
+        return self.step.before.X_WO
 
     @cached_property
     def when_open(self) -> Mapping[str, bool]:

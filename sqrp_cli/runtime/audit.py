@@ -63,8 +63,7 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
             judge = Judge(expectation, 1.0)
             check = PredictionCheck(index, expectation, list(workspace.cameras))
             checks.append(check)
-            starts = {name: np.array(X) for name, X in step.before.objects.items()}
-            pool.watch(Watchlist(dict(step.targets), starts, values_when_open(step)))
+            pool.watch(Watchlist(dict(step.targets), step.before.X_WO, values_when_open(step)))
             for entry in (entry for entry in entries if entry.step == index + 1):
                 image_done()
                 if entry.t is None or not 0.0 <= entry.t <= step.time:
@@ -102,6 +101,6 @@ def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
 def _posture(step: Step, joints: tuple[str, ...], expectation: Expectation, t: float) -> Posture:
     """Where the robot is by the program, what it was told to hold, and where things are."""
     primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
-    q = primitive.trajectory.trajectory.positions(np.array([t - primitive.start]))[0]
+    q = primitive.trajectory.positions(np.array([t - primitive.start]))[0]
     holding = primitive.held is not None or primitive.action == "Grasp"
     return Posture(dict(zip(joints, q.tolist(), strict=True)), holding, expectation.object_poses(t))

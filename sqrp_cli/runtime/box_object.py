@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Container
 
+from sqrp_cli.knowledge.target_box import START, TargetBox
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.program import ProgramBox
-
-START = "@start"
-"""Suffix of a frame that stays where an object was when a step began."""
 
 
-def object_of(atom: str, box: ProgramBox, objects: Container[str]) -> str | None:
+def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:
     """The object that the box encloses or moves with; of a box that encloses nothing, else what its atom is about.
 
     objects: the names that count. None for a box that is for no object.

@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.program import ProgramBox, ProgramTarget, Step
-from sqrp_cli.runtime.box_object import START, object_of
+from sqrp_cli.knowledge.target_box import START, TargetBox
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.program import ProgramTarget, Step
+from sqrp_cli.runtime.box_object import object_of
 from sqrp_cli.runtime.twin import Twin
 
 SPACING = 0.02
@@ -46,15 +48,15 @@ def holds(atom: str, target: ProgramTarget, situation: Situation, *, when_open: 
 
 def values_when_open(step: Step) -> dict[str, bool]:
     """The value of each atom at the start of a step if the fingers are open then, else the opposite."""
-    return {atom: (atom in step.before.facts) == (step.before.held is None) for atom in step.targets}
+    return {atom: (Atom.of(atom) in step.before.facts) == (step.before.held is None) for atom in step.targets}
 
 
-def _is_in(name: str | None, box: ProgramBox, situation: Situation) -> bool:
+def _is_in(name: str | None, box: TargetBox, situation: Situation) -> bool:
     if name is None:
         return False
     if box.frame in situation.X_WL:
         return situation.held == name
-    X_FB = np.array(box.pose)
+    X_FB = box.X_FB
     if box.frame == "world":
         X_WB = X_FB
     elif box.frame.endswith(START):
@@ -114,10 +116,10 @@ class Expectation:
         for index, primitive in enumerate(step.primitives):
             rows = np.flatnonzero(primitive_of == index)
             if len(rows):
-                q[rows] = primitive.trajectory.trajectory.positions(self._t[rows] - primitive.start)
+                q[rows] = primitive.trajectory.positions(self._t[rows] - primitive.start)
         X_WL = twin.poses_over(dict(zip(joints, q.T, strict=True)))
         X_WT = X_WL[twin.tool_frame]
-        starts = {name: np.array(rows) for name, rows in step.before.objects.items()}
+        starts = step.before.X_WO
         X_WO: dict[str, Array] = {name: X[None] for name, X in starts.items()}
         for name in dict.fromkeys(primitive.held for primitive in step.primitives if primitive.held is not None):
             X_WO[name] = _carried(name, step, primitive_of, X_WT, starts[name])
@@ -144,8 +146,8 @@ def _carried(name: str, step: Step, primitive_of: NDArray[np.int64], X_WT: Array
     for i, index in enumerate(primitive_of.tolist()):
         if step.primitives[index].held == name:
             if X_TO is None:
-                carried = step.before.held == name and step.before.held_pose is not None
-                X_TO = np.array(step.before.held_pose) if carried else inverse(X_WT[i]) @ X_WO
+                X_TO = step.before.X_TO if step.before.held == name else None
+                X_TO = inverse(X_WT[i]) @ X_WO if X_TO is None else X_TO
             X_WO = X_WT[i] @ X_TO
         else:
             X_TO = None

@@ -49,7 +49,7 @@ class Playback:
     def play(self, primitives: Sequence[ProgramPrimitive], t: float) -> None:
         """Follow primitives from time t [s] on."""
         self._primitives, self._start, self._stops, self._placed = tuple(primitives), t, [], {}
-        self._moving = [primitive.trajectory.trajectory for primitive in primitives]
+        self._moving = [primitive.trajectory for primitive in primitives]
         self._ends = [primitive.end for primitive in primitives]
 
     def stop(self, t: float, *, protective: bool = False) -> float:

@@ -128,7 +128,7 @@ class Retry:
 
     def _world_seen(self, step: Step) -> World:
         """The world as the images show it: objects where they were located, facts by evidence."""
-        before = step.before.world
+        before = step.before
         X_WO = dict(before.X_WO)
         for name, place in self._lookout.places.items():
             X_WO[name] = X_WO[name].copy()

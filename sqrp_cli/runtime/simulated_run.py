@@ -49,7 +49,7 @@ class Simulation:
     ) -> RunReport:
         """One run, as `run` but in a cell that `cell` made, which saves the time to make it."""
         twin = Twin.load(self.workspace.robot)
-        cell.reset(self.program.steps[0].before.world)
+        cell.reset(self.program.steps[0].before)
         with PerceptionPool(knowledge_of(self.workspace, twin)) as pool:
             return self._execution(twin, cell, pool, faults, listeners, None).run()
 
@@ -79,7 +79,7 @@ class Simulation:
 
     def cell(self) -> SimulatedCell:
         """A cell at the start of the program."""
-        return SimulatedCell(self.workspace, self.program.steps[0].before.world, self.seed)
+        return SimulatedCell(self.workspace, self.program.steps[0].before, self.seed)
 
 
 def knowledge_of(workspace: Workspace, twin: Twin) -> CellKnowledge:

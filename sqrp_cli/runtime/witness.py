@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, matrix_to_quaternion
-from sqrp_cli.program import ProgramBox, Step
-from sqrp_cli.runtime.box_object import START
+from sqrp_cli.knowledge.target_box import START, TargetBox
+from sqrp_cli.program import Step
 from sqrp_cli.runtime.events import AskedBox, Event, State, WholeState
 from sqrp_cli.runtime.narrator import Narrator
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
@@ -110,15 +110,15 @@ def asked_boxes(step: Step) -> dict[str, list[AskedBox]]:
     return {atom: [box for box in boxes if box is not None] for atom, boxes in found.items()}
 
 
-def _asked(step: Step, box: ProgramBox) -> AskedBox | None:
+def _asked(step: Step, box: TargetBox) -> AskedBox | None:
     name = box.frame.removesuffix(START)
     carried = {step.before.held, *(primitive.held for primitive in step.primitives)}
-    if name not in step.before.objects:
-        frame, X_FB = box.frame, np.array(box.pose)
+    if name not in step.before.X_WO:
+        frame, X_FB = box.frame, box.X_FB
     elif box.frame == name and name in carried:
         return None
     else:
-        frame, X_FB = "world", np.array(step.before.objects[name]) @ np.array(box.pose)
+        frame, X_FB = "world", step.before.X_WO[name] @ box.X_FB
     return AskedBox(frame=frame, size=list(box.size), pose=[[_rounded(x) for x in row] for row in X_FB.tolist()])
 
 

@@ -14,9 +14,9 @@ from sqrp_cli.knowledge.entries import Entry
 from sqrp_cli.knowledge.json_file import parse_json
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.paths_as_text import json_line
+from sqrp_cli.program import FaultMetrics
 from sqrp_cli.programming.assessment import Assessment
 from sqrp_cli.programming.coverage import BlindSpan, Coverage, TargetCoverage
-from sqrp_cli.programming.faults import FaultMetrics
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
 

@@ -6,8 +6,8 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
+from sqrp_cli.program import FaultMetrics
 from sqrp_cli.programming.assessment import Assessment
-from sqrp_cli.programming.faults import FaultMetrics
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
 from sqrp_cli.programming.robustness import DRAWS

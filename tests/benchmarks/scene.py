@@ -19,7 +19,7 @@ from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene import WORLD, SceneStates, fixed_frame
 from sqrp_cli.programming.sensing.sight_lines import shrink
 from sqrp_cli.programming.solids import Solid, load_solids
-from sqrp_cli.programming.targets import Target, TargetBox
+from sqrp_cli.programming.targets import SoughtBox, Target
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 DETECTOR = Detector("color", "color", (0.1, 3.0), np.pi, 8.0, 1.0)
@@ -35,7 +35,7 @@ class BenchmarkScene:
     targets: tuple[Target, ...]
 
     @property
-    def boxes(self) -> tuple[TargetBox, ...]:
+    def boxes(self) -> tuple[SoughtBox, ...]:
         return tuple(box for target in self.targets for box in target.boxes)
 
     @property
@@ -46,7 +46,7 @@ class BenchmarkScene:
         """Camera centre in the world, shape (3,)."""
         return self.states.camera_poses(self.observer.cameras[camera])[0, :3, 3]
 
-    def points(self, box: TargetBox, lattice: Array) -> Array:
+    def points(self, box: SoughtBox, lattice: Array) -> Array:
         """World points of a box without its skin for `lattice` (n, 3) in [-1, 1]^3, shape (m, n, 3)."""
         half_size, _ = shrink(box.size, box.normal)
         X_WB = np.broadcast_to(self.states.box_poses(box), (self.states.count, 4, 4))
@@ -96,7 +96,9 @@ def _target(index: int, tool: str) -> Target:
         frame, X_FB = tool, pose(position=(0.02 * (index // 3), 0.0, 0.04))
     else:
         frame, X_FB = WORLD, pose(position=(0.45 - 0.07 * index, 0.25 - 0.11 * index, 0.025))
-    box = TargetBox("box", DETECTOR, frame, SIZE, X_FB, None, frozenset())
+    box = SoughtBox(
+        name="box", detector=DETECTOR.name, limits=DETECTOR, frame=frame, size=SIZE, X_FB=X_FB, normal=None, encloses=()
+    )
     return Target(Atom("seen", (f"box{index}",)), 1, (box,))
 
 

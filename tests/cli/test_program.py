@@ -81,7 +81,7 @@ def test_reading_it_back_gives_the_same_trajectory(program, best):
     (step,) = load_program(program).steps
     joints = load_program(program).joints
     for primitive in step.primitives:
-        trajectory = primitive.trajectory.trajectory
+        trajectory = primitive.trajectory
         assert trajectory.duration == pytest.approx(primitive.end - primitive.start, abs=1e-9)
         for sample in best["samples"]:
             if primitive.start <= sample["t"] <= primitive.end:

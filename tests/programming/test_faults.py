@@ -15,7 +15,8 @@ from ruckig import ControlInterface, InputParameter, Result, Ruckig, Trajectory
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.literal import Literal
-from sqrp_cli.programming.faults import FaultMetrics, fault_metrics, interval_metrics
+from sqrp_cli.program import FaultMetrics
+from sqrp_cli.programming.faults import fault_metrics, interval_metrics
 from sqrp_cli.programming.motion.recovery import Recovery, stop
 from sqrp_cli.programming.motion.timing import MotionLimits
 from tests.programming.studies import eventually

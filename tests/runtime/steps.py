@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from sqrp_cli.knowledge.target_box import TargetBox
+from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.program import (
-    ProgramBox,
     ProgramFormula,
     ProgramPrimitive,
     ProgramResponse,
     ProgramTarget,
-    ProgramWorld,
     Step,
-    TrajectoryNumbers,
-    pose_rows,
 )
 from sqrp_cli.trajectory import Trajectory
 
@@ -39,13 +37,13 @@ class FixedExpectation:
         return len(self.covering(atom, t, margin)) >= self.step.targets[atom].cameras
 
 
-def box() -> ProgramBox:
-    return ProgramBox(
+def box() -> TargetBox:
+    return TargetBox(
         name="place",
         detector="color",
         frame="world",
         size=(0.04, 0.04, 0.04),
-        pose=pose_rows(np.eye(4)),
+        X_FB=np.eye(4),
         normal=None,
         encloses=(),
     )
@@ -58,15 +56,14 @@ def formula(text: str, action: str = "stop", fault: str | None = None, settle: f
 
 def played(move: Trajectory) -> ProgramPrimitive:
     """A primitive that is nothing but a motion."""
-    numbers = TrajectoryNumbers.model_validate(move.to_numbers())
-    return ProgramPrimitive(name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=numbers)
+    return ProgramPrimitive(name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=move)
 
 
 def step(
     formulas: list[ProgramFormula], seen: dict[str, dict[str, list[tuple[float, float]]]], time: float = 10.0
 ) -> Step:
-    still = Trajectory.standstill(np.zeros(1), time).to_numbers()
-    world = ProgramWorld(facts=(), objects={}, held=None, held_pose=None, joints={"a": 0.0})
+    still = Trajectory.standstill(np.zeros(1), time)
+    world = World(frozenset(), {}, None, None, {"a": 0.0})
     return Step(
         task="do",
         skill="do",
@@ -83,7 +80,7 @@ def step(
                 start=0.0,
                 end=time,
                 held=None,
-                trajectory=TrajectoryNumbers.model_validate(still),
+                trajectory=still,
             ),
         ),
         formulas=tuple(formulas),

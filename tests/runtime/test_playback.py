@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.knowledge.robot import JointLimits, StopLimits
-from sqrp_cli.program import ProgramPrimitive, TrajectoryNumbers
+from sqrp_cli.program import ProgramPrimitive
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.playback import Playback
 
@@ -19,9 +19,8 @@ Q0, Q1 = np.array([0.0, 0.5]), np.array([1.2, -0.4])
 def playback() -> Playback:
     limits = MotionLimits(*(np.full(2, value) for value in (VELOCITY, ACCELERATION, JERK)))
     move = joint_move(Q0, Q1, limits)
-    numbers = TrajectoryNumbers.model_validate(move.to_numbers())
     primitive = ProgramPrimitive(
-        name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=numbers
+        name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=move
     )
     found = Playback(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
     found.play([primitive], 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
-from sqrp_cli.program import ProgramTarget, pose_rows
+from sqrp_cli.program import ProgramTarget
 from sqrp_cli.runtime.events import Event, PrimitiveBegan
 from sqrp_cli.runtime.narrator import Narrator
 from sqrp_cli.runtime.witness import Track, Witness, asked_boxes
@@ -92,12 +92,10 @@ def test_boxes_are_where_images_are_searched_for_things() -> None:
     frames = {"in_tool": "tip", "in_place": "cube@start", "beside": "cube", "on_tray": "tray", "fixed": "world"}
     plain = step([], {atom: {} for atom in frames})
     targets = {
-        atom: ProgramTarget(
-            cameras=1, boxes=(box().model_copy(update={"frame": frame, "pose": pose_rows(X_OB)}),), seen={}
-        )
+        atom: ProgramTarget(cameras=1, boxes=(replace(box(), frame=frame, X_FB=X_OB),), seen={})
         for atom, frame in frames.items()
     }
-    before = plain.before.model_copy(update={"objects": {"cube": pose_rows(X_WO), "tray": pose_rows(X_WO)}})
+    before = replace(plain.before, X_WO={"cube": X_WO, "tray": X_WO})
     (primitive,) = plain.primitives
     carrying = primitive.model_copy(update={"held": "cube"})
     found = asked_boxes(plain.model_copy(update={"targets": targets, "before": before, "primitives": (carrying,)}))

@@ -16,7 +16,7 @@ from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import Indices, SightLines, SolidPoses, poses_at, shrink
 from sqrp_cli.programming.solids import Solid
-from sqrp_cli.programming.targets import TargetBox
+from sqrp_cli.programming.targets import SoughtBox
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Views:
 class Look:
     """b boxes, c cameras and s solids in m states."""
 
-    boxes: Sequence[TargetBox]
+    boxes: Sequence[SoughtBox]
     projections: Sequence[Projection]
     solids: tuple[Solid, ...]
     states: SceneStates
@@ -115,7 +115,7 @@ class Look:
         normals = np.array([entry.normal or (0.0, 0.0, 0.0) for entry in self.boxes])[box].T
         normal_C = (X_CB[:, :3] * normals[:, None]).sum(axis=1)
         projections = [self.projections[camera] for camera in cameras]
-        return check_limits(projections, [entry.detector for entry in self.boxes], box, corners, normal_C)
+        return check_limits(projections, [entry.limits for entry in self.boxes], box, corners, normal_C)
 
     def _in_cameras(self, cameras: Indices, X_WB: Array, state: Indices) -> Array:
         """Poses of boxes (n) in the optical frames of cameras (c), shape (3, 4, c, n)."""

@@ -24,7 +24,7 @@ from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs
 from sqrp_cli.programming.sensing.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid
-from sqrp_cli.programming.targets import Target, TargetBox
+from sqrp_cli.programming.targets import SoughtBox, Target
 
 _TOGETHER = 300
 """Views that are tested at once even if fewer might do: below this the calls cost more than what they compute."""
@@ -117,10 +117,10 @@ class Observer:
         responses = np.array([camera.response for camera in self.cameras])
         return [np.flatnonzero(responses == response) for response in np.unique(responses)]
 
-    def _look(self, boxes: Sequence[TargetBox], states: SceneStates) -> Look:
+    def _look(self, boxes: Sequence[SoughtBox], states: SceneStates) -> Look:
         return Look(boxes, self._projections, self.solids, states)
 
-    def limits(self, boxes: Sequence[TargetBox], states: SceneStates, rows: Indices) -> LimitVerdicts:
+    def limits(self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Indices) -> LimitVerdicts:
         """Limits of every camera for boxes in the states `rows`: all rows of the first box, then of the next.
 
         Each array has shape (c, boxes * rows).
@@ -142,7 +142,7 @@ class Observer:
         np.add.at(count, asked[pending == 0], 1)
         unsettled = np.flatnonzero(pending)
         order = unsettled[np.lexsort((pending[unsettled], asked[unsettled]))]
-        least = np.array([entry.detector.min_visible for entry in look.boxes])[box]
+        least = np.array([entry.limits.min_visible for entry in look.boxes])[box]
         for tested in _one_per_question(order, asked, count, questions.needed):
             sees = np.zeros(len(asked), dtype=bool)
             sees[tested] = True
@@ -156,7 +156,7 @@ class Observer:
                 sees[view[line]] = False
             np.add.at(count, asked[sees], 1)
 
-    def _box_verdicts(self, boxes: Sequence[TargetBox], states: SceneStates, *, shares: bool) -> list[BoxVerdicts]:
+    def _box_verdicts(self, boxes: Sequence[SoughtBox], states: SceneStates, *, shares: bool) -> list[BoxVerdicts]:
         look, cameras = self._look(boxes, states), len(self.cameras)
         box, state = (axis.reshape(-1) for axis in np.indices((len(boxes), states.count)))
         limits = look.limits(box, state)
@@ -164,7 +164,7 @@ class Observer:
         visible = np.full(cause.shape, np.nan)
         camera, at = np.nonzero(cause == Cause.NONE)
         views = Views(box[at], camera, state[at])
-        least = np.array([entry.detector.min_visible for entry in boxes])[views.box]
+        least = np.array([entry.limits.min_visible for entry in boxes])[views.box]
         lines, poses = look.sight_lines(views), look.solid_poses
         met = self._tester.met(lines, poses, near_pairs(lines, poses, look.opaque), first_only=False)
         line, share = visible_shares(lines, poses, met if shares else _of_lines(met, least < 1))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from sqrp_cli.programming.faults import FaultMetrics
+from sqrp_cli.program import FaultMetrics
 from sqrp_cli.programming.ranking import Criterion, winners
 from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.pieces import GroundFormula
     from sqrp_cli.programming.ranking import Ranked
     from sqrp_cli.programming.sensing.observer import BoxVerdicts
-    from sqrp_cli.programming.targets import Target, TargetBox
+    from sqrp_cli.programming.targets import SoughtBox, Target
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,14 +98,14 @@ class Box(Record):
     """Of the box in `frame`."""
 
     @classmethod
-    def of(cls, box: TargetBox) -> Box:
+    def of(cls, box: SoughtBox) -> Box:
         """A box of a target."""
         return cls(
             name=box.name,
-            detector=box.detector.name,
+            detector=box.detector,
             normal=None if box.normal is None else list(box.normal),
-            encloses=sorted(box.encloses),
-            min_visible=box.detector.min_visible,
+            encloses=list(box.encloses),
+            min_visible=box.limits.min_visible,
             frame=box.frame,
             size=list(box.size),
             pose=box.X_FB.tolist(),

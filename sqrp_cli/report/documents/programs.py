@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.joint_trajectory import action_name, tool_commands
+from sqrp_cli.program import FaultMetrics
 from sqrp_cli.program_file import workspace_path
 from sqrp_cli.program_totals import Totals
-from sqrp_cli.programming.faults import FaultMetrics
 from sqrp_cli.report.documents.document import Document, Record
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class ProgramStep(Record):
             time=step.time,
             q_avg=step.q_avg,
             q_eoi=step.q_eoi,
-            faults={name: FaultMetrics(**fault.model_dump()) for name, fault in step.faults.items()},
+            faults=step.faults,
             verdict=step.verdict,
             primitives=[
                 ProgramPrimitive(

@@ -11,8 +11,8 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import Box, SceneObject
-from sqrp_cli.program import ProgramBox
-from sqrp_cli.runtime.box_object import START, object_of
+from sqrp_cli.knowledge.target_box import START, TargetBox
+from sqrp_cli.runtime.box_object import object_of
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.outlines import Silhouette, View
 from sqrp_cli.runtime.perception.sighting import CellKnowledge, Posture, Watchlist
@@ -49,22 +49,22 @@ class Glance:
         """The markers in the image."""
         return find_markers(self.image)
 
-    def boxes(self) -> Iterator[tuple[str, ProgramBox]]:
+    def boxes(self) -> Iterator[tuple[str, TargetBox]]:
         """All boxes to look at, each with its atom."""
         for atom, target in self.watchlist.targets.items():
             for box in target.boxes:
                 yield atom, box
 
-    def thing_of(self, atom: str, box: ProgramBox) -> SceneObject | None:
+    def thing_of(self, atom: str, box: TargetBox) -> SceneObject | None:
         """The object that a box is for."""
         name = object_of(atom, box, self.cell.objects)
         return None if name is None else self.cell.objects[name]
 
-    def is_at_tool(self, box: ProgramBox) -> bool:
+    def is_at_tool(self, box: TargetBox) -> bool:
         """Whether a box moves with the robot."""
         return box.frame in self._X_WL
 
-    def pose(self, box: ProgramBox) -> Array:
+    def pose(self, box: TargetBox) -> Array:
         """World pose of a box, (4, 4)."""
         if box.frame == "world":
             X_WF = np.eye(4)
@@ -74,7 +74,7 @@ class Glance:
             X_WF = self.watchlist.starts[box.frame.removesuffix(START)]
         else:
             X_WF = self.posture.X_WO[box.frame]
-        X_WB: Array = X_WF @ np.array(box.pose)
+        X_WB: Array = X_WF @ box.X_FB
         return X_WB
 
     def figure(self, name: str, X_WO: Array) -> Figure | None:

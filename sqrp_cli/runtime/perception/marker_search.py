@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.program import ProgramBox
+from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.runtime.perception.backdrop import Backdrop
 from sqrp_cli.runtime.perception.glance import Glance, extent
 from sqrp_cli.runtime.perception.outlines import Outline
@@ -23,7 +23,7 @@ class MarkerSearch:
     def __init__(self, glance: Glance, backdrop: Backdrop) -> None:
         self._glance, self._backdrop = glance, backdrop
 
-    def sight(self, atom: str, box: ProgramBox) -> BoxSight:
+    def sight(self, atom: str, box: TargetBox) -> BoxSight:
         """What is seen of a box with a marker."""
         outline = self._glance.view.outline(self._glance.pose(box), box.size)
         if outline is None:
@@ -44,7 +44,7 @@ class MarkerSearch:
             because = Weakness.MASK
         return BoxSight(box.name, evidence, share, outline.polygon, because)
 
-    def _is_cut_off(self, box: ProgramBox, outline: Outline) -> bool:
+    def _is_cut_off(self, box: TargetBox, outline: Outline) -> bool:
         """Whether the robot is taken to hide some of a box, other than by what carries the marker."""
         crop = self._glance.crop(outline.polygon, 2)
         if crop is None:
@@ -54,7 +54,7 @@ class MarkerSearch:
         hiding = dilated(self._glance.robot.mask(shape, origin, outline.depth, links=others), 1)
         return bool((hiding & filled(shape, origin, [outline.corners])).any())
 
-    def _on_finger(self, atom: str, box: ProgramBox, marker: FoundMarker) -> Evidence:
+    def _on_finger(self, atom: str, box: TargetBox, marker: FoundMarker) -> Evidence:
         """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""
         twin, watchlist = self._glance.cell.twin, self._glance.watchlist
         about_object = any(self._glance.thing_of(atom, other) is not None for other in watchlist.targets[atom].boxes)
@@ -63,7 +63,7 @@ class MarkerSearch:
         ends = []
         for fingers in (twin.fingers.open, twin.fingers.closed):
             X_WL = twin.link_poses(twin.with_fingers(self._glance.posture.joints, fingers))
-            outline = self._glance.view.outline(X_WL[box.frame] @ np.array(box.pose), box.size)
+            outline = self._glance.view.outline(X_WL[box.frame] @ box.X_FB, box.size)
             if outline is None:
                 return Evidence.BLIND
             ends.append(outline.center)
@@ -83,7 +83,7 @@ class MarkerSearch:
         background &= ~dilated(self._glance.robot.mask(shape, origin, outline.depth), 1)
         return min(1.0, float(background.sum()) / max(outline.area, 1.0))
 
-    def _wanted(self, atom: str, box: ProgramBox) -> int | None:
+    def _wanted(self, atom: str, box: TargetBox) -> int | None:
         """The id of the marker that a box is for."""
         thing, markers = self._glance.thing_of(atom, box), self._glance.cell.markers
         on_links = [markers[name].id for name in (*box.encloses, box.frame) if name in markers]

@@ -15,7 +15,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.program import ProgramBox
+from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.runtime.perception.backdrop import Backdrop
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.glance import Crop, Glance, extent
@@ -67,7 +67,7 @@ class _Place:
             return False
         return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.figure.box.area**0.5)
 
-    def sight(self, box: ProgramBox, evidence: Evidence, min_visible: float) -> BoxSight:
+    def sight(self, box: TargetBox, evidence: Evidence, min_visible: float) -> BoxSight:
         """The sight of a box for which this is what the image shows; min_visible: share that its detector asks for."""
         because = Weakness.DETECTOR
         border = 0.0 if self.figure is None else BORDER / max(self.figure.area**0.5, 1.0)
@@ -94,7 +94,7 @@ class ThingSearch:
         self._glance, self._backdrop, self._thing = glance, backdrop, thing
         self._colored = color_mask(glance.image, thing.color or "")
 
-    def sights(self, boxes: Sequence[ProgramBox]) -> tuple[list[BoxSight], Array | None]:
+    def sights(self, boxes: Sequence[TargetBox]) -> tuple[list[BoxSight], Array | None]:
         """What is seen of the boxes in which the object may be, and where it is [m], None if nobody knows."""
         places = [self._place(box) for box in boxes]
         poses = [self._glance.pose(box) for box in boxes]
@@ -122,7 +122,7 @@ class ThingSearch:
         on_table = [X for X, tool in zip(poses, at_tool, strict=True) if not tool]
         return self._elsewhere(on_table[0]) if on_table else None
 
-    def _place(self, box: ProgramBox) -> _Place:
+    def _place(self, box: TargetBox) -> _Place:
         """What the image shows where the object would be if it were in a box."""
         X_WO = self._glance.pose(box)
         figure = self._glance.figure(self._thing.name, X_WO)
@@ -212,6 +212,6 @@ class ThingSearch:
         return self._at_height(found[0].center - expected.offset, height)
 
 
-def _is_inside(position: Array, X_WB: Array, box: ProgramBox) -> bool:
+def _is_inside(position: Array, X_WB: Array, box: TargetBox) -> bool:
     offset = (position - X_WB[:3, 3]) @ X_WB[:3, :3]
     return bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())

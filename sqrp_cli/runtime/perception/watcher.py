@@ -12,7 +12,7 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
-from sqrp_cli.program import ProgramBox
+from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.backdrop import Backdrop
 from sqrp_cli.runtime.perception.glance import Glance
@@ -72,7 +72,7 @@ def _judged(glance: Glance, backdrop: Backdrop) -> tuple[dict[str, tuple[BoxSigh
     """What is seen of each box, by atom, and where objects are [m]."""
     boxes: dict[str, list[BoxSight]] = {atom: [] for atom in glance.watchlist.targets}
     places: dict[str, Array] = {}
-    by_thing: dict[str, list[tuple[str, ProgramBox]]] = {}
+    by_thing: dict[str, list[tuple[str, TargetBox]]] = {}
     markers = MarkerSearch(glance, backdrop)
     for atom, box in glance.boxes():
         thing = glance.thing_of(atom, box)

@@ -20,7 +20,7 @@ from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.solids import Solid, load_solid, load_solids
-from sqrp_cli.programming.targets import Target, TargetBox
+from sqrp_cli.programming.targets import SoughtBox, Target
 from tests.programming.sensing.test_laws import random_watch, with_share
 from tests.programming.sensing.test_truth import Comparison, random_scene
 from tests.programming.sensing.views import box_part, make_box, make_camera, make_detector
@@ -47,7 +47,7 @@ class Hidden:
         return max(self.shares.values()) - self.shares[self.named]
 
 
-def rays_to(box: TargetBox, X_WC: Array, X_WB: Array) -> tuple[Array, Array]:
+def rays_to(box: SoughtBox, X_WC: Array, X_WB: Array) -> tuple[Array, Array]:
     """Rays of a grid that meet the box without its skin, (n, 3), and how far along them they leave it; by slabs."""
     extents, offset = np.array(box.size), np.zeros(3)
     if (extents <= 2 * SKIN).any():
@@ -87,7 +87,7 @@ def at(X: Array, state: int) -> Array:
     return X[state if len(X) > 1 else 0]
 
 
-def hidden_verdicts(observer: Observer, states: SceneStates, boxes: Sequence[TargetBox]) -> Iterator[Hidden]:
+def hidden_verdicts(observer: Observer, states: SceneStates, boxes: Sequence[SoughtBox]) -> Iterator[Hidden]:
     """Every hidden verdict about some boxes."""
     (found,) = observer.verdicts([Target(Atom("seen"), 1, tuple(boxes))], states)
     solids = sorted(observer.solids, key=lambda solid: solid.name)
@@ -97,7 +97,9 @@ def hidden_verdicts(observer: Observer, states: SceneStates, boxes: Sequence[Tar
             rays_W, leaves = rays_to(box, X_WC, at(states.box_poses(box), state))
             shares = {}
             for name, pieces in groupby(solids, key=lambda solid: solid.name):
-                opaque = [piece for piece in pieces if not {piece.part.name, piece.part.parent} & box.encloses]
+                opaque = [
+                    piece for piece in pieces if not {piece.part.name, piece.part.parent}.intersection(box.encloses)
+                ]
                 blocked = [
                     blocks(piece, at(states.X_WF[piece.part.parent], state), X_WC[:3, 3], rays_W, leaves)
                     for piece in opaque
@@ -136,7 +138,7 @@ def test_around_a_robot_the_part_that_hides_most_is_named(tabletop: Workspace, u
     found: list[Hidden] = []
     for seed in range(3):
         comparison = Comparison(random_scene(seed, ur5), seed, tabletop, ur5)
-        boxes = [replace(box, detector=make_detector(0.5)) for box in comparison.scene.boxes]
+        boxes = [replace(box, limits=make_detector(0.5)) for box in comparison.scene.boxes]
         found += hidden_verdicts(comparison.observer, comparison.states, boxes)
     assert_largest(found, 150)
 

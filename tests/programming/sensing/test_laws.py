@@ -128,7 +128,7 @@ def random_watch(seed: int) -> Watch:
 
 
 def with_share(watch: Watch, share: float) -> Watch:
-    boxes = tuple(replace(box, detector=replace(box.detector, min_visible=share)) for box in watch.target.boxes)
+    boxes = tuple(replace(box, limits=replace(box.limits, min_visible=share)) for box in watch.target.boxes)
     return replace(watch, target=replace(watch.target, boxes=boxes))
 
 
@@ -197,14 +197,14 @@ def test_a_cause_is_given_exactly_when_a_box_is_not_covered(seed: int) -> None:
         assert (figure[hidden | seen] == 0).all()
         assert (figure >= 0).all()
         assert ((visible[hidden | seen] >= 0) & (visible[hidden | seen] <= 1)).all()
-        if box.detector.min_visible < 1:
-            assert (visible[hidden] < box.detector.min_visible).all()
-            assert (visible[seen] >= box.detector.min_visible).all()
+        if box.limits.min_visible < 1:
+            assert (visible[hidden] < box.limits.min_visible).all()
+            assert (visible[seen] >= box.limits.min_visible).all()
         else:
             assert (visible[seen] == 1).all()
         for solid in np.unique(by[hidden]).tolist():
             part = watch.parts[solid]
-            assert not {part.parent, part.name} & box.encloses
+            assert not {part.parent, part.name}.intersection(box.encloses)
 
 
 @few
@@ -247,7 +247,7 @@ def test_names_do_not_matter(seed: int) -> None:
                     box,
                     name=other(box.name),
                     frame=other(box.frame),
-                    encloses=frozenset(other(name) for name in box.encloses),
+                    encloses=tuple(other(name) for name in box.encloses),
                 )
                 for box in watch.target.boxes
             ),

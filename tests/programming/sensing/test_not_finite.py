@@ -9,8 +9,8 @@ import pytest
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, look_at, pose
 from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.program import FaultMetrics
 from sqrp_cli.programming.assessment import Assessment
-from sqrp_cli.programming.faults import FaultMetrics
 from sqrp_cli.programming.quality import Qualities
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.culling import near_pairs

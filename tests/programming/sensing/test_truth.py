@@ -25,7 +25,7 @@ from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.solids import load_solids
-from sqrp_cli.programming.targets import Target, TargetBox
+from sqrp_cli.programming.targets import SoughtBox, Target
 from tests.programming.sensing.renderer import MujocoScene, Picture
 from tests.programming.sensing.views import (
     box_part,
@@ -56,7 +56,7 @@ class TestScene:
     things: dict[str, Array]
     fixtures: tuple[Part, ...]
     cameras: tuple[Camera, ...]
-    boxes: tuple[TargetBox, ...]
+    boxes: tuple[SoughtBox, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ def grown_depth(leaves: Array, pixels: int) -> Array:
     return leaves
 
 
-def shrunk(box: TargetBox) -> tuple[Array, Array]:
+def shrunk(box: SoughtBox) -> tuple[Array, Array]:
     """Least and greatest coordinates of a box without its skin, as the specification puts it."""
     half = np.array([extent / 2 - (SKIN if extent >= 2 * SKIN else 0.0) for extent in box.size])
     moved = SKIN * np.array(box.normal) if min(box.size) < 2 * SKIN and box.normal is not None else np.zeros(3)
@@ -215,10 +215,10 @@ class Comparison:
         frames |= {**links, "world": pose()[None], "held": links[model.tool_frame] @ scene.X_TO}
         self.states = SceneStates(STATES, frames)
         self.verdicts = {
-            share: [self._look(replace(box, detector=make_detector(share))) for box in scene.boxes] for share in SHARES
+            share: [self._look(replace(box, limits=make_detector(share))) for box in scene.boxes] for share in SHARES
         }
 
-    def _look(self, box: TargetBox) -> BoxVerdicts:
+    def _look(self, box: SoughtBox) -> BoxVerdicts:
         return self.observer.verdicts([Target(Atom("seen"), 1, (box,))], self.states)[0][0]
 
     def name_of(self, solid: int) -> str:

@@ -10,7 +10,7 @@ from sqrp_cli.geometry import Array, axis_rotation, look_at, pose, quaternion_to
 from sqrp_cli.knowledge.camera import Camera, DistortionModel
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.scene import Box, Part
-from sqrp_cli.programming.targets import TargetBox
+from sqrp_cli.programming.targets import SoughtBox
 
 
 def make_camera(
@@ -52,9 +52,19 @@ def make_box(
     detector: Detector | None = None,
     normal: tuple[float, float, float] | None = None,
     encloses: Iterable[str] = (),
-) -> TargetBox:
+) -> SoughtBox:
     X_FB = pose() if X_FB is None else X_FB
-    return TargetBox(name, detector or make_detector(), frame, size, X_FB, normal, frozenset(encloses))
+    limits = detector or make_detector()
+    return SoughtBox(
+        name=name,
+        detector=limits.name,
+        limits=limits,
+        frame=frame,
+        size=size,
+        X_FB=X_FB,
+        normal=normal,
+        encloses=tuple(encloses),
+    )
 
 
 def box_part(name: str, size: tuple[float, float, float], X_WG: Array, parent: str = "world") -> Part:

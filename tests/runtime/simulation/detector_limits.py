@@ -17,8 +17,9 @@ from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.marker import printed_side
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.program import ProgramBox, ProgramTarget, pose_rows
+from sqrp_cli.program import ProgramTarget
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.sighting import Evidence, Posture, Watchlist
 from sqrp_cli.runtime.perception.vision import find_markers
@@ -114,8 +115,8 @@ def _cube_sights(stage: Stage, eye: Camera, visible: float, random: np.random.Ge
     """What perception says with the cube in its place, and without, both behind a screen."""
     X_WO, aside = pose(position=PLACE), pose(position=(4.0, 3.0, 0.5))
     watcher = Watcher(eye, stage.knowledge)
-    box = ProgramBox(
-        name="place", detector="color", frame="cube@start", size=CUBE.size, pose=pose_rows(pose()), normal=None,
+    box = TargetBox(
+        name="place", detector="color", frame="cube@start", size=CUBE.size, X_FB=pose(), normal=None,
         encloses=("cube",),
     )  # fmt: skip
     watcher.watch(Watchlist({"placed(cube)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"cube": X_WO}, {}))

@@ -17,7 +17,8 @@ from sqrp_cli.geometry import pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import Box, Mesh, Part, SceneObject
-from sqrp_cli.program import ProgramBox, ProgramTarget, pose_rows
+from sqrp_cli.knowledge.target_box import TargetBox
+from sqrp_cli.program import ProgramTarget
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.outlines import View
 from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Posture, Watchlist, Weakness
@@ -79,9 +80,9 @@ def figure(stage: Stage, eye: Camera, X_WO: np.ndarray) -> Figure:
 def looked(stage: Stage, eye: Camera, *frames: dict[str, np.ndarray], believed: np.ndarray) -> list[BoxSight]:
     """The sights of the box in which the thing is believed to be, in images with things at these poses."""
     watcher = Watcher(eye, stage.knowledge)
-    box = ProgramBox(
+    box = TargetBox(
         name="place", detector="color", frame="part@start", size=stage.knowledge.objects["part"].size,
-        pose=pose_rows(pose()), normal=None, encloses=("part",),
+        X_FB=pose(), normal=None, encloses=("part",),
     )  # fmt: skip
     watcher.watch(Watchlist({"placed(part)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"part": believed}, {}))
     found = []
