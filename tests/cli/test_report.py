@@ -480,6 +480,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     """Of the cell `watch`: the documents of its candidates, those with their motion, the scene and the model."""
     from sqrp_cli.api.session import Session, explain
     from sqrp_cli.knowledge.load import load_workspace
+    from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
     from sqrp_cli.programming.sampling import Adaptive
@@ -490,7 +491,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.report.model import model_document
     from sqrp_cli.report.packing import tidy
 
-    session = Session.begin(load_workspace(watch), "watch green", None, Adaptive())
+    session = Session.begin(Cell.load(load_workspace(watch)), "watch green", None, Adaptive())
     assessments = list(assess_all(session.assignment, session.task.candidates, 1))
     explained = [explain(session.assignment, ranked) for ranked in rank(assessments, "q_eoi")]
     ranked = [

@@ -76,7 +76,8 @@ class Trial:
 
 def try_damages(cell: Path, numbers: Sequence[int]) -> Iterator[Trial]:
     """Damage a copy of the cell once for each number, and ask a command about it; some at a time."""
-    context = multiprocessing.get_context("fork")
+    # Processes that begin anew: what a whole test run has loaded is not theirs, and no part of a command's memory.
+    context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(os.cpu_count(), context) as pool:
         yield from pool.map(partial(_try, cell), numbers, chunksize=8)
 
