@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def unseen(_title: str, _total: int) -> Iterator[Callable[[int], None]]:
-    """Progress that nobody sees."""
+def silent(_title: str, _total: int) -> Iterator[Callable[[int], None]]:
+    """Progress that is not shown."""
     yield lambda _count: None
 
 
@@ -54,6 +54,12 @@ class OpenCell:
     path: Path
     workspace: Workspace
     seed: int = 0
+
+    def __repr__(self) -> str:
+        cell = self.workspace
+        return (
+            f"OpenCell({cell.name}: {len(cell.cameras)} cameras, {len(cell.objects)} objects, {', '.join(cell.skills)})"
+        )
 
     @classmethod
     def read(cls, path: Path, seed: int = 0) -> OpenCell:
@@ -104,7 +110,7 @@ class OpenCell:
         calibration: Calibration | None = None,
         after: Path | None = None,
         jobs: int = 1,
-        progress: Progress = unseen,
+        progress: Progress = silent,
     ) -> Ranking:
         """Rank the ways of doing a task, such as `pickup green`.
 
@@ -113,8 +119,9 @@ class OpenCell:
         """
         from sqrp_cli.api.results import Ranking
         from sqrp_cli.api.session import assess
-        from sqrp_cli.programming.ranking import rank
+        from sqrp_cli.programming.ranking import rank, read_criterion
 
+        read_criterion(by)
         session = self.begin(task, sampling=sampling, calibration=calibration, after=after)
         return Ranking(session, rank(list(assess(session, jobs, progress)), by), by)
 
@@ -126,7 +133,7 @@ class OpenCell:
         sampling: Sampling | None = None,
         after: Path | None = None,
         jobs: int = 1,
-        progress: Progress = unseen,
+        progress: Progress = silent,
     ) -> Explanation:
         """Explain when each camera sees each literal, and what is in the way when it does not.
 
@@ -156,7 +163,7 @@ class OpenCell:
         plan: bool | None = None,
         planner: Planner | None = None,
         jobs: int = 1,
-        progress: Progress = unseen,
+        progress: Progress = silent,
     ) -> Check:
         """Check the workspace, and which candidates of a task can be done, why the others cannot, and what to do first.
 
@@ -214,7 +221,7 @@ class OpenCell:
         sampling: Sampling | None = None,
         out: Path | None = None,
         jobs: int = 1,
-        progress: Progress = unseen,
+        progress: Progress = silent,
     ) -> Scores:
         """Score all tasks that the workspace lists. out: a folder in which results are kept for a later call."""
         from sqrp_cli.api.results import Scores

@@ -75,8 +75,7 @@ class Ranking(Result[RankDocument]):
     @property
     def best(self) -> CandidateFigures | None:
         """The first candidate, None if none is feasible."""
-        first = self.candidates[0]
-        return first if first.feasible else None
+        return next((one for one in self.candidates if one.feasible), None)
 
     @cached_property
     def document(self) -> RankDocument:

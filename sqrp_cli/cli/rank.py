@@ -23,7 +23,7 @@ from sqrp_cli.cli.options import (
     read_calibration,
     read_sampling,
 )
-from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
+from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -69,10 +69,10 @@ def command(
     from sqrp_cli.api.choice import check_choice
     from sqrp_cli.api.results import Ranking
     from sqrp_cli.programming.outside import intervals_outside
-    from sqrp_cli.programming.ranking import rank
+    from sqrp_cli.programming.ranking import rank, read_criterion
     from sqrp_cli.terminal.console import note, print_problems, say_raw
 
-    criterion = _criterion(by)
+    criterion = read_criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
     drawn = read_calibration(calibration, seed)
     cell, before = _checked_files(workspace, seed, after, program, report)
@@ -172,12 +172,3 @@ def _write_chosen(
     step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
     add_steps(session.cell, [step], session.assignment.sampling, program)
     return ExitCode.OK, f"{chosen.assessment.candidate.name} is now the last step of {program}"
-
-
-def _criterion(by: str) -> Criterion:
-    from sqrp_cli.programming.ranking import CRITERIA
-
-    for criterion in CRITERIA:
-        if criterion == by:
-            return criterion
-    raise InputError(Problem("bad-option", f"--by is `{by}`; {expected_names(by, CRITERIA)}"))

@@ -7,10 +7,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
+from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.programming.assessment import Assessment
 
 Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
+
+
+def read_criterion(name: str) -> Criterion:
+    """The criterion of that name. Raises InputError for another name."""
+    for criterion in CRITERIA:
+        if criterion == name:
+            return criterion
+    raise InputError(Problem("bad-option", f"--by is `{name}`; {expected_names(name, CRITERIA)}"))
+
 
 Figure = Callable[[Assessment], float | None]
 """A figure of a candidate by which it may be ranked; None where it is undefined."""
