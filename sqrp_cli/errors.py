@@ -10,7 +10,7 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Literal
 
-_LONG_QUOTE = re.compile(r'([`"])(?!sqrp )([^`"]{60})[^`"]{200,}\1')
+_LONG_QUOTE = re.compile(r'(`)(?!sqrp )([^`]{60})[^`]{200,}`|(")([^`"]{60})[^`"]{200,}"')
 """A quoted name or value of more than a few lines; a command is for typing, and stays whole."""
 
 
@@ -57,7 +57,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         """Shorten what the message quotes: names and values may be as long as a file."""
-        object.__setattr__(self, "message", _LONG_QUOTE.sub(r"\1\2...\1", self.message))
+        object.__setattr__(self, "message", _LONG_QUOTE.sub(r"\1\3\2\4...\1\3", self.message))
 
     def __str__(self) -> str:
         return f"{self.place}: {self.message}" if self.place else self.message

@@ -14,6 +14,11 @@ def test_what_a_library_quotes_is_shortened_too() -> None:
     assert Problem("x", f'cannot parse "{"a" * 300}" here').message == f'cannot parse "{"a" * 60}..." here'
 
 
+def test_a_name_is_shortened_whatever_signs_it_has() -> None:
+    name = 150 * ':"'
+    assert Problem("x", f"unknown key `{name}`").message == f"unknown key `{name[:60]}...`"
+
+
 def test_a_command_in_a_message_stays_whole() -> None:
     command = f"`sqrp run PROGRAM --replay {'folder/' * 100}log`"
     assert Problem("no-rates", f"give it as {command}").message == f"give it as {command}"
