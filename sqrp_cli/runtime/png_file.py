@@ -22,7 +22,7 @@ class _DamagedError(Exception):
 
 
 def png_damage(content: bytes) -> str | None:
-    """What is wrong with a PNG file: a damaged chunk, or fewer rows than its header promises; None where nothing is."""
+    """What is wrong with a PNG file: a damaged chunk, or other rows than its header promises; None where nothing is."""
     try:
         _check(content)
     except _DamagedError as error:
@@ -49,11 +49,13 @@ def _check(content: bytes) -> None:
     if chunks[-1][0] != "IEND":
         raise _DamagedError("it ends without the chunk `IEND`")
     row = 1 + (width * _CHANNELS[color] * depth + 7) // 8
-    data = _inflated(b"".join(data for kind, data in chunks if kind == "IDAT"), row * height)
+    data = _inflated(b"".join(data for kind, data in chunks if kind == "IDAT"), row * height + 1)
     if interlaced:
         return
     if len(data) < row * height:
         raise _DamagedError(f"it has {len(data) // row:,} rows, its header promises {height:,}")
+    if len(data) > row * height:
+        raise _DamagedError(f"it has more rows than the {height:,} that its header promises")
     wrong = next((number for number, law in enumerate(data[::row]) if law >= _FILTERS), None)
     if wrong is not None:
         raise _DamagedError(f"row {wrong + 1:,} is packed in a way that PNG does not have")

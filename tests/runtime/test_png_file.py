@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import tracemalloc
 import zlib
 
 import numpy as np
@@ -55,6 +56,7 @@ def test_damage_is_found_wherever_a_file_is_cut_off() -> None:
     [
         (b"", "it has 0 rows, its header promises 3"),
         (bytes(2 * 7), "it has 2 rows, its header promises 3"),
+        (bytes(4 * 7), "it has more rows than the 3 that its header promises"),
         (bytes(7) + b"\x05" + bytes(13), "row 2 is packed in a way that PNG does not have"),
     ],
 )
@@ -63,4 +65,9 @@ def test_rows_that_are_missing_or_wrong_are_named(rows: bytes, says: str) -> Non
 
 
 def test_only_as_much_is_unpacked_as_the_image_needs() -> None:
-    assert png_damage(packed(2, 3, bytes(500_000_000))) is None
+    content = packed(2, 3, bytes(500_000_000))
+    tracemalloc.start()
+    assert png_damage(content) == "it has more rows than the 3 that its header promises"
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 3 * len(content)
