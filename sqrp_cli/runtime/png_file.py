@@ -13,6 +13,8 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _HEADER = struct.Struct(">IIBBBBB")
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """Numbers for each pixel, by the type of colour."""
+_PALETTE = 3
+"""The type of colour whose numbers are those of a palette."""
 _PIXELS = ("IHDR", "PLTE", "IDAT", "IEND")
 _DEPTHS, _FILTERS = (1, 2, 4, 8, 16), 5
 
@@ -48,6 +50,8 @@ def _check(content: bytes) -> None:
     width, height, depth, color, interlaced = _header(*chunks[0])
     if chunks[-1][0] != "IEND":
         raise _DamagedError("it ends without the chunk `IEND`")
+    if color == _PALETTE and all(kind != "PLTE" for kind, _ in chunks):
+        raise _DamagedError("its colours are numbers of a palette (`PLTE`), which it does not have")
     row = 1 + (width * _CHANNELS[color] * depth + 7) // 8
     data = _inflated(b"".join(data for kind, data in chunks if kind == "IDAT"), row * height + 1)
     if interlaced:

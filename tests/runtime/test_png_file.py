@@ -71,3 +71,10 @@ def test_only_as_much_is_unpacked_as_the_image_needs() -> None:
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 3 * len(content)
+
+
+def test_colours_of_a_palette_that_is_missing_are_refused() -> None:
+    header = struct.pack(">IIBBBBB", 2, 3, 8, 3, 0, 0, 0)
+    rows = zlib.compress(bytes(3 * 3))
+    content = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+    assert png_damage(content) == "its colours are numbers of a palette (`PLTE`), which it does not have"
