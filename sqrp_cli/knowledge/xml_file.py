@@ -14,6 +14,9 @@ from sqrp_cli.knowledge.bounds import LARGEST
 from sqrp_cli.knowledge.input_file import read_input
 from sqrp_cli.knowledge.source import excerpt
 
+LONGEST_TAG = 60
+"""Letters of a tag that messages show."""
+
 MAX_BYTES = 10_000_000
 """Largest XML file that is read."""
 MAX_DEPTH = 64
@@ -98,7 +101,12 @@ class Element:
 
     def __str__(self) -> str:
         key = next((key for key in ("name", "id") if self.attributes.get(key)), None)
-        return f'<{self.tag} {key}="{self.attributes[key]}">' if key else f"<{self.tag}>"
+        return f'<{self.shown_tag} {key}="{self.attributes[key]}">' if key else f"<{self.shown_tag}>"
+
+    @property
+    def shown_tag(self) -> str:
+        """The tag, or its beginning: a damaged file may have one of a million letters."""
+        return self.tag if len(self.tag) <= LONGEST_TAG else f"{self.tag[:LONGEST_TAG]}..."
 
 
 def read_xml(path: Path, root_tag: str) -> Element:
@@ -155,7 +163,7 @@ def parse_xml(path: Path, content: bytes, root_tag: str, texts: frozenset[str] =
         if error.code != _TAG_MISMATCH or not open_elements:
             return expat.ErrorString(error.code)
         element = open_elements[-1]
-        shown = element if recognised else f"<{element.tag}>"
+        shown = element if recognised else f"<{element.shown_tag}>"
         return f"{shown} of line {element.place.line} is not closed before another closing tag"
 
     def refuse_entity(name: str, *_declaration: object) -> None:
@@ -180,5 +188,5 @@ def parse_xml(path: Path, content: bytes, root_tag: str, texts: frozenset[str] =
         raise InputError(Problem("xml-syntax", message, Place(path, 1), mend="save the file as UTF-8")) from error
     root = top[0]
     if root.tag != root_tag:
-        raise root.error("wrong-root", f"the file begins with <{root.tag}>, expected <{root_tag}>")
+        raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{root_tag}>")
     return root
