@@ -13,7 +13,6 @@ from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.mesh_unit import mesh_of, mesh_unit
-from sqrp_cli.knowledge.scene import Part
 from sqrp_cli.knowledge.urdf import link_parts, read_urdf
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -27,6 +26,7 @@ from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation.engine import mujoco
 from sqrp_cli.runtime.simulation.model import build_model
 from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.shapes import Part
 
 CASES = Path(__file__).parent / "cases"
 

@@ -9,6 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sqrp_cli.checks.cell import cell_warnings
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -192,7 +193,7 @@ class OpenCell:
                 advance(1)
         wanted = not any(one.feasible for one in found) if plan is None else plan
         suggested = best_suggestion(found, suggester) if wanted else ()
-        problems = (*self.findings, *session.cell.warnings, *intervals_outside(found))
+        problems = (*self.findings, *cell_warnings(session.cell), *intervals_outside(found))
         return Check(path, name, task, problems, tuple(found), suggested)
 
     def _doubts(self) -> Iterator[Problem]:
@@ -201,7 +202,7 @@ class OpenCell:
         That is no error, because a program may have left the robot elsewhere.
         """
         cell = self.cell
-        yield from cell.warnings
+        yield from cell_warnings(cell)
         contact = cell.collision.contact_in(cell.initial_world)
         if contact is not None:
             message = f"at home {contact} before anything moves, so no task can begin there"

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.checks.cell import cell_warnings
 from sqrp_cli.cli.options import (
     After,
     Images,
@@ -67,7 +68,7 @@ def command(
     cell = open_with_warnings(workspace, seed)
     choice = None if all_candidates else choose or "best"
     explanation = cell.explain(task, choice, sampling=sampling, after=after, jobs=job_count(jobs), progress=progress)
-    print_problems((*cell.cell.warnings, *intervals_outside(one.assessment for one in explanation.ranking)))
+    print_problems((*cell_warnings(cell.cell), *intervals_outside(one.assessment for one in explanation.ranking)))
     if as_json:
         say_raw(explanation.to_json())
     else:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.checks.cell import cell_warnings
 from sqrp_cli.cli.options import (
     After,
     Jobs,
@@ -77,7 +78,7 @@ def command(
     drawn = read_calibration(calibration, seed)
     cell, before = _checked_files(workspace, seed, after, program, report)
     session = cell.begin(task, sampling=sampling, calibration=drawn, after=before)
-    print_problems(session.cell.warnings)
+    print_problems(cell_warnings(session.cell))
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))
     if not assessments:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sqrp_cli.checks.cell import cell_warnings
 from sqrp_cli.cli.options import Json, WorkspacePath
 from sqrp_cli.errors import ExitCode
 
@@ -17,7 +18,7 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
     from sqrp_cli.terminal.console import print_problems, say_raw
 
     scene = OpenCell.read(workspace).scene()
-    print_problems(scene.cell.warnings)
+    print_problems(cell_warnings(scene.cell))
     if as_json:
         say_raw(scene.to_json())
     else:

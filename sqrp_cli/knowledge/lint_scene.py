@@ -13,11 +13,12 @@ from sqrp_cli.geometry import Array, box_corners, inverse, pose, transform
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.overlap import box_penetration, gap_from_above
 from sqrp_cli.knowledge.read_cell import camera_axes_as_body
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, SceneObject, Shape, Sphere
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.target_box import START
 from sqrp_cli.knowledge.urdf import WORLD
 from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Shape, Sphere
 
 MIN_OVERLAP = 1e-3
 """Depth [m] from which two objects count as being in one place."""

@@ -14,7 +14,7 @@ from xml.parsers import expat
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.bounds import LARGEST
 from sqrp_cli.knowledge.input_file import open_input
-from sqrp_cli.knowledge.scene import Mesh
+from sqrp_cli.shapes import Mesh
 
 _CHUNK = 65_536
 """Bytes of a COLLADA file that are read at once until its unit is known."""

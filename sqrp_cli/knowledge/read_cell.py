@@ -18,13 +18,14 @@ from sqrp_cli.knowledge.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.held import pose_in_tool
 from sqrp_cli.knowledge.mesh_file import check_mesh
 from sqrp_cli.knowledge.mesh_unit import mesh_of
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Part, SceneObject, Shape, Sphere, object_types
+from sqrp_cli.knowledge.scene import SceneObject, object_types
 from sqrp_cli.knowledge.source import Document, KeyPath, dotted
 from sqrp_cli.knowledge.urdf import WORLD, link_called
 from sqrp_cli.knowledge.usual_values import CALIBRATION, HAND_EYE, unusual_values
 from sqrp_cli.knowledge.workspace_file import CameraEntry, HeldEntry, ObjectEntry, PartEntry, WorkspaceFile
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 
 UNKNOWN = "unknown"
 

@@ -16,13 +16,13 @@ from sqrp_cli.knowledge.digest import ContentDigest
 from sqrp_cli.knowledge.entries import Pose
 from sqrp_cli.knowledge.read_cell import add_mesh
 from sqrp_cli.knowledge.robot import Fingers, JointLimits, Marker, Robot, StopLimits, Tool
-from sqrp_cli.knowledge.scene import Mesh, Part
 from sqrp_cli.knowledge.source import Document, KeyPath
 from sqrp_cli.knowledge.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.tool_of_boxes import TOOL_TIP, tool_of_boxes
 from sqrp_cli.knowledge.units import Dimension, Quantity, expected_quantity
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, link_called, link_parts, read_urdf
 from sqrp_cli.knowledge.workspace_file import RobotEntry, ToolEntry
+from sqrp_cli.shapes import Mesh, Part
 
 MAX_ARM_JOINTS = 20
 """Most joints that move the tool frame; with each, inverse kinematics and motion take longer."""

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from sqrp_cli.knowledge.scene import Mesh, Part
 from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.shapes import Mesh, Part
 
 
 def files_to_load(workspace: Workspace) -> Mapping[Path, str]:

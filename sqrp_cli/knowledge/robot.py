@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sqrp_cli.geometry import Array, check_poses
-from sqrp_cli.knowledge.scene import Geometry, Part
 from sqrp_cli.knowledge.urdf import UrdfModel
+from sqrp_cli.shapes import Geometry, Part
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.scene import Box
 from sqrp_cli.knowledge.urdf import LinkGeometry, UrdfJoint, UrdfLink, UrdfModel
+from sqrp_cli.shapes import Box
 
 TOOL_BODY, TOOL_TIP = "tool_body", "tool_tip"
 """The links of such a tool: its root with the boxes, and the frame that grasps."""

@@ -20,8 +20,8 @@ from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.input_file import read_input
 from sqrp_cli.knowledge.mesh_unit import mesh_of
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
 from sqrp_cli.knowledge.xml_file import MAX_BYTES, Element, parse_xml
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
 

@@ -31,8 +31,8 @@ from sqrp_cli.knowledge.entries import (
     Time,
     mapping_or_else,
 )
-from sqrp_cli.knowledge.scene import Geometry
 from sqrp_cli.knowledge.units import ANGLE, FREQUENCY, LENGTH, PIXELS, SHARE, TIME
+from sqrp_cli.shapes import Geometry
 
 PixelCount = Annotated[int, Field(strict=True, gt=0, le=100_000)]
 Incidence = Annotated[float, In(ANGLE, radians(0.1), pi)]

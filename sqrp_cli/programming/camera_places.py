@@ -8,12 +8,12 @@ import numpy as np
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import inverse, transform
-from sqrp_cli.knowledge.scene import Mesh
 from sqrp_cli.knowledge.urdf import WORLD
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.shape_overlaps import is_inside
 from sqrp_cli.programming.solids import Solid
+from sqrp_cli.shapes import Mesh
 
 
 def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Solid]) -> Iterator[Problem]:

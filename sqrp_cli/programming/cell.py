@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 
-from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.robot import Robot
-from sqrp_cli.knowledge.scene import Part
+from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.camera_places import cameras_inside
 from sqrp_cli.programming.huge_parts import check_cell_size
-from sqrp_cli.programming.mesh_sizes import doubtful_meshes
 from sqrp_cli.programming.motion.collision import CollisionScene
 from sqrp_cli.programming.motion.contact import Pairs
 from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.motion.self_contacts import SelfContacts, find_self_contacts
-from sqrp_cli.programming.part_extents import parts_outside_size
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.shape_overlaps import overlapping_shapes
 from sqrp_cli.programming.solids import load_solid
-from sqrp_cli.programming.tool_speed import unreachable_speeds
+from sqrp_cli.shapes import Part
 
 
 @dataclass(frozen=True, eq=False)
 class Cell:
     """What all candidates of a workspace share; made once.
 
-    self_contacts: which links touch by design, found by trying positions; None if an SRDF says so. warnings: findings
-    about the robot and its surroundings that need their geometry. seed: of what planning draws at random.
+    self_contacts: which links touch by design, found by trying positions; None if an SRDF says so. seed: of what
+    planning draws at random.
     """
 
     workspace: Workspace
@@ -38,7 +32,6 @@ class Cell:
     collision: CollisionScene
     observer: Observer
     self_contacts: SelfContacts | None
-    warnings: tuple[Problem, ...]
     seed: int
 
     @classmethod
@@ -58,14 +51,6 @@ class Cell:
             CollisionScene(model, objects, unchecked, workspace.padding),
             Observer(tuple(workspace.cameras.values()), solids),
             contacts,
-            (
-                *doubtful_meshes(workspace, model),
-                *parts_outside_size(workspace),
-                *overlapping_shapes(workspace),
-                *cameras_inside(workspace, model, solids),
-                *unreachable_speeds(workspace, model),
-                *_assumed(robot, contacts),
-            ),
             seed,
         )
 
@@ -114,12 +99,3 @@ def _self_contacts(workspace: Workspace, model: RobotModel, seed: int) -> SelfCo
     if key not in _found_contacts:
         _found_contacts[key] = find_self_contacts(model, seed)
     return _found_contacts[key]
-
-
-def _assumed(robot: Robot, contacts: SelfContacts | None) -> Iterator[Problem]:
-    """A warning about pairs of links that are not checked because they touch at home or always."""
-    if contacts is not None and contacts.unchecked:
-        names = ", ".join(f"{a}-{b}" for a, b in sorted(contacts.unchecked))
-        message = f"there is no SRDF, and these links touch at home or wherever the arm is: {names}; not checked"
-        mend = "state the pairs that may touch in an SRDF, `robot.srdf`"
-        yield Problem("assumed-contact", message, Place(robot.urdf), severity="warning", mend=mend)

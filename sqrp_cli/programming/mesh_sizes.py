@@ -8,10 +8,11 @@ import numpy as np
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.knowledge.mesh_unit import mesh_unit
-from sqrp_cli.knowledge.scene import Mesh, SceneObject
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.solids import Solid, load_solid
+from sqrp_cli.shapes import Mesh
 
 LARGEST, SMALLEST = 20.0, 1e-3
 """Sizes of a link's mesh, as shares of the robot's length, from which its scale is doubted."""

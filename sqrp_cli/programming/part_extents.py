@@ -8,10 +8,11 @@ import numpy as np
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Sphere
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.mesh_sizes import scale_is_doubtful
 from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Sphere
 
 ALLOWED = 1e-3
 """How far a part may reach outside the size of its object [m], as sizes are often rounded."""

@@ -10,10 +10,10 @@ import numpy as np
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.knowledge.lint_scene import MIN_OVERLAP, contains
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Sphere
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.motion.collision_body import distance_within, placement_at
 from sqrp_cli.programming.solids import Solid, load_solid
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Sphere
 
 LEAST = 1e-6
 """Size [m] that is left of a shape that is thinner than what is taken off."""

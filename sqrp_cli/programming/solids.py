@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import BOX_SIGNS, Array, read_only, transform
 from sqrp_cli.knowledge.bounds import LARGEST_LENGTH
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 SIDES = 48
 """Sides of the prisms that stand for round shapes where triangles are needed.

@@ -13,7 +13,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array
 from sqrp_cli.interrupts import interrupts_later
 from sqrp_cli.knowledge.mesh_file import check_mesh
-from sqrp_cli.knowledge.scene import Mesh
+from sqrp_cli.shapes import Mesh
 
 
 @dataclass(frozen=True, eq=False)

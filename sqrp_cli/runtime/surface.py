@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, box_corners, transform
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 _SIDES = 24
 """Corners of the polygons that stand for circles in outlines."""

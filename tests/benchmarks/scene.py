@@ -12,7 +12,6 @@ from sqrp_cli.geometry import Array, look_at, pose, transform
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.detector import Detector
 from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.scene import Box, Part
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.observer import Observer
@@ -20,6 +19,7 @@ from sqrp_cli.programming.sensing.scene import WORLD, SceneStates, fixed_frame
 from sqrp_cli.programming.sensing.sight_lines import shrink
 from sqrp_cli.programming.solids import Solid, load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
+from sqrp_cli.shapes import Box, Part
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 DETECTOR = Detector("color", "color", (0.1, 3.0), np.pi, 8.0, 1.0)

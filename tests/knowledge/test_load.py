@@ -14,10 +14,10 @@ import pytest
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.lint import lint
 from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.scene import Box
 from sqrp_cli.knowledge.settings import Reference
 from sqrp_cli.knowledge.skill import JointMove, StraightMove
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.shapes import Box
 
 Damage = Callable[[dict[str, Any]], Path]
 SHIPPED = sorted((Path(__file__).parents[2] / "workspaces").glob("*/workspace.yaml"))

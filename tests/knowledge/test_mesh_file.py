@@ -19,9 +19,9 @@ from sqrp_cli.geometry import pose
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.knowledge.mesh_file import check_mesh
 from sqrp_cli.knowledge.packages import package_roots
-from sqrp_cli.knowledge.scene import Mesh, Part
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.runtime.meshes import load_triangles
+from sqrp_cli.shapes import Mesh, Part
 from tests.knowledge.mesh_bombs import binary_stl, bombs, dae, mutated, obj, sound_meshes, text_stl
 
 BOMBS = bombs()

@@ -12,9 +12,9 @@ import pytest
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge import urdf
 from sqrp_cli.knowledge.packages import package_roots
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Sphere
 from sqrp_cli.knowledge.srdf import read_srdf
 from sqrp_cli.knowledge.urdf import link_parts, read_urdf
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 
 ARM = """<robot name="arm">
   <link name="base">

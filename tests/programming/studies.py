@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, look_at, pose
-from sqrp_cli.knowledge.scene import Cylinder, Part
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.logic.formula_time import GroundOperator
 from sqrp_cli.logic.literal import Atom, Literal
@@ -22,6 +21,7 @@ from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.stage import Stage
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.timeline import Timeline, observe
+from sqrp_cli.shapes import Cylinder, Part
 from sqrp_cli.trajectory import Trajectory
 from tests.programming.sensing.views import (
     box_part,

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.checks.cell import cell_warnings
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.load import load_workspace
 from sqrp_cli.programming.cell import Cell
@@ -19,7 +20,7 @@ CODES = {"camera-inside-robot", "camera-inside-object", "unreachable-speed"}
 
 
 def found(folder: Path) -> list[Problem]:
-    return [problem for problem in Cell.load(load_workspace(folder)).warnings if problem.code in CODES]
+    return [problem for problem in cell_warnings(Cell.load(load_workspace(folder))) if problem.code in CODES]
 
 
 @pytest.fixture

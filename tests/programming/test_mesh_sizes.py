@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.knowledge.scene import Mesh, Part
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.mesh_sizes import doubtful_meshes
+from sqrp_cli.shapes import Mesh, Part
 
 
 def written_stl(path: Path, side: float) -> Path:

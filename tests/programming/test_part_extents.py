@@ -10,9 +10,9 @@ import pytest
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.part_extents import parts_outside_size
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 from tests.programming.test_mesh_sizes import written_stl
 
 LYING = rpy_to_matrix((0.0, np.pi / 2, 0.0))

@@ -12,10 +12,11 @@ import pytest
 
 from sqrp_cli.geometry import Array, box_corners, pose, quaternion_to_matrix, transform
 from sqrp_cli.knowledge.overlap import box_penetration
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.shape_overlaps import overlapping_shapes
 from sqrp_cli.programming.solids import BOX_TRIANGLES
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 SIDE = 0.1
 """Of the cube that everything is tried against [m]."""

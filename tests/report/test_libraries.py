@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.scene import Part, Sphere
 from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.report.libraries import MOST_TRIANGLES, simplified, viewer_library
+from sqrp_cli.shapes import Part, Sphere
 
 
 def test_the_viewer_library_is_three_js_alone():

@@ -16,8 +16,8 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, cross, read_only
 from sqrp_cli.knowledge.joint_tree import JointTree, Mount
 from sqrp_cli.knowledge.robot import JointLimits, Robot
-from sqrp_cli.knowledge.scene import Part
 from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, read_urdf
+from sqrp_cli.shapes import Part
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ import coal
 import numpy as np
 
 from sqrp_cli.geometry import Array, pose, transform
-from sqrp_cli.knowledge.scene import Mesh
 from sqrp_cli.programming.solids import Solid
+from sqrp_cli.shapes import Mesh
 
 MESHES_WITHIN = 0.02
 """Motion within a stretch [m] up to which meshes themselves are asked; above it only their hulls, which is quicker."""

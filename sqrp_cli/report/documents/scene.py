@@ -10,9 +10,9 @@ import numpy as np
 
 from sqrp_cli.knowledge.camera import DistortionModel
 from sqrp_cli.knowledge.detector import DetectorKind
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 from sqrp_cli.programming.grounding import on_robot
 from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge import camera, detector, robot

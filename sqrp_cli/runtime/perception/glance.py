@@ -10,13 +10,14 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
-from sqrp_cli.knowledge.scene import Box, SceneObject
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.target_box import START, TargetBox
 from sqrp_cli.runtime.box_object import object_of
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.outlines import Silhouette, View
 from sqrp_cli.runtime.perception.sighting import CellKnowledge, Posture, Watchlist
 from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, Image, Mask, dilated, filled, find_markers
+from sqrp_cli.shapes import Box
 
 Crop = tuple[slice, slice]
 """Rows and columns of an image."""

@@ -11,13 +11,14 @@ from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.marker import MODULES, printed_side
 from sqrp_cli.knowledge.read_robot import resolve_mesh
 from sqrp_cli.knowledge.robot import Robot
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Mesh, Part, SceneObject, Shape, Sphere
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel, link_parts, read_urdf
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.runtime.colors import COLORS, Rgb
 from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation import markers
 from sqrp_cli.runtime.simulation.engine import mujoco
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 TIME_STEP = 0.002
 """Of the physics [s]."""

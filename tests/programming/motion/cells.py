@@ -12,7 +12,7 @@ from pydantic import TypeAdapter
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot import Robot
-from sqrp_cli.knowledge.scene import Box, Part, SceneObject
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill import Skill, Waypoint
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -21,6 +21,7 @@ from sqrp_cli.programming.motion.collision import CollisionScene
 from sqrp_cli.programming.motion.contact import pair
 from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
+from sqrp_cli.shapes import Box, Part
 
 VALUES = {
     "approach_yaw": 0.3, "lift": 0.1, "speed": 1.0, "elbow": "any", "shoulder": "any", "wrist": "any", "via": "direct",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
-from sqrp_cli.knowledge.scene import Box, Capsule, Cylinder, Part, SceneObject, Shape, Sphere
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision import CollisionScene
@@ -19,6 +19,7 @@ from sqrp_cli.programming.motion.contact import CLEARANCE, Contact, pair
 from sqrp_cli.programming.motion.motion_bound import MotionBound
 from sqrp_cli.programming.motion.placed_scene import RESOLUTION, PlacedScene
 from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 from sqrp_cli.trajectory import Path
 
 READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])

@@ -8,9 +8,9 @@ import coal
 import numpy as np
 
 from sqrp_cli.geometry import pose
-from sqrp_cli.knowledge.scene import Mesh, Part
 from sqrp_cli.programming.motion.collision_body import Body
 from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.shapes import Mesh, Part
 
 
 def test_a_flat_mesh_collides_as_what_it_is(tmp_path: Path) -> None:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, pose
-from sqrp_cli.knowledge.scene import Box, Part
 from sqrp_cli.programming.solids import Solid
+from sqrp_cli.shapes import Box, Part
 
 
 def solid_of(vertices: Array, triangles: NDArray[np.int64]) -> Solid:

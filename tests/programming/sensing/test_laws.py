@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.scene import Capsule, Cylinder, Part, Sphere
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming import pipeline
@@ -32,6 +31,7 @@ from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.stage import Stage
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import read_task
+from sqrp_cli.shapes import Capsule, Cylinder, Part, Sphere
 from tests.programming.sensing.views import (
     box_part,
     camera_pose_around,

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.scene import Cylinder, Part
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -26,6 +25,7 @@ from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
+from sqrp_cli.shapes import Cylinder, Part
 from tests.programming.sensing.renderer import MujocoScene, Picture
 from tests.programming.sensing.views import (
     box_part,

@@ -12,8 +12,9 @@ import numpy as np
 from sqrp_cli.geometry import Array, look_at, pose, read_only
 from sqrp_cli.knowledge.camera import Camera, DistortionModel
 from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.scene import Box, Part, SceneObject, Shape
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.shapes import Box, Part, Shape
 from tests.programming.robots import robot
 
 ROOT = Path(__file__).parents[3]

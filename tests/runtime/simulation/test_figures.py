@@ -16,7 +16,7 @@ import trimesh
 from sqrp_cli.geometry import pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.projection import Projection
-from sqrp_cli.knowledge.scene import Box, Mesh, Part, SceneObject
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.target_box import TargetBox
 from sqrp_cli.program import ProgramTarget
 from sqrp_cli.runtime.perception.figure import Figure
@@ -25,6 +25,7 @@ from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Posture, Wa
 from sqrp_cli.runtime.perception.vision import color_mask, dilated
 from sqrp_cli.runtime.perception.watcher import Watcher
 from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.shapes import Box, Mesh, Part
 from tests.runtime.simulation.detector_limits import GROUND, SCREEN, Stage, staged
 from tests.runtime.simulation.scenes import camera, thing
 

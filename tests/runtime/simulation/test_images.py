@@ -15,13 +15,14 @@ from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.knowledge.camera import Camera
 from sqrp_cli.knowledge.marker import printed_side
 from sqrp_cli.knowledge.projection import Projection
-from sqrp_cli.knowledge.scene import SceneObject, Sphere
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.runtime.simulation.model import build_model
 from sqrp_cli.runtime.simulation.physics import Physics
 from sqrp_cli.runtime.simulation.render_pool import RenderPool
 from sqrp_cli.runtime.simulation.renderer import Renderer
+from sqrp_cli.shapes import Sphere
 from tests.runtime.simulation.scenes import TABLE, camera, cell, empty, thing, workspace, world
 
 AWAY = (2.0, 0.6, 0.5)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, inverse, pose, transform
-from sqrp_cli.knowledge.scene import Mesh, SceneObject
+from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -18,6 +18,7 @@ from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
 from sqrp_cli.runtime.simulation.physics import Physics
+from sqrp_cli.shapes import Mesh
 from tests.programming.robots import REAL_ARMS, ROBOTS, robot
 from tests.runtime.simulation.scenes import TABLE, Quintic, Rest, camera, cell, thing, workspace, world
 
