@@ -17,7 +17,7 @@ from mkdocs.structure.files import File, Files
 from sqrp_cli.checks.registry import Rule, rules
 from sqrp_cli.cli.app import app
 from sqrp_cli.knowledge.file_schemas import file_schema
-from sqrp_cli.knowledge.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
+from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
 
 Schema = Mapping[str, Any]
 """A JSON Schema, or a part of one."""

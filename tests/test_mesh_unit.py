@@ -9,19 +9,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.checks.mesh_sizes import doubtful_meshes
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, read_only
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.mesh_unit import mesh_of, mesh_unit
-from sqrp_cli.knowledge.urdf import link_parts, read_urdf
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of, mesh_unit
+from sqrp_cli.knowledge.robot.urdf import link_parts, read_urdf
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.mesh_sizes import doubtful_meshes
-from sqrp_cli.programming.motion.collision_body import Body
-from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.programming.motion.collision.collision_body import Body
+from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.report.documents.scene import ShowDocument
-from sqrp_cli.report.model import STEP, model_document
+from sqrp_cli.report.pages.model import STEP, model_document
 from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation.engine import mujoco
 from sqrp_cli.runtime.simulation.model import build_model

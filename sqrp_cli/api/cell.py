@@ -15,13 +15,13 @@ from sqrp_cli.errors import InputError, Problem
 if TYPE_CHECKING:
     from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores
     from sqrp_cli.api.session import Session
-    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.logic.planner import Planner
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.coverage.robustness import Calibration
+    from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
-    from sqrp_cli.programming.robustness import Calibration
-    from sqrp_cli.programming.sampling import Sampling
-    from sqrp_cli.scoring.findings import Progress
+    from sqrp_cli.scoring.baselines.findings import Progress
 
 
 @contextmanager
@@ -65,14 +65,14 @@ class OpenCell:
     @classmethod
     def read(cls, path: Path, seed: int = 0) -> OpenCell:
         """A workspace, whatever there is to say about it. Raises InputError for one that cannot be read at all."""
-        from sqrp_cli.knowledge.load import load_workspace
+        from sqrp_cli.knowledge.workspace.load import load_workspace
 
         return cls(path, load_workspace(path), seed)
 
     @cached_property
     def findings(self) -> tuple[Problem, ...]:
         """Warnings about the workspace, and errors where nothing but `check` and `scene` can be asked."""
-        from sqrp_cli.knowledge.lint import lint
+        from sqrp_cli.checks.lint import lint
 
         return (*self.workspace.warnings, *lint(self.workspace))
 
@@ -98,7 +98,7 @@ class OpenCell:
     ) -> Session:
         """A task in the cell, before anything is computed; see `rank`."""
         from sqrp_cli.api.session import Session
-        from sqrp_cli.programming.sampling import Adaptive
+        from sqrp_cli.programming.coverage.sampling import Adaptive
 
         return Session.begin(self.cell, task, after, sampling or Adaptive(), calibration)
 
@@ -172,10 +172,10 @@ class OpenCell:
         done at once. planner: that of this package by default.
         """
         from sqrp_cli.api.results import Check
+        from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
+        from sqrp_cli.checks.outside import intervals_outside
         from sqrp_cli.logic.planner import find_plan
-        from sqrp_cli.programming.dependency_check import best_suggestion, check_candidate
         from sqrp_cli.programming.listed_tasks import impossible_tasks
-        from sqrp_cli.programming.outside import intervals_outside
         from sqrp_cli.programming.suggestion import Suggester
 
         name, path = self.workspace.name, str(self.path)
@@ -226,10 +226,10 @@ class OpenCell:
     ) -> Scores:
         """Score all tasks that the workspace lists. out: a folder in which results are kept for a later call."""
         from sqrp_cli.api.results import Scores
-        from sqrp_cli.programming.sampling import Adaptive
+        from sqrp_cli.programming.coverage.sampling import Adaptive
+        from sqrp_cli.scoring.baselines.findings import score_cells
         from sqrp_cli.scoring.cells import read_cells
-        from sqrp_cli.scoring.compute import Means, open_computer
-        from sqrp_cli.scoring.findings import score_cells
+        from sqrp_cli.scoring.work.compute import Means, open_computer
 
         means = Means(sampling or Adaptive(), jobs, None, out, self.seed)
         with open_computer(means) as computer:

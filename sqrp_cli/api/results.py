@@ -17,13 +17,13 @@ from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
 
 if TYPE_CHECKING:
     from sqrp_cli.api.session import Session
+    from sqrp_cli.checks.dependency_check import Feasibility
     from sqrp_cli.errors import Problem
-    from sqrp_cli.programming.assessment import Study
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.dependency_check import Feasibility
+    from sqrp_cli.programming.coverage.assessment import Study
     from sqrp_cli.programming.ranking import Criterion, Ranked
     from sqrp_cli.programming.suggestion import SuggestedStep
-    from sqrp_cli.scoring.findings import Findings
+    from sqrp_cli.scoring.baselines.findings import Findings
 
 AnyDocument = TypeVar("AnyDocument", bound=Document, covariant=True)
 

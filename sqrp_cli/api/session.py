@@ -7,23 +7,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.files import alone, check_writable, real_path
-from sqrp_cli.knowledge.workspace import Workspace, World
-from sqrp_cli.program import Program
-from sqrp_cli.program_check import flaws
-from sqrp_cli.program_file import check_program, load_program, new_program, save_program
-from sqrp_cli.programming.assessment import Assessment, Study, study
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.platform.files import alone, check_writable, real_path
+from sqrp_cli.program.check import flaws
+from sqrp_cli.program.file import check_program, load_program, new_program, save_program
+from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.robustness import Calibration
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.robustness import Calibration
-from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.programming.task import Task, read_task
-from sqrp_cli.programming.verdict import verdict
-from sqrp_cli.scoring.findings import Progress
+from sqrp_cli.scoring.baselines.findings import Progress
 
 
 @dataclass(frozen=True, eq=False)

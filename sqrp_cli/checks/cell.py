@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from sqrp_cli.checks.camera_places import cameras_inside
+from sqrp_cli.checks.mesh_sizes import doubtful_meshes
+from sqrp_cli.checks.part_extents import parts_outside_size
+from sqrp_cli.checks.shape_overlaps import overlapping_shapes
+from sqrp_cli.checks.tool_speed import unreachable_speeds
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.programming.camera_places import cameras_inside
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.mesh_sizes import doubtful_meshes
-from sqrp_cli.programming.part_extents import parts_outside_size
-from sqrp_cli.programming.shape_overlaps import overlapping_shapes
-from sqrp_cli.programming.tool_speed import unreachable_speeds
 
 
 def cell_warnings(cell: Cell) -> tuple[Problem, ...]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import typer
 
 from sqrp_cli import __version__
-from sqrp_cli.cli import audit, check, diff, explain, init, program, rank, rules, schema, score, show
-from sqrp_cli.cli import run as run_program
+from sqrp_cli.cli.commands import audit, check, diff, explain, init, program, rank, rules, schema, score, show
+from sqrp_cli.cli.commands import run as run_program
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.errors import ExitCode, InputError
 from sqrp_cli.shown import harmless, one_line

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sqrp_cli.knowledge.workspace import Workspace, World
-    from sqrp_cli.program import Step
+    from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+    from sqrp_cli.program.record import Step
     from sqrp_cli.programming.retry import StepReplanner
 
 

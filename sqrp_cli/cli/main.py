@@ -7,7 +7,7 @@ import sys
 from contextlib import suppress
 
 from sqrp_cli.cli.streams import ResultsLost, prepare_streams
-from sqrp_cli.memory import collect_seldom, keep_freed_memory
+from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
 
 BAD_INPUT = 2
 INTERRUPTED = 130

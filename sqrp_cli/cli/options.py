@@ -13,8 +13,8 @@ from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from sqrp_cli.api.cell import OpenCell
-    from sqrp_cli.programming.robustness import Calibration
-    from sqrp_cli.programming.sampling import Sampling
+    from sqrp_cli.programming.coverage.robustness import Calibration
+    from sqrp_cli.programming.coverage.sampling import Sampling
 
 WorkspacePath = Annotated[Path, typer.Argument(metavar="WORKSPACE", help="Folder of a workspace, or its YAML file.")]
 TaskText = Annotated[
@@ -73,8 +73,8 @@ def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
 
 def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) -> Sampling:
     """The sampling that the options ask for. Raises InputError for contradictory or senseless values."""
-    from sqrp_cli.knowledge.units import TIME, expected_quantity, read_quantity
-    from sqrp_cli.programming.sampling import Adaptive, FixedCount, FixedStep
+    from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
+    from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, FixedStep
 
     given = [
         name for name, value in (("--samples", samples), ("--dt", dt), ("--tolerance", tolerance)) if value is not None
@@ -101,8 +101,8 @@ def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) 
 
 def read_calibration(text: str | None, seed: int) -> Calibration | None:
     """The standard deviations of camera poses that `5 mm, 0.5 deg` states, either of which may be left out."""
-    from sqrp_cli.knowledge.units import ANGLE, LENGTH, read_quantity
-    from sqrp_cli.programming.robustness import Calibration
+    from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, read_quantity
+    from sqrp_cli.programming.coverage.robustness import Calibration
 
     if text is None:
         return None

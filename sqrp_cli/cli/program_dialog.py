@@ -7,18 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.api.session import ChosenStep, Session, add_steps, assess, chosen_steps
+from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
 from sqrp_cli.cli.options import job_count, open_with_warnings
 from sqrp_cli.errors import ExitCode, InputError
-from sqrp_cli.files import check_writable
-from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.program import Program
-from sqrp_cli.program_file import check_program, load_program, new_program
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.platform.files import check_writable
+from sqrp_cli.program.file import check_program, load_program, new_program
+from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.dependency_check import best_suggestion, check_candidate
+from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.possibilities import Possibility, possibilities
 from sqrp_cli.programming.ranking import Ranked, rank
-from sqrp_cli.programming.sampling import Adaptive
 from sqrp_cli.programming.suggestion import Suggester
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.terminal.check_table import print_suggested

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli import __version__
 from sqrp_cli.api.session import Session, explain
-from sqrp_cli.files import check_writable
+from sqrp_cli.platform.files import check_writable
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.pipeline import Assignment, in_processes
 from sqrp_cli.programming.ranking import Criterion, Ranked
@@ -18,20 +18,20 @@ from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.explanation import CandidateStudy
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.scene import ShowDocument
-from sqrp_cli.report.libraries import check_libraries
-from sqrp_cli.report.model import model_document
-from sqrp_cli.report.packing import packed
-from sqrp_cli.report.page import CellScene, Entry, PageContent, write_page
+from sqrp_cli.report.pages.libraries import check_libraries
+from sqrp_cli.report.pages.model import model_document
+from sqrp_cli.report.pages.packing import packed
+from sqrp_cli.report.pages.page import CellScene, Entry, PageContent, write_page
 from sqrp_cli.terminal.accuracy import accuracy
 from sqrp_cli.terminal.console import note, progress
 from sqrp_cli.terminal.rank_table import differing_parameters, summary
 
 if TYPE_CHECKING:
-    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
+    from sqrp_cli.scoring.baselines.findings import Findings
     from sqrp_cli.scoring.cells import ScoredCell
-    from sqrp_cli.scoring.compute import Means
-    from sqrp_cli.scoring.findings import Findings
     from sqrp_cli.scoring.score import TaskScore
+    from sqrp_cli.scoring.work.compute import Means
 
 
 def check_report(path: Path) -> None:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sqrp_cli.errors import ExitCode
-    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.runtime.events import Event
     from sqrp_cli.runtime.faults import InjectedFault
     from sqrp_cli.runtime.recording import Gallery
@@ -44,7 +44,7 @@ def run_once(
 
     from sqrp_cli.cli.run_page import EventRecorder, RunCell, write_run
     from sqrp_cli.cli.run_result import show_run
-    from sqrp_cli.files import check_writable
+    from sqrp_cli.platform.files import check_writable
     from sqrp_cli.runtime.faults import parse_fault
     from sqrp_cli.runtime.log import LogWriter
     from sqrp_cli.runtime.simulated_run import header

@@ -22,8 +22,8 @@ from sqrp_cli.report.documents.playback import (
     ShownInstant,
     ShownLiteral,
 )
-from sqrp_cli.report.packing import packed
-from sqrp_cli.report.page import Entry, PageContent, write_page
+from sqrp_cli.report.pages.packing import packed
+from sqrp_cli.report.pages.page import Entry, PageContent, write_page
 from sqrp_cli.runtime.events import (
     AskedBox,
     Event,
@@ -40,7 +40,7 @@ from sqrp_cli.runtime.witness import Track
 from sqrp_cli.terminal.console import note
 
 if TYPE_CHECKING:
-    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 WITNESSED = (
     "The robot and the objects move here as they really did in the simulation. The monitors do not know that: they"

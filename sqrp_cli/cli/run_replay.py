@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
     from sqrp_cli.cli.run_page import RunCell
     from sqrp_cli.errors import ExitCode
-    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.runtime.events import RunBegan
 
 
@@ -22,7 +22,7 @@ def run_replay(
     """Show a run again. program: tells where its workspace is, for a page that plays it in three dimensions."""
     from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_result import show_run
-    from sqrp_cli.files import check_not_read
+    from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.runtime.events import RunBegan, RunReported
     from sqrp_cli.runtime.log import read_log
     from sqrp_cli.terminal.console import print_problems

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.files import check_distinct, check_writable
+from sqrp_cli.platform.files import check_distinct, check_writable
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,6 @@ class Outputs:
         for path in self.paths:
             check_writable(path)
         if self.report is not None:
-            from sqrp_cli.report.libraries import check_libraries
+            from sqrp_cli.report.pages.libraries import check_libraries
 
             check_libraries()

@@ -7,21 +7,21 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sqrp_cli.checks.outside import intervals_outside
 from sqrp_cli.cli.score_outputs import Outputs
 from sqrp_cli.errors import ExitCode, InputError, Problem
-from sqrp_cli.files import check_not_read
-from sqrp_cli.memory import keep_all_so_far
-from sqrp_cli.programming.outside import intervals_outside
+from sqrp_cli.platform.files import check_not_read
+from sqrp_cli.platform.memory import keep_all_so_far
 from sqrp_cli.report.documents.document import as_text
 from sqrp_cli.report.documents.scores import ScoreDocument
-from sqrp_cli.scoring.baseline import Baseline, baseline_of, load_baseline, save_baseline
+from sqrp_cli.scoring.baselines.baseline import Baseline, baseline_of, load_baseline, save_baseline
+from sqrp_cli.scoring.baselines.findings import CoverageLookup, Findings, compare_with, score_cells
 from sqrp_cli.scoring.cells import ScoredCell, read_cells
-from sqrp_cli.scoring.compute import Computer, Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces
-from sqrp_cli.scoring.findings import CoverageLookup, Findings, compare_with, score_cells
 from sqrp_cli.scoring.junit import write_junit
 from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.summary import write_summary
+from sqrp_cli.scoring.work.compute import Computer, Means, open_computer
 from sqrp_cli.terminal.console import note, print_problems, progress, say_raw
 from sqrp_cli.terminal.score_table import print_report
 

@@ -7,17 +7,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sqrp_cli.checks.outside import intervals_outside
 from sqrp_cli.cli.score_run import nothing_scored, why_not_scored
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
-from sqrp_cli.files import check_writable, write_atomically
-from sqrp_cli.programming.outside import intervals_outside
+from sqrp_cli.platform.files import check_writable, write_atomically
 from sqrp_cli.report.documents.document import as_text
 from sqrp_cli.report.documents.scores import VaryDocument
-from sqrp_cli.scoring.compute import Means, open_computer
 from sqrp_cli.scoring.discovery import find_workspaces, short_names
 from sqrp_cli.scoring.score import wanted_of
 from sqrp_cli.scoring.sweep import Sweep, from_here, read_variants, sweep
 from sqrp_cli.scoring.variation import grid_shape, read_variation, variants
+from sqrp_cli.scoring.work.compute import Means, open_computer
 from sqrp_cli.terminal.console import note, print_problems, progress, say, say_line, say_raw
 from sqrp_cli.terminal.sweep_table import print_sweep
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sqrp_cli.knowledge.entries import Entry
-from sqrp_cli.knowledge.skill import SkillFile
-from sqrp_cli.knowledge.workspace_file import WorkspaceFile
+from sqrp_cli.knowledge.skill.skill import SkillFile
+from sqrp_cli.knowledge.text.entries import Entry
+from sqrp_cli.knowledge.workspace.workspace_file import WorkspaceFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 """What the schemas are written in."""

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.knowledge.detector import Detector
-from sqrp_cli.knowledge.robot import Robot
+from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.robot.robot import Robot
+from sqrp_cli.knowledge.robot.urdf import link_called
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import BoxSpec, TargetSpec
-from sqrp_cli.knowledge.target_box import START
-from sqrp_cli.knowledge.urdf import link_called
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.skill.skill import BoxSpec, TargetSpec
+from sqrp_cli.knowledge.skill.target_box import START
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import ground_operators, operators_outside

@@ -7,10 +7,10 @@ from itertools import chain
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.urdf import UrdfModel, read_urdf
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.robot.urdf import UrdfModel, read_urdf
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.programming.sensing.solids import load_solid
 
 LARGEST_LINK = 20.0
 """How far a link that moves may reach from its origin, and its joints from each other [m].

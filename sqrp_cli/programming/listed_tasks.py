@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import fields, replace
 
 from sqrp_cli.errors import InputError, Problem, expected_names
-from sqrp_cli.knowledge.workspace import Thresholds, Workspace
+from sqrp_cli.knowledge.workspace.workspace import Thresholds, Workspace
 from sqrp_cli.programming.task import read_task
 
 

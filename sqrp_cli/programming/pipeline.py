@@ -9,14 +9,14 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
 
-from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.programming.assessment import Assessment, study
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, study
+from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.robustness import Calibration, under_calibration_errors
-from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.verdict import verdict
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -8,18 +8,12 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
-from sqrp_cli.program import (
-    ProgramFormula,
-    ProgramPrimitive,
-    ProgramResponse,
-    ProgramTarget,
-    Step,
-)
-from sqrp_cli.programming.assessment import Assessment, Study
+from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
+from sqrp_cli.programming.coverage.assessment import Assessment, Study
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.targets import Target
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from sqrp_cli.errors import InputError, Problem, expected_names
-from sqrp_cli.programming.assessment import Assessment
+from sqrp_cli.programming.coverage.assessment import Assessment
 
 Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.program import Step
-from sqrp_cli.programming.assessment import study
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.program.record import Step
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import study
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.program_update import make_step
-from sqrp_cli.programming.sampling import Adaptive
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.verdict import verdict
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.logic.planner import (
     AlreadySatisfied,
@@ -17,14 +17,14 @@ from sqrp_cli.logic.planner import (
     find_plan,
 )
 from sqrp_cli.logic.planning_task import Step
-from sqrp_cli.programming.assessment import Assessment, study
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, study
+from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import unmet_preconditions
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.sampling import Adaptive
 from sqrp_cli.programming.task import Candidate, Task, read_task
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sqrp_cli.geometry import check_finite, check_poses
-from sqrp_cli.knowledge.detector import Detector
-from sqrp_cli.knowledge.target_box import TargetBox
+from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.literal import Atom
 
 

@@ -8,12 +8,12 @@ from itertools import combinations_with_replacement, pairwise, product
 from math import comb, prod
 
 from sqrp_cli.errors import InputError, Problem, counted, expected_names
-from sqrp_cli.knowledge import units
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.settings import MotionValue
-from sqrp_cli.knowledge.skill import Skill
-from sqrp_cli.knowledge.units import expected_quantity, read_quantity
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.skill.settings import MotionValue
+from sqrp_cli.knowledge.skill.skill import Skill
+from sqrp_cli.knowledge.text import units
+from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.domain import Parameter
 
 MAX_CANDIDATES = 100_000

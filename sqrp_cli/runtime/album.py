@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 
-from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception.sighting import Sighting
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import Step
+from sqrp_cli.program.record import Step
 from sqrp_cli.runtime.album import Look
 from sqrp_cli.runtime.expectation import Expectation, values_when_open
 from sqrp_cli.runtime.judge import Alarm, Judge

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.program import Program, Step
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Program, Step
 from sqrp_cli.runtime.expectation import Expectation, values_when_open
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.image_size import ImageSize, check_recorded, read_png

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-from sqrp_cli.knowledge.target_box import START, TargetBox
+from sqrp_cli.knowledge.skill.target_box import START, TargetBox
 from sqrp_cli.logic.literal import Atom
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import ProgramTarget
+from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.perception.sighting import Sighting
 
 

@@ -7,8 +7,8 @@ from functools import partial
 
 import numpy as np
 
-from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.program import Program, Replanner, Step
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Program, Replanner, Step
 from sqrp_cli.runtime.attempt import Attempt
 from sqrp_cli.runtime.events import Listener, Retrying, RunEnded, StepBegan
 from sqrp_cli.runtime.expectation import Expectation

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.knowledge.target_box import START, TargetBox
+from sqrp_cli.knowledge.skill.target_box import START, TargetBox
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.program import ProgramTarget, Step
+from sqrp_cli.program.record import ProgramTarget, Step
 from sqrp_cli.runtime.box_object import object_of
 from sqrp_cli.runtime.twin import Twin
 

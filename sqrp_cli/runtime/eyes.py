@@ -9,7 +9,7 @@ import heapq
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.narrator import listed
 from sqrp_cli.runtime.outcome import Unwatched

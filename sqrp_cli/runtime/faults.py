@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.errors import MOST_NAMES, InputError, Problem, expected_names, nearest
-from sqrp_cli.knowledge.units import TIME, expected_quantity, read_quantity
-from sqrp_cli.program import ProgramPrimitive, Step
-from sqrp_cli.program_check import SAME_TIME
+from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
+from sqrp_cli.program.check import SAME_TIME
+from sqrp_cli.program.record import ProgramPrimitive, Step
 
 FaultKind = Literal["slip", "miss-pick", "camera-loss", "frozen", "latency", "perception-crash"]
 

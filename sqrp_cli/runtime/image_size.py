@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.input_file import read_input
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.text.input_file import read_input
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 MOST_SIMULATED = 16_000_000
 """Most pixels of an image that is simulated; each drawing process needs some 100 bytes for each of them."""

@@ -15,7 +15,7 @@ from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import ProgramFormula, ProgramResponse
+from sqrp_cli.program.record import ProgramFormula, ProgramResponse
 from sqrp_cli.runtime.expectation import Expectation
 
 PATIENCE = 0.3

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.album import Album, Exposure, Look, Moment
 from sqrp_cli.runtime.attempt import Attempt

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array
-from sqrp_cli.interrupts import interrupts_later
-from sqrp_cli.knowledge.mesh_file import check_mesh
+from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
+from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.shapes import Mesh
 
 

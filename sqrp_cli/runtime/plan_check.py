@@ -8,7 +8,7 @@ from sqrp_cli.logic.evaluation import Sample, Trace, evaluate
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import Program
+from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.expectation import Expectation
 from sqrp_cli.runtime.judge import read_formula
 from sqrp_cli.runtime.twin import Twin

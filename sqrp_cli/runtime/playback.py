@@ -7,8 +7,8 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.robot import JointLimits, StopLimits
-from sqrp_cli.program import ProgramPrimitive
+from sqrp_cli.knowledge.robot.robot import JointLimits, StopLimits
+from sqrp_cli.program.record import ProgramPrimitive
 from sqrp_cli.runtime.stop import Stop, slowing
 from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
 

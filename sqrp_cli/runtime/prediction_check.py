@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import Step
+from sqrp_cli.program.record import Step
 from sqrp_cli.runtime.expectation import Expectation
 from sqrp_cli.runtime.outcome import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.perception.sighting import Sighting

@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.files import make_folder, naming
-from sqrp_cli.knowledge.input_file import read_text
-from sqrp_cli.knowledge.source import describe
-from sqrp_cli.paths_as_text import is_utf8
+from sqrp_cli.knowledge.text.input_file import read_text
+from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.platform.files import make_folder, naming
+from sqrp_cli.platform.paths_as_text import is_utf8
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.sighting import Evidence, Sighting
 from sqrp_cli.runtime.perception.vision import Image, Video, drawn, png_of, resized

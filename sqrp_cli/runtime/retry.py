@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import Replanner, Step
+from sqrp_cli.program.record import Replanner, Step
 from sqrp_cli.runtime.attempt import Attempt
 from sqrp_cli.runtime.events import MovingOn
 from sqrp_cli.runtime.fault_ledger import FaultLedger

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.program import Program, ProgramPrimitive, Replanner
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner
 from sqrp_cli.runtime.events import VERSION, Listener, ProgramStep, RunBegan
 from sqrp_cli.runtime.execution import Execution
 from sqrp_cli.runtime.faults import InjectedFault

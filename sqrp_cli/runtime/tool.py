@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqrp_cli.knowledge.robot import Fingers
+from sqrp_cli.knowledge.robot.robot import Fingers
 from sqrp_cli.runtime.playback import Playback
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.joint_tree import JointTree
-from sqrp_cli.knowledge.packages import resolve
-from sqrp_cli.knowledge.robot import Fingers, Robot
-from sqrp_cli.knowledge.urdf import UrdfModel, link_parts, read_urdf
+from sqrp_cli.knowledge.robot.joint_tree import JointTree
+from sqrp_cli.knowledge.robot.robot import Fingers, Robot
+from sqrp_cli.knowledge.robot.urdf import UrdfModel, link_parts, read_urdf
+from sqrp_cli.knowledge.text.packages import resolve
 from sqrp_cli.runtime.surface import Surface
 
 OPEN_SHARE = 0.25

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, matrix_to_quaternion
-from sqrp_cli.knowledge.target_box import START, TargetBox
-from sqrp_cli.program import Step
+from sqrp_cli.knowledge.skill.target_box import START, TargetBox
+from sqrp_cli.program.record import Step
 from sqrp_cli.runtime.events import AskedBox, Event, State, WholeState
 from sqrp_cli.runtime.narrator import Narrator
 from sqrp_cli.runtime.simulation.cell import SimulatedCell

@@ -6,13 +6,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.lint import lint
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.workspace import Thresholds, Workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Thresholds, Workspace
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.scoring.discovery import short_names
-from sqrp_cli.scoring.identity import content_digest
+from sqrp_cli.scoring.work.identity import content_digest
 
 
 @dataclass(frozen=True, eq=False)

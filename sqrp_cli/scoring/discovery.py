@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.load import WORKSPACE_FILE, workspace_file
-from sqrp_cli.paths_as_text import shown_name
+from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE, workspace_file
+from sqrp_cli.platform.paths_as_text import shown_name
 
 
 def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:

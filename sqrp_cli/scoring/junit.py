@@ -7,8 +7,8 @@ from itertools import groupby
 from pathlib import Path
 from xml.etree import ElementTree as Xml
 
-from sqrp_cli.files import write_atomically
-from sqrp_cli.scoring.findings import Findings, Result
+from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.scoring.baselines.findings import Findings, Result
 from sqrp_cli.shown import one_line
 
 

@@ -10,8 +10,8 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.programming.ranking import Ranked, rank
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.cells import ScoredCell, ScoredTask
-from sqrp_cli.scoring.compute import Computer, Wanted
 from sqrp_cli.scoring.thresholds import shortcomings
+from sqrp_cli.scoring.work.compute import Computer, Wanted
 
 Status = Literal["passed", "failed", "error"]
 

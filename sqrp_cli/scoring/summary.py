@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from sqrp_cli.files import write_atomically
-from sqrp_cli.scoring.findings import Findings, Result, listed
+from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.scoring.baselines.findings import Findings, Result, listed
 from sqrp_cli.shown import one_line
 
 

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.edit import edited
-from sqrp_cli.knowledge.load import read_workspace_document
-from sqrp_cli.knowledge.source import Document
+from sqrp_cli.knowledge.text.edit import edited
+from sqrp_cli.knowledge.text.source import Document
+from sqrp_cli.knowledge.workspace.load import read_workspace_document
+from sqrp_cli.scoring.baselines.findings import Findings, Progress, score_cells
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
-from sqrp_cli.scoring.compute import Computer
-from sqrp_cli.scoring.findings import Findings, Progress, score_cells
 from sqrp_cli.scoring.margin import middle_of_draws, middle_of_grid
 from sqrp_cli.scoring.variation import Values, shares
+from sqrp_cli.scoring.work.compute import Computer
 
 AS_IT_IS: Values = ()
 """The values of the workspace as its file has it."""

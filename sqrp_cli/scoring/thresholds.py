@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sqrp_cli.knowledge.workspace import Thresholds
-from sqrp_cli.programming.assessment import Assessment
-from sqrp_cli.programming.verdict import HELP
+from sqrp_cli.knowledge.workspace.workspace import Thresholds
+from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.verdict import HELP
 
 
 def shortcomings(best: Assessment | None, thresholds: Thresholds, why_none: str) -> tuple[str, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 
 _GRIPPER_JOINT = re.compile(r"finger|grip|jaw|claw|knuckle|thumb", re.IGNORECASE)
 """Names of joints that move a gripper and not the arm."""

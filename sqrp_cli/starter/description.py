@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.input_file import missing_file
-from sqrp_cli.knowledge.packages import package_roots, resolve
-from sqrp_cli.knowledge.srdf import read_srdf
-from sqrp_cli.knowledge.urdf import MeshReference, UrdfModel, read_urdf
-from sqrp_cli.knowledge.xml_file import read_xml
+from sqrp_cli.knowledge.robot.srdf import read_srdf
+from sqrp_cli.knowledge.robot.urdf import MeshReference, UrdfModel, read_urdf
+from sqrp_cli.knowledge.text.input_file import missing_file
+from sqrp_cli.knowledge.text.packages import package_roots, resolve
+from sqrp_cli.knowledge.text.xml_file import read_xml
 
 _SRDF_FOLDERS = (".", "srdf", "config", "../srdf", "../config")
 """Where the SRDF of a URDF is looked for, relative to its folder."""

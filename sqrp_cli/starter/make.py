@@ -7,11 +7,11 @@ import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.files import naming, no_folder
-from sqrp_cli.knowledge.lint import lint
-from sqrp_cli.knowledge.load import WORKSPACE_FILE, load_workspace
-from sqrp_cli.knowledge.urdf import UrdfJoint
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint
+from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE, load_workspace
+from sqrp_cli.platform.files import naming, no_folder
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.starter import search
 from sqrp_cli.starter.arm_guess import guess_arm

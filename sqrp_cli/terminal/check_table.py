@@ -5,8 +5,8 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 
+from sqrp_cli.checks.dependency_check import Feasibility
 from sqrp_cli.errors import Problem
-from sqrp_cli.programming.dependency_check import Feasibility
 from sqrp_cli.programming.suggestion import SuggestedStep, Suggestion
 from sqrp_cli.terminal.console import Column, Share, plain, print_table, say, say_command
 

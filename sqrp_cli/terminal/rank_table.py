@@ -6,13 +6,13 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from sqrp_cli.program import FaultMetrics
-from sqrp_cli.programming.assessment import Assessment
+from sqrp_cli.program.record import FaultMetrics
+from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.robustness import DRAWS
+from sqrp_cli.programming.coverage.verdict import NOTHING_MISSING
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
-from sqrp_cli.programming.robustness import DRAWS
 from sqrp_cli.programming.task import Candidate, in_words
-from sqrp_cli.programming.verdict import NOTHING_MISSING
 from sqrp_cli.report.documents.candidates import percentiles
 from sqrp_cli.terminal.accuracy import accuracy
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import Program
+from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.events import (
     Event,
     EvidenceSeen,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqrp_cli.scoring.findings import Findings, Result, listed
+from sqrp_cli.scoring.baselines.findings import Findings, Result, listed
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say
 
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}

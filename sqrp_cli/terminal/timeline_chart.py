@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.programming.assessment import Assessment, Study
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.explanation import CauseTotal, cause_totals, first_failures
+from sqrp_cli.programming.coverage.assessment import Assessment, Study
+from sqrp_cli.programming.coverage.explanation import CauseTotal, cause_totals, first_failures
+from sqrp_cli.programming.coverage.robustness import without_each_camera
+from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.robustness import without_each_camera
-from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.terminal.accuracy import accuracy
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width

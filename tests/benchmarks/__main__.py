@@ -8,7 +8,7 @@ import platform
 from importlib.metadata import version
 from textwrap import fill
 
-from sqrp_cli.memory import keep_freed_memory
+from sqrp_cli.platform.memory import keep_freed_memory
 
 PARTS = ("rank", "coverage", "growth", "candidates", "planning")
 

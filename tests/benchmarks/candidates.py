@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.programming.assessment import Study, study
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study, study
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.sampling import Adaptive
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.verdict import verdict
 from tests.benchmarks.scene import TABLETOP
 from tests.benchmarks.table import print_table
 

@@ -9,15 +9,15 @@ import coal
 import numpy as np
 
 from sqrp_cli.geometry import Array, look_at, pose, transform
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.detector import Detector
-from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene import WORLD, SceneStates, fixed_frame
 from sqrp_cli.programming.sensing.sight_lines import shrink
-from sqrp_cli.programming.solids import Solid, load_solids
+from sqrp_cli.programming.sensing.solids import Solid, load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.shapes import Box, Part
 

@@ -17,7 +17,9 @@ from tests.benchmarks.table import milliseconds, print_table
 
 TASK = "pickup green"
 SQRP = Path(sys.executable).with_name("sqrp")
-IMPORTS = "import sqrp_cli.cli.main, sqrp_cli.api.session, sqrp_cli.terminal.rank_table, sqrp_cli.knowledge.load"
+IMPORTS = (
+    "import sqrp_cli.cli.main, sqrp_cli.api.session, sqrp_cli.terminal.rank_table, sqrp_cli.knowledge.workspace.load"
+)
 
 _STAGES = f"""
 import time
@@ -83,16 +85,17 @@ def print_stages(imports: float) -> None:
     clock = _Clock()
     clock.times["imports (without the interpreter)"] = imports
     from sqrp_cli.api.session import Session
-    from sqrp_cli.knowledge.digest import ContentDigest
-    from sqrp_cli.knowledge.load import load_workspace
-    from sqrp_cli.programming import assessment, feasibility, timeline
+    from sqrp_cli.knowledge.text.digest import ContentDigest
+    from sqrp_cli.knowledge.workspace.load import load_workspace
+    from sqrp_cli.programming import feasibility
     from sqrp_cli.programming.arm.kinematics import RobotModel
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.coverage import assessment, timeline
+    from sqrp_cli.programming.coverage.sampling import Adaptive
     from sqrp_cli.programming.pipeline import Assignment
     from sqrp_cli.programming.ranking import rank
-    from sqrp_cli.programming.sampling import Adaptive
     from sqrp_cli.programming.sensing import observer
-    from sqrp_cli.programming.solids import load_solids
+    from sqrp_cli.programming.sensing.solids import load_solids
     from sqrp_cli.programming.task import read_task
     from sqrp_cli.terminal.rank_table import print_ranking
 

@@ -14,9 +14,9 @@ import pytest
 import yaml
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.program_file import check_program, load_program
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.file import check_program, load_program
 
 CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "bad_programs.yaml").read_text(encoding="utf-8"))
 

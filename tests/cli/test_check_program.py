@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.program_file import load_program
+from sqrp_cli.program.file import load_program
 
 
 @pytest.fixture

@@ -351,7 +351,7 @@ def test_ctrl_c_while_files_are_read_is_told_in_one_line(sqrp, watch, monkeypatc
     def interrupted(*_, **__):
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("sqrp_cli.knowledge.load.read_document", interrupted)
+    monkeypatch.setattr("sqrp_cli.knowledge.workspace.load.read_document", interrupted)
     more = {"rank": ["watch seen"], "explain": ["watch seen"], "diff": [watch]}.get(command, [])
     outcome = sqrp(command, watch, *more)
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")
@@ -393,7 +393,7 @@ def test_an_internal_error_is_one_line_and_exit_70(sqrp, watch, monkeypatch):
     def broken(*_):
         raise RuntimeError("the moon\nis in the way")
 
-    monkeypatch.setattr("sqrp_cli.cli.rank.open_with_warnings", broken)
+    monkeypatch.setattr("sqrp_cli.cli.commands.rank.open_with_warnings", broken)
     outcome = sqrp("rank", watch, "watch seen", "--json")
     assert (outcome.code, outcome.out) == (70, "")
     assert len(outcome.err.splitlines()) == 1

@@ -15,9 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.source import KeyPath, dotted, read_document
-from sqrp_cli.knowledge.units import read_quantity
+from sqrp_cli.knowledge.text.source import KeyPath, dotted, read_document
+from sqrp_cli.knowledge.text.units import read_quantity
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from tests.damage.cell import whole_cell
 
 SKILL = "skills/pickup/skill.yaml"

@@ -22,7 +22,7 @@ from rich.console import Console
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program_file import load_program, save_program
+from sqrp_cli.program.file import load_program, save_program
 from sqrp_cli.report.documents.document import as_text
 from sqrp_cli.runtime.events import VERSION, EvidenceSeen, FaultHappened, PrimitiveBegan, RunBegan, ShownAtom
 from sqrp_cli.runtime.log import LogWriter, read_log

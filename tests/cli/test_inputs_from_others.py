@@ -16,8 +16,8 @@ from typing import Any
 
 import pytest
 
-from sqrp_cli.knowledge.json_file import json_document, json_name
-from sqrp_cli.scoring import baseline as baseline_file
+from sqrp_cli.knowledge.text.json_file import json_document, json_name
+from sqrp_cli.scoring.baselines import baseline as baseline_file
 
 HUGE = 3 << 30
 DEEP = "[" * 100_000

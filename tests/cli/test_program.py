@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from sqrp_cli.api import session
-from sqrp_cli.program_file import load_program
+from sqrp_cli.program.file import load_program
 
 Document = dict[str, Any]
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.cli import program_dialog
-from sqrp_cli.program_file import load_program
+from sqrp_cli.program.file import load_program
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sqrp_cli.program_file import load_program, save_program
+from sqrp_cli.program.file import load_program, save_program
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +172,7 @@ def test_the_steps_of_a_listing_are_those_of_the_file(sqrp, program):
 
 def test_a_program_that_could_not_be_read_again_is_not_written(sqrp, watch, program, monkeypatch):
     before = program.read_bytes()
-    monkeypatch.setattr("sqrp_cli.program_file.MAX_BYTES", len(before))
+    monkeypatch.setattr("sqrp_cli.program.file.MAX_BYTES", len(before))
     outcome = sqrp("rank", watch, "watch seen", "--program", program)
     assert outcome.code == 2
     assert "3 steps" in outcome.err

@@ -9,8 +9,8 @@ import re
 import numpy as np
 import pytest
 
-from sqrp_cli.report.packing import packed
-from sqrp_cli.report.page import CellScene, Entry, PageContent, page
+from sqrp_cli.report.pages.packing import packed
+from sqrp_cli.report.pages.page import CellScene, Entry, PageContent, page
 from tests.cli.browser import Opened, click_at_random
 from tests.cli.hostile import hostile_cell
 
@@ -479,17 +479,17 @@ def test_a_cell_with_hostile_files_has_pages_that_work(browser, sqrp, watch, tmp
 def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     """Of the cell `watch`: the documents of its candidates, those with their motion, the scene and the model."""
     from sqrp_cli.api.session import Session, explain
-    from sqrp_cli.knowledge.load import load_workspace
+    from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.coverage.sampling import Adaptive
     from sqrp_cli.programming.pipeline import assess_all
     from sqrp_cli.programming.ranking import rank
-    from sqrp_cli.programming.sampling import Adaptive
     from sqrp_cli.report.documents.candidates import CandidateFigures
     from sqrp_cli.report.documents.explanation import CandidateStudy
     from sqrp_cli.report.documents.playback import PlayedCandidate
     from sqrp_cli.report.documents.scene import ShowDocument
-    from sqrp_cli.report.model import model_document
-    from sqrp_cli.report.packing import tidy
+    from sqrp_cli.report.pages.model import model_document
+    from sqrp_cli.report.pages.packing import tidy
 
     session = Session.begin(Cell.load(load_workspace(watch)), "watch green", None, Adaptive())
     assessments = list(assess_all(session.assignment, session.task.candidates, 1))

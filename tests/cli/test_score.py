@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from sqrp_cli.files import os as files_os
+from sqrp_cli.platform.files import os as files_os
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.terminal.sweep_table import column_titles
 
@@ -309,7 +309,7 @@ def test_a_full_disk_ends_with_a_message(sqrp, own_watch, tmp_path, monkeypatch)
 
 def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     program = (
-        "import sys; from pathlib import Path; from sqrp_cli.scoring.results_folder import Results\n"
+        "import sys; from pathlib import Path; from sqrp_cli.scoring.work.results_folder import Results\n"
         "results = Results(Path(sys.argv[1])); print('ready', flush=True); sys.stdin.read()"
     )
     arguments = [sys.executable, "-c", program, str(tmp_path / "results")]
@@ -335,7 +335,7 @@ def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     ],
 )
 def test_what_cannot_be_used_is_refused(sqrp, own_watch, arguments, words, monkeypatch):
-    from sqrp_cli.scoring import dask_client
+    from sqrp_cli.scoring.work import dask_client
 
     monkeypatch.setattr(dask_client, "CONNECT_TIMEOUT", 0.2)
     outcome = sqrp("score", *([own_watch] if arguments[0].startswith("--") else []), *arguments)
@@ -605,7 +605,7 @@ def test_where_nothing_can_be_scored_the_files_for_ci_are_written_nevertheless(s
 
 @pytest.mark.parametrize("command", ["score", "diff"])
 def test_where_no_candidate_can_be_computed_nothing_is_printed(sqrp, watch, own_watch, monkeypatch, command):
-    monkeypatch.setattr("sqrp_cli.programming.assessment.MAX_SAMPLES", 1)
+    monkeypatch.setattr("sqrp_cli.programming.coverage.assessment.MAX_SAMPLES", 1)
     edit(own_watch, "far: 4 m", "far: 3.9 m")
     outcome = sqrp(command, watch, own_watch, "--samples", 10)
     assert (outcome.code, outcome.out) == (2, "")

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from sqrp_cli.paths_as_text import shown_name
+from sqrp_cli.platform.paths_as_text import shown_name
 
 SQRP = [sys.executable, "-m", "sqrp_cli"]
 LOST = "error: the output cannot be written: No space left on device\n"
@@ -133,7 +133,7 @@ def test_no_error_of_the_system_looks_like_an_answer_or_an_interruption(
     def broken(_: object) -> None:
         raise error
 
-    monkeypatch.setattr("sqrp_cli.knowledge.load.load_workspace", broken)
+    monkeypatch.setattr("sqrp_cli.knowledge.workspace.load.load_workspace", broken)
     outcome = sqrp("show", watch)
     assert (outcome.code, outcome.out) == (code, "")
     assert words in outcome.err

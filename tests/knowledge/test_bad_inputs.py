@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
 
 CELL = Path(__file__).parents[1] / "cases" / "cell"
 CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "bad_inputs.yaml").read_text(encoding="utf-8"))

@@ -13,13 +13,14 @@ import pytest
 from pydantic import BaseModel, PlainValidator
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge import skill, workspace_file
-from sqrp_cli.knowledge.entries import CameraPose, Entry, Pose
-from sqrp_cli.knowledge.settings import Kind
-from sqrp_cli.knowledge.skill import SkillFile
-from sqrp_cli.knowledge.source import Document, KeyPath, dotted, read_document
-from sqrp_cli.knowledge.validation import validate
-from sqrp_cli.knowledge.workspace_file import WorkspaceFile
+from sqrp_cli.knowledge.skill import skill
+from sqrp_cli.knowledge.skill.settings import Kind
+from sqrp_cli.knowledge.skill.skill import SkillFile
+from sqrp_cli.knowledge.text.entries import CameraPose, Entry, Pose
+from sqrp_cli.knowledge.text.source import Document, KeyPath, dotted, read_document
+from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.workspace import workspace_file
+from sqrp_cli.knowledge.workspace.workspace_file import WorkspaceFile
 
 CASES = Path(__file__).parents[1] / "cases" / "every_field"
 FILES: dict[str, type[BaseModel]] = {"workspace.yaml": WorkspaceFile, "skill.yaml": SkillFile}

@@ -11,7 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from sqrp_cli.knowledge.file_schemas import FILES, file_schema
-from sqrp_cli.knowledge.source import read_document
+from sqrp_cli.knowledge.text.source import read_document
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = sorted([*ROOT.glob("workspaces/*/workspace.yaml"), *ROOT.glob("skills/*/skill.yaml")])

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.mesh_file import check_mesh
-from sqrp_cli.knowledge.urdf import read_urdf
+from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
+from sqrp_cli.knowledge.robot.urdf import read_urdf
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from tests.knowledge.mesh_bombs import dae
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.runtime.twin import Twin
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"

@@ -8,19 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, look_at, pose
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import GroundOperator
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.stage import Stage
+from sqrp_cli.programming.coverage.timeline import Timeline, observe
 from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
-from sqrp_cli.programming.sampling import Sampling
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.solids import load_solids
-from sqrp_cli.programming.stage import Stage
+from sqrp_cli.programming.sensing.solids import load_solids
 from sqrp_cli.programming.targets import Target
-from sqrp_cli.programming.timeline import Timeline, observe
 from sqrp_cli.shapes import Cylinder, Part
 from sqrp_cli.trajectory import Trajectory
 from tests.programming.sensing.views import (

@@ -17,16 +17,16 @@ import pytest
 import yaml
 
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
-from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.sampling import FixedCount
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion import plan_motion
-from sqrp_cli.programming.motion.contact import CLEARANCE, pair
+from sqrp_cli.programming.motion.collision.contact import CLEARANCE, pair
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import phase_samples
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.sampling import FixedCount
 from sqrp_cli.programming.task import read_task
 
 SKILL = Path(__file__).parents[2] / "skills" / "pickup"

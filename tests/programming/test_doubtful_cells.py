@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from sqrp_cli.checks.cell import cell_warnings
+from sqrp_cli.checks.tool_speed import fastest_tool
 from sqrp_cli.errors import Problem
-from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.tool_speed import fastest_tool
 
 CELL = Path(__file__).parents[1] / "cases" / "cell"
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"

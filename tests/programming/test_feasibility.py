@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion, unmet_preconditions
 from sqrp_cli.programming.infeasible import Infeasible

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.listed_tasks import impossible_tasks
 
 FILE = Path(__file__).parents[2] / "workspaces" / "tabletop" / "workspace.yaml"

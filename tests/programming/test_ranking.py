@@ -5,10 +5,10 @@ import dataclasses
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.program import FaultMetrics
-from sqrp_cli.programming.assessment import Assessment
-from sqrp_cli.programming.quality import Qualities
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.program.record import FaultMetrics
+from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.ranking import CRITERIA, criterion_figure, rank, winners
 from sqrp_cli.programming.task import Candidate, read_task
 from tests.programming.conftest import TABLETOP

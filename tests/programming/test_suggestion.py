@@ -4,13 +4,13 @@ import re
 
 import pytest
 
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.programming.assessment import Study, study
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study, study
+from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.program_update import world_after
-from sqrp_cli.programming.sampling import Adaptive
 from sqrp_cli.programming.suggestion import Suggester
 from sqrp_cli.programming.task import Candidate, read_task
 from tests.programming.conftest import TABLETOP

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.task import read_task
 
 ROOT = Path(__file__).parents[2]

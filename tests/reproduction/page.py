@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from sqrp_cli.cli.main import run
-from sqrp_cli.files import write_atomically
+from sqrp_cli.platform.files import write_atomically
 
 WIDTH, HEIGHT, MARGIN = 800, 120, 40
 """Of a time line [pixels]."""

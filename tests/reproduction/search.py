@@ -14,10 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.programming.assessment import Study, study
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sampling import FixedCount, FixedStep, Sampling
+from sqrp_cli.programming.coverage.assessment import Study, study
+from sqrp_cli.programming.coverage.sampling import FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.task import read_task
 from tests.reproduction import screws, simulation
 from tests.reproduction.layout_search import Sight, Watched, anneal, nudged, off, random_camera, total

@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.programming.assessment import Study, study
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.quality import Qualities
-from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.programming.coverage.assessment import Study, study
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.timeline import observe
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.timeline import observe
 
 
 @dataclass(frozen=True)

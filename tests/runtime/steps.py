@@ -4,15 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sqrp_cli.knowledge.target_box import TargetBox
-from sqrp_cli.knowledge.workspace import World
-from sqrp_cli.program import (
-    ProgramFormula,
-    ProgramPrimitive,
-    ProgramResponse,
-    ProgramTarget,
-    Step,
-)
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
 from sqrp_cli.trajectory import Trajectory
 
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import ProgramTarget
+from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.evidence import fuse
 from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Sighting
 from tests.runtime.steps import box

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.eyes import Eyes
 from sqrp_cli.runtime.frame import Frame

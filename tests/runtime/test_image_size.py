@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.image_size import ImageSize, check_recorded, check_simulated, read_png
 from sqrp_cli.runtime.perception.vision import decoded
 

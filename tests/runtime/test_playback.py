@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sqrp_cli.knowledge.robot import JointLimits, StopLimits
-from sqrp_cli.program import ProgramPrimitive
+from sqrp_cli.knowledge.robot.robot import JointLimits, StopLimits
+from sqrp_cli.program.record import ProgramPrimitive
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.playback import Playback
 

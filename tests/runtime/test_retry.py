@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from sqrp_cli.knowledge.robot import JointLimits, StopLimits
+from sqrp_cli.knowledge.robot.robot import JointLimits, StopLimits
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import ProgramResponse
+from sqrp_cli.program.record import ProgramResponse
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.attempt import Attempt
 from sqrp_cli.runtime.events import MovingOn

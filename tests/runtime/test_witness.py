@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
-from sqrp_cli.program import ProgramTarget
+from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.events import Event, PrimitiveBegan
 from sqrp_cli.runtime.narrator import Narrator
 from sqrp_cli.runtime.witness import Track, Witness, asked_boxes

@@ -16,15 +16,15 @@ def test_a_scheduler_reads_tasks_without_loading_the_program():
 import pickle, sys
 from sqrp_cli.scoring.cluster_tasks import run_packed
 pickle.loads(pickle.dumps(run_packed))
-print(*({"numpy", "coal", "pinocchio", "sqrp_cli.scoring.job"} & set(sys.modules)))
+print(*({"numpy", "coal", "pinocchio", "sqrp_cli.scoring.work.job"} & set(sys.modules)))
 """
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "\n"
 
 
 def test_workers_load_the_program_before_there_are_jobs(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    from sqrp_cli.scoring import shipping
-    from sqrp_cli.scoring.dask_client import connected
+    from sqrp_cli.scoring.work import shipping
+    from sqrp_cli.scoring.work.dask_client import connected
 
     prepared = threading.Event()
     monkeypatch.setattr(shipping, "prepare", prepared.set)
@@ -40,7 +40,7 @@ def test_workers_load_the_program_before_there_are_jobs(tmp_path, monkeypatch):
 
 def test_it_is_told_when_all_workers_are_gone(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    from sqrp_cli.scoring import dask_client, shipping
+    from sqrp_cli.scoring.work import dask_client, shipping
 
     monkeypatch.setattr(shipping, "prepare", lambda: None)
     monkeypatch.setattr(dask_client, "LOOKS", 0.05)
@@ -64,7 +64,7 @@ def test_it_is_told_when_all_workers_are_gone(tmp_path, monkeypatch):
 @pytest.mark.parametrize("port", ["0", "-1", "65536", "9223372036854775808", "9" * 400])
 def test_a_port_that_no_machine_has_is_refused(port):
     pytest.importorskip("distributed")
-    from sqrp_cli.scoring.dask_client import connected
+    from sqrp_cli.scoring.work.dask_client import connected
 
     with pytest.raises(InputError, match="no Dask scheduler answers at"), connected(f"tcp://127.0.0.1:{port}", print):
         pass

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.formula_time import union_length
-from sqrp_cli.programming.assessment import study
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage import coverage_of, difference, intersection
-from sqrp_cli.programming.quality import Qualities
-from sqrp_cli.programming.sampling import Adaptive, FixedCount
+from sqrp_cli.programming.coverage.assessment import study
+from sqrp_cli.programming.coverage.coverage import coverage_of, difference, intersection
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.scoring.outcome import CoverageRecord, Outcome
+from sqrp_cli.scoring.work.outcome import CoverageRecord, Outcome
 
 ROOT = Path(__file__).parents[2]
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from sqrp_cli.knowledge.workspace import Thresholds
-from sqrp_cli.program import FaultMetrics
-from sqrp_cli.programming.assessment import Assessment
+from sqrp_cli.knowledge.workspace.workspace import Thresholds
+from sqrp_cli.program.record import FaultMetrics
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.scoring.thresholds import shortcomings
 
 EXPECTED = Thresholds(None, None, None, 0.1, None, None)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.starter.make import Starter, make_starter
 from tests.programming.robots import joint, written_urdf

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.knowledge.lint import lint
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.checks.lint import lint
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.infeasible import Infeasible

@@ -14,17 +14,17 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli.cli.lazy_replanner import LazyReplanner
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.program import Step
-from sqrp_cli.program_file import load_program, new_program, save_program
-from sqrp_cli.programming.assessment import study
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.program.file import load_program, new_program, save_program
+from sqrp_cli.program.record import Step
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import study
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.sampling import Adaptive
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.programming.verdict import verdict
 from sqrp_cli.runtime.faults import InjectedFault
 from sqrp_cli.runtime.log import LogWriter
 from sqrp_cli.runtime.outcome import RunReport

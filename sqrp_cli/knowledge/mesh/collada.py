@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import InputError, expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.mesh.limits import check_corners, check_pieces, damaged
-from sqrp_cli.knowledge.xml_file import MAX_DEPTH, Element, parse_xml
+from sqrp_cli.knowledge.text.xml_file import MAX_DEPTH, Element, parse_xml
 
 Integers = NDArray[np.int64]
 

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, cross, read_only
-from sqrp_cli.knowledge.joint_tree import JointTree, Mount
-from sqrp_cli.knowledge.robot import JointLimits, Robot
-from sqrp_cli.knowledge.urdf import UrdfJoint, UrdfModel, read_urdf
+from sqrp_cli.knowledge.robot.joint_tree import JointTree, Mount
+from sqrp_cli.knowledge.robot.robot import JointLimits, Robot
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel, read_urdf
 from sqrp_cli.shapes import Part
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.geometry import Array, transform
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.programming.sensing.solids import load_solid
 
 
 def finger_positions(model: RobotModel, world: World) -> Array:

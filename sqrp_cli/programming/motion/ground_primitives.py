@@ -9,14 +9,14 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.settings import MotionValue
-from sqrp_cli.knowledge.skill import HOME, Grasp, JointMove, PrimitiveAction, Release, Skill, StraightMove, Wait
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.skill.settings import MotionValue
+from sqrp_cli.knowledge.skill.skill import HOME, Grasp, JointMove, PrimitiveAction, Release, Skill, StraightMove, Wait
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.branches import BranchChoice
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.collision import CollisionScene
-from sqrp_cli.programming.motion.contact import Pairs, pair
+from sqrp_cli.programming.motion.collision.collision import CollisionScene
+from sqrp_cli.programming.motion.collision.contact import Pairs, pair
 from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number, setting_value

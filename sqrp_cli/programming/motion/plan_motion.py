@@ -9,19 +9,19 @@ from functools import cache
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDANCY_SAMPLES, REDUNDANCY_SAMPLES
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.branch_finder import BranchFinder
-from sqrp_cli.programming.motion.branch_search import fastest_sequence
-from sqrp_cli.programming.motion.collision import CollisionScene
+from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives
-from sqrp_cli.programming.motion.joint_moves import JointMoves, Move
-from sqrp_cli.programming.motion.position_limits import worst_past_limit
-from sqrp_cli.programming.motion.sections import Failures, Ways, cut_into_sections
+from sqrp_cli.programming.motion.paths.branch_finder import BranchFinder
+from sqrp_cli.programming.motion.paths.branch_search import fastest_sequence
+from sqrp_cli.programming.motion.paths.joint_moves import JointMoves, Move
+from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
+from sqrp_cli.programming.motion.paths.sections import Failures, Ways, cut_into_sections
 from sqrp_cli.trajectory import Path, Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6

@@ -9,8 +9,8 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.settings import MotionValue, Reference, Setting
-from sqrp_cli.knowledge.skill import (
+from sqrp_cli.knowledge.skill.settings import MotionValue, Reference, Setting
+from sqrp_cli.knowledge.skill.skill import (
     HOME,
     GraspWaypoint,
     PoseWaypoint,

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.detector import Detector
-from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
 
 

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse
-from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.ranges import begins_run
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import Indices, SightLines, SolidPoses, poses_at, shrink
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.targets import SoughtBox
 
 

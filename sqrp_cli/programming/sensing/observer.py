@@ -12,18 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.culling import near_pairs
-from sqrp_cli.programming.sensing.culprit import find_culprits, find_largest
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
 from sqrp_cli.programming.sensing.look import Look, Views
-from sqrp_cli.programming.sensing.occlusion import HullTester
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs
-from sqrp_cli.programming.sensing.visible_share import visible_shares
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.sensing.solids import Solid
+from sqrp_cli.programming.sensing.visibility.culling import near_pairs
+from sqrp_cli.programming.sensing.visibility.culprit import find_culprits, find_largest
+from sqrp_cli.programming.sensing.visibility.occlusion import HullTester
+from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.targets import SoughtBox, Target
 
 _TOGETHER = 300

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from sqrp_cli.geometry import Array, check_finite, pose
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.target_box import TargetBox
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.programming.sensing.sight_lines import SolidPoses
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.sensing.solids import Solid
 
 WORLD = "world"
 

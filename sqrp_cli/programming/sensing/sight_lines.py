@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.sensing.solids import Solid
 
 Indices = NDArray[np.int64]
 

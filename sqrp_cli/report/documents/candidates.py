@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from sqrp_cli.program import FaultMetrics
+from sqrp_cli.program.record import FaultMetrics
+from sqrp_cli.programming.coverage.robustness import DRAWS
+from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Criterion, winners
-from sqrp_cli.programming.robustness import DRAWS
-from sqrp_cli.programming.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.assessment import Assessment
+    from sqrp_cli.programming.coverage.assessment import Assessment
     from sqrp_cli.programming.pipeline import Assignment
     from sqrp_cli.programming.ranking import Ranked
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Literal
 from sqrp_cli.report.documents.document import Document, Record
 
 if TYPE_CHECKING:
+    from sqrp_cli.checks.dependency_check import Feasibility
     from sqrp_cli.errors import Problem
-    from sqrp_cli.programming.dependency_check import Feasibility
     from sqrp_cli.programming.suggestion import SuggestedStep
 
 

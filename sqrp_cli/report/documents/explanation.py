@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, transform
-from sqrp_cli.programming.explanation import by_name
-from sqrp_cli.programming.quality import Qualities
-from sqrp_cli.programming.robustness import without_each_camera
-from sqrp_cli.programming.sampling import Sampling
+from sqrp_cli.programming.coverage.explanation import by_name
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.robustness import without_each_camera
+from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.report.documents.candidates import CandidateFigures, SamplingDone, figures
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, TaskDocument
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.assessment import Study
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.coverage.assessment import Study
     from sqrp_cli.programming.pieces import GroundFormula
     from sqrp_cli.programming.ranking import Ranked
     from sqrp_cli.programming.sensing.observer import BoxVerdicts

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.joint_trajectory import action_name, tool_commands
-from sqrp_cli.program import FaultMetrics
-from sqrp_cli.program_file import workspace_path
-from sqrp_cli.program_totals import Totals
+from sqrp_cli.program.file import workspace_path
+from sqrp_cli.program.joint_trajectory import action_name, tool_commands
+from sqrp_cli.program.record import FaultMetrics
+from sqrp_cli.program.totals import Totals
 from sqrp_cli.report.documents.document import Document, Record
 
 if TYPE_CHECKING:
-    from sqrp_cli.program import Program, Step
+    from sqrp_cli.program.record import Program, Step
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,15 +8,16 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from sqrp_cli.knowledge.camera import DistortionModel
-from sqrp_cli.knowledge.detector import DetectorKind
+from sqrp_cli.knowledge.camera.camera import DistortionModel
+from sqrp_cli.knowledge.camera.detector import DetectorKind
 from sqrp_cli.programming.grounding import on_robot
 from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 if TYPE_CHECKING:
-    from sqrp_cli.knowledge import camera, detector, robot
-    from sqrp_cli.knowledge.workspace import Workspace
+    from sqrp_cli.knowledge.camera import camera, detector
+    from sqrp_cli.knowledge.robot import robot
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.programming.cell import Cell
 
 

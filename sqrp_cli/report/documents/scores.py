@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import LEFT_OUT, Document, Record
-from sqrp_cli.scoring.changes import Change
-from sqrp_cli.scoring.comparison import Comparison, Shift, Verdict, WayChange
+from sqrp_cli.scoring.baselines.changes import Change
+from sqrp_cli.scoring.baselines.comparison import Comparison, Shift, Verdict, WayChange
 from sqrp_cli.scoring.score import Status
 
 if TYPE_CHECKING:
-    from sqrp_cli.scoring.comparison import Loss
-    from sqrp_cli.scoring.findings import Findings, Result
+    from sqrp_cli.scoring.baselines.comparison import Loss
+    from sqrp_cli.scoring.baselines.findings import Findings, Result
     from sqrp_cli.scoring.sweep import Sweep
 
 

@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.target_box import START, TargetBox
+from sqrp_cli.knowledge.skill.target_box import START, TargetBox
 from sqrp_cli.runtime.box_object import object_of
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.outlines import Silhouette, View

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.target_box import TargetBox
+from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.runtime.perception.backdrop import Backdrop
 from sqrp_cli.runtime.perception.glance import Glance, extent
 from sqrp_cli.runtime.perception.outlines import Outline

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
-from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.runtime.perception.vision import Corners, Mask, area_of, convex_outline, corners_of, filled
 from sqrp_cli.runtime.surface import Surface
 

@@ -9,12 +9,12 @@ from enum import StrEnum
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.detector import Detector
-from sqrp_cli.knowledge.robot import Marker
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.robot.robot import Marker
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.program import ProgramTarget
+from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.surface import Surface
 from sqrp_cli.runtime.twin import Twin
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.target_box import TargetBox
+from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.runtime.perception.backdrop import Backdrop
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.glance import Crop, Glance, extent

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.colors import COLORS
 
 Image = NDArray[np.uint8]

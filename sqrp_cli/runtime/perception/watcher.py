@@ -10,9 +10,9 @@ import time
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.projection import Projection
-from sqrp_cli.knowledge.target_box import TargetBox
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.backdrop import Backdrop
 from sqrp_cli.runtime.perception.glance import Glance

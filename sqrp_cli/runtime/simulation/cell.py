@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from types import TracebackType
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.simulation.reference import Reference
 

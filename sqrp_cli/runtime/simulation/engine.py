@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqrp_cli.interrupts import interrupts_later
+from sqrp_cli.platform.interrupts import interrupts_later
 from sqrp_cli.runtime.simulation.requirements import check_simulator
 
 check_simulator()

@@ -9,11 +9,11 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.marker import MODULES, printed_side
-from sqrp_cli.knowledge.read_robot import resolve_mesh
-from sqrp_cli.knowledge.robot import Robot
+from sqrp_cli.knowledge.robot.robot import Robot
+from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel, link_parts, read_urdf
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel, link_parts, read_urdf
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.workspace.read_robot import resolve_mesh
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.colors import COLORS, Rgb
 from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation import markers

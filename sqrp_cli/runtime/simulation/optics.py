@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera
 
 _WIDEST = np.tan(np.radians(80.0))
 """Largest distance from the optical axis in the plane z = 1 that is drawn; beyond it images stay black."""

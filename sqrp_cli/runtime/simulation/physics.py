@@ -7,8 +7,8 @@ from copy import copy
 import numpy as np
 
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.knowledge.robot import Robot
-from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.knowledge.robot.robot import Robot
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.runtime.simulation.controller import Controller, Payload
 from sqrp_cli.runtime.simulation.engine import mujoco
 from sqrp_cli.runtime.simulation.hold import Fingers, Hold, Suction, body_pose

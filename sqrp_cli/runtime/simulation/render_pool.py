@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.processes import process_context, without_interrupts
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.simulation.engine import mujoco
 from sqrp_cli.runtime.simulation.model import DRAWN, FELT
 from sqrp_cli.runtime.simulation.optics import Optics

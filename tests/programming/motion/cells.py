@@ -11,14 +11,14 @@ import pinocchio as pin
 from pydantic import TypeAdapter
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.robot import Robot
+from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill import Skill, Waypoint
-from sqrp_cli.knowledge.workspace import World
+from sqrp_cli.knowledge.skill.skill import Skill, Waypoint
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.collision import CollisionScene
-from sqrp_cli.programming.motion.contact import pair
+from sqrp_cli.programming.motion.collision.collision import CollisionScene
+from sqrp_cli.programming.motion.collision.contact import pair
 from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.shapes import Box, Part

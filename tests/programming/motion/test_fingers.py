@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import axis_rotation, pose
-from sqrp_cli.knowledge.load import load_workspace
-from sqrp_cli.knowledge.skill import Release
+from sqrp_cli.knowledge.skill.skill import Release
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.arm.kinematics import FingerModel
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion

@@ -11,21 +11,14 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
-from sqrp_cli.knowledge.skill import (
-    HOME,
-    JointMove,
-    Release,
-    Skill,
-    StraightMove,
-    Wait,
-)
-from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.knowledge.skill.skill import HOME, JointMove, Release, Skill, StraightMove, Wait
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.contact import CLEARANCE, pair
+from sqrp_cli.programming.motion.collision.contact import CLEARANCE, pair
+from sqrp_cli.programming.motion.paths.straight_line import ToolLine, straight_line
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.motion.straight_line import ToolLine, straight_line
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples, time_path
 from sqrp_cli.trajectory import Path
 from tests.programming.motion.cells import VALUES, Cell, PinocchioCell, read_waypoints, thing

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.robot import Robot
+from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.shapes import Box, Cylinder, Part
 
 NO_SCREEN = "MuJoCo cannot render without a screen; on Debian: apt install libegl1 libgl1 libgl1-mesa-dri"

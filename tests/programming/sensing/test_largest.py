@@ -13,13 +13,13 @@ import trimesh
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, transform
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene import SceneStates
-from sqrp_cli.programming.solids import Solid, load_solid, load_solids
+from sqrp_cli.programming.sensing.solids import Solid, load_solid, load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
 from tests.programming.sensing.test_laws import random_watch, with_share
 from tests.programming.sensing.test_truth import Comparison, random_scene

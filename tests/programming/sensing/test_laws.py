@@ -14,21 +14,21 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming import pipeline
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.assessment import Assessment, Study, study
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.quality import average_quality, interest_quality
+from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
+from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.pipeline import Assignment, assess_all
-from sqrp_cli.programming.quality import average_quality, interest_quality
-from sqrp_cli.programming.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount
 from sqrp_cli.programming.sensing.cause import SIDES, Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer, TargetCoverage
 from sqrp_cli.programming.sensing.scene import SceneStates
-from sqrp_cli.programming.solids import load_solids
-from sqrp_cli.programming.stage import Stage
+from sqrp_cli.programming.sensing.solids import load_solids
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.shapes import Capsule, Cylinder, Part, Sphere

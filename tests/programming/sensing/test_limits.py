@@ -13,9 +13,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from sqrp_cli.geometry import Array, pose, transform
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.detector import Detector
-from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import SIDES, Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits, hull_area
 from tests.programming.sensing.views import make_camera, make_detector, random_rotation

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, look_at, pose
-from sqrp_cli.knowledge.projection import Projection
-from sqrp_cli.program import FaultMetrics
-from sqrp_cli.programming.assessment import Assessment
-from sqrp_cli.programming.quality import Qualities
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.program.record import FaultMetrics
+from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.culling import near_pairs
 from sqrp_cli.programming.sensing.limits import check_limits
-from sqrp_cli.programming.sensing.occlusion import HullTester
 from sqrp_cli.programming.sensing.scene import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import SightLines, SolidPoses
-from sqrp_cli.programming.sensing.visible_share import visible_shares
-from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.sensing.visibility.culling import near_pairs
+from sqrp_cli.programming.sensing.visibility.occlusion import HullTester
+from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from tests.programming.sensing.views import box_part, make_box, make_camera, make_detector
 
 NAN = float("nan")

@@ -16,14 +16,14 @@ import pytest
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene import SceneStates
-from sqrp_cli.programming.solids import load_solids
+from sqrp_cli.programming.sensing.solids import load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.shapes import Cylinder, Part
 from tests.programming.sensing.renderer import MujocoScene, Picture

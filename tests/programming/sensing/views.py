@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from sqrp_cli.geometry import Array, axis_rotation, look_at, pose, quaternion_to_matrix
-from sqrp_cli.knowledge.camera import Camera, DistortionModel
-from sqrp_cli.knowledge.detector import Detector
+from sqrp_cli.knowledge.camera.camera import Camera, DistortionModel
+from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.programming.targets import SoughtBox
 from sqrp_cli.shapes import Box, Part
 

@@ -13,13 +13,13 @@ import cv2
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, look_at, pose, read_only, transform
-from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.marker import printed_side
-from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.target_box import TargetBox
-from sqrp_cli.knowledge.workspace import Workspace
-from sqrp_cli.program import ProgramTarget
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.sighting import Evidence, Posture, Watchlist
 from sqrp_cli.runtime.perception.vision import find_markers

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.geometry import Array, look_at, pose, read_only
-from sqrp_cli.knowledge.camera import Camera, DistortionModel
-from sqrp_cli.knowledge.load import load_workspace
+from sqrp_cli.knowledge.camera.camera import Camera, DistortionModel
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.shapes import Box, Part, Shape
 from tests.programming.robots import robot
 

@@ -14,11 +14,11 @@ import pytest
 import trimesh
 
 from sqrp_cli.geometry import pose, read_only, rpy_to_matrix
-from sqrp_cli.knowledge.camera import Camera
-from sqrp_cli.knowledge.projection import Projection
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.target_box import TargetBox
-from sqrp_cli.program import ProgramTarget
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.outlines import View
 from sqrp_cli.runtime.perception.sighting import BoxSight, Evidence, Posture, Watchlist, Weakness

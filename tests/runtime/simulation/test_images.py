@@ -12,11 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
-from sqrp_cli.knowledge.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.marker import printed_side
-from sqrp_cli.knowledge.projection import Projection
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.runtime.simulation.model import build_model
 from sqrp_cli.runtime.simulation.physics import Physics

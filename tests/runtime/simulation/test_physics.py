@@ -11,10 +11,10 @@ import pytest
 
 from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.workspace import Workspace, World
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.runtime.meshes import load_triangles
 from sqrp_cli.runtime.simulation.cell import SimulatedCell
 from sqrp_cli.runtime.simulation.physics import Physics

@@ -73,7 +73,7 @@ def test_the_way_to_draw_is_chosen_by_what_there_is(
 def test_an_opengl_that_does_not_start_is_reported_by_the_cell() -> None:
     """The library is there, but the device that is asked for is not."""
     script = (
-        "from sqrp_cli.knowledge.load import load_workspace\n"
+        "from sqrp_cli.knowledge.workspace.load import load_workspace\n"
         "from sqrp_cli.runtime.simulation.cell import SimulatedCell\n"
         "from pathlib import Path\n"
         "from sqrp_cli.errors import InputError\n"

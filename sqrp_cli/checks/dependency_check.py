@@ -1,0 +1,62 @@
+"""The dependency check: whether a candidate can be done, and if not why, and what would have to be done first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.grounding import formulas_outside
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.pipeline import Assignment, assess_all
+from sqrp_cli.programming.ranking import rank
+from sqrp_cli.programming.suggestion import SuggestedStep, Suggester, Suggestion
+from sqrp_cli.programming.task import Candidate
+
+
+@dataclass(frozen=True, eq=False)
+class Feasibility:
+    """Whether a candidate can be done.
+
+    reasons: why not, most useful first. time: of its motion [s], None if infeasible. ways_around: what goes around
+    what, such as `a1 goes around wall`, where the direct move is blocked. suggestion: how to establish its
+    precondition. outside: the temporal operators that are never looked at, see `grounding.formulas_outside`.
+    """
+
+    candidate: Candidate
+    feasible: bool
+    reasons: tuple[str, ...]
+    time: float | None
+    suggestion: Suggestion
+    ways_around: tuple[str, ...] = ()
+    outside: tuple[tuple[int, int], ...] = ()
+
+
+def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
+    """Check one candidate in the suggester's world: its precondition, and whether the robot can move as it asks."""
+    suggestion = suggester.suggest(candidate)
+    motion = feasible_motion(suggester.cell, candidate, suggester.world)
+    if isinstance(motion, Infeasible):
+        return Feasibility(candidate, feasible=False, reasons=motion.reasons, time=None, suggestion=suggestion)
+    outside = formulas_outside(candidate, motion)
+    return Feasibility(candidate, True, (), motion.time, suggestion, motion.ways_around, outside)
+
+
+def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[SuggestedStep, ...]:
+    """What to do so that a task gets done: its best candidate, or a plan and the candidate that is best after it.
+
+    Candidates that can be done at once go before those that need a plan. Empty if neither exists.
+    """
+    now = [feasibility.candidate for feasibility in found if feasibility.feasible]
+    if now:
+        assignment = Assignment(suggester.cell, suggester.world, Adaptive())
+        best = rank(tuple(assess_all(assignment, now, suggester.jobs)), "q_eoi")[0].assessment
+        return (SuggestedStep.of(best, suggester.world),)
+    later = [feasibility.suggestion for feasibility in found if feasibility.suggestion.feasible]
+    assessments = [step.assessment for suggestion in later if (step := suggestion.last) and step.assessment]
+    if not assessments:
+        return ()
+    first = rank(assessments, "q_eoi")[0].assessment
+    chosen = next(suggestion for suggestion in later if suggestion.last and suggestion.last.assessment is first)
+    return tuple(step for step in (*(chosen.steps or ()), chosen.last) if step is not None)

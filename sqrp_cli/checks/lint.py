@@ -1,0 +1,107 @@
+"""Findings in a workspace that can be read but cannot work as its author meant it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from sqrp_cli.checks.lint_actions import formulas_against_the_action, impossible_preconditions
+from sqrp_cli.checks.lint_formulas import contradictions, fault_boxes_that_move, faults_of_the_plan, predicates_of
+from sqrp_cli.checks.lint_lenses import implausible_lenses
+from sqrp_cli.checks.lint_scene import blind_cameras, floating_objects, overlapping_objects, too_small_boxes
+from sqrp_cli.checks.lint_values import detectors_out_of_range, doubtful_images, empty_boxes, thresholds_out_of_reach
+from sqrp_cli.errors import Place, Problem
+from sqrp_cli.knowledge.skill.settings import Reference
+from sqrp_cli.knowledge.skill.skill import Skill
+from sqrp_cli.knowledge.workspace.held import holding_skills
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+
+
+def lint(workspace: Workspace) -> tuple[Problem, ...]:
+    """Every finding, first those of the skills, then those of cameras and objects; none if the workspace is fine.
+
+    What each means is in `checks/findings.yaml`. Intervals that end before they start and frames that do not exist are
+    refused when the workspace is read.
+    """
+    findings: list[Problem] = list(_without_skills(workspace))
+    for skill in workspace.skills.values():
+        findings += _without_target(skill)
+        findings += fault_boxes_that_move(skill)
+        findings += contradictions(skill)
+        findings += faults_of_the_plan(skill)
+        findings += impossible_preconditions(skill)
+        findings += formulas_against_the_action(skill)
+        findings += _too_few_cameras(workspace, skill)
+        findings += empty_boxes(workspace, skill)
+        findings += too_small_boxes(workspace, skill)
+        findings += _unused_parameters(skill)
+    findings += _held_against_the_facts(workspace)
+    findings += thresholds_out_of_reach(workspace)
+    findings += detectors_out_of_range(workspace)
+    findings += doubtful_images(workspace)
+    findings += implausible_lenses(workspace)
+    findings += blind_cameras(workspace)
+    findings += overlapping_objects(workspace)
+    findings += floating_objects(workspace)
+    return tuple(findings)
+
+
+def _without_skills(workspace: Workspace) -> Iterator[Problem]:
+    if not workspace.skills:
+        message, mend = "the workspace has no skills, so nothing can be done in it", "name their folders under `skills`"
+        place = workspace.places.get("skills", Place(workspace.path))
+        yield Problem("no-skills", message, place, severity="warning", mend=mend)
+
+
+def _without_target(skill: Skill) -> Iterator[Problem]:
+    reported: set[str] = set()
+    for requirement in skill.requirements:
+        for predicate in predicates_of(requirement.formula):
+            if predicate in skill.targets or predicate in reported:
+                continue
+            reported.add(predicate)
+            message = f"skill `{skill.name}`: `{predicate}` is in a formula, but no target says where it can be seen"
+            mend = f"add `{predicate}:` with its boxes under `targets`"
+            yield Problem("literal-without-target", message, requirement.place, mend=mend)
+
+
+def _too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
+    available = len(workspace.cameras)
+    for predicate, target in skill.targets.items():
+        if target.cameras > available:
+            wanted = f"{target.cameras} camera{'s' if target.cameras > 1 else ''}"
+            message = f"skill `{skill.name}`: `{predicate}` needs {wanted}, the cell has {available}"
+            place = skill.place("targets", predicate, "cameras")
+            yield Problem("too-few-cameras", message, place, mend="add cameras, or lower `cameras` of the target")
+
+
+def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
+    """Facts that only a grasp makes true, about an object that is not in the tool; and the other way round."""
+    grasps = holding_skills(workspace.skills.values(), workspace.objects)
+    stated = {fact.arguments[0]: fact for fact in sorted(workspace.state, key=str) if fact.predicate in grasps}
+    for name, fact in stated.items():
+        if workspace.objects[name].X_TO is None:
+            place = workspace.places.get(f"objects.{name}.pose")
+            message = f"the state has `{fact}`, but by its pose `{name}` is not in the tool"
+            mend = "write `pose: {held: +z}` (the side by which it is held), or remove the fact"
+            yield Problem("held-against-the-facts", message, place, mend=mend)
+    for name, thing in workspace.objects.items():
+        if thing.X_TO is not None and grasps and name not in stated:
+            place = workspace.places.get(f"objects.{name}.pose")
+            facts = " or ".join(f"`{predicate}({name})`" for predicate in sorted(grasps))
+            message = f"by its pose `{name}` is in the tool, but the state does not say {facts}"
+            yield Problem("held-against-the-facts", message, place, mend="add it to the state")
+
+
+def _unused_parameters(skill: Skill) -> Iterator[Problem]:
+    used = {
+        value.parameter
+        for thing in (*skill.waypoints.values(), *skill.primitives)
+        for value in vars(thing).values()
+        if isinstance(value, Reference)
+    }
+    for parameter in skill.motion_parameters:
+        if parameter.name not in used:
+            message = f"skill `{skill.name}`: no waypoint or primitive action uses the parameter `{parameter.name}`"
+            mend = f"write `${parameter.name}` where it is meant, or remove it"
+            place = skill.places.get(f"motion.{parameter.name}")
+            yield Problem("unused-parameter", message, place, severity="warning", mend=mend)

@@ -1,0 +1,144 @@
+"""Objects in one place whose shapes are not only boxes: `knowledge.lint_scene` finds those of boxes without meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sqrp_cli.checks.lint_scene import MIN_OVERLAP, contains
+from sqrp_cli.errors import Problem
+from sqrp_cli.geometry import Array, inverse, pose, transform
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
+from sqrp_cli.programming.sensing.solids import Solid, load_solid
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Sphere
+
+LEAST = 1e-6
+"""Size [m] that is left of a shape that is thinner than what is taken off."""
+
+LEAST_SHARE = 0.01
+"""Share that is left of a mesh that is thinner than that."""
+
+CLOSED = 1e-3
+"""By how much the number of times that a closed surface goes around a point may differ from a whole number."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """A solid part of an object, which stands at X_WO; center: of the sphere around the part, in the world."""
+
+    thing: str
+    solid: Solid
+    X_WO: Array
+    center: Array
+
+    @property
+    def shrunk(self) -> _Placed:
+        """The part with `MIN_OVERLAP` taken off on every side."""
+        return replace(self, solid=load_solid(_shrunk(self.solid)))
+
+    def meets(self, other: _Placed) -> bool:
+        """Whether both have a point in common; a mesh that is not closed has only its surface."""
+        return self._touches(other) or self._encloses(other) or other._encloses(self)
+
+    def _touches(self, other: _Placed) -> bool:
+        """As `meets`, with any mesh only its surface."""
+        one, two = (placement_at(placed.X_WO @ placed.solid.part.X_PG) for placed in (self, other))
+        return distance_within(self.solid.geometry, one, other.solid.geometry, two, 0.0) is not None
+
+    def _encloses(self, other: _Placed) -> bool:
+        """Whether this is a closed mesh that goes around a corner of another part."""
+        if not isinstance(self.solid.part.shape, Mesh):
+            return False
+        return is_inside(self.solid, transform(inverse(self.X_WO) @ other.X_WO, other.solid.vertices[:1])[0])
+
+
+def is_inside(solid: Solid, point: Array) -> bool:
+    """Whether a point in the frame of a solid's parent (3,) is inside it; never of a mesh that is not closed."""
+    if np.linalg.norm(point - solid.center) > solid.radius:
+        return False
+    if not isinstance(solid.part.shape, Mesh):
+        return contains(solid.part.shape, transform(inverse(solid.part.X_PG), point[None])[0])
+    around = _turns(solid, point)
+    return abs(around) > 0.5 and abs(around - round(around)) < CLOSED
+
+
+def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
+    """Pairs of objects of which parts that are not both boxes are more than 1 mm deep in each other."""
+    things = workspace.objects.values()
+    if all(isinstance(part.shape, Box) for thing in things for part in thing.parts):
+        return  # as mostly, and then even many objects take no time
+    placed = [
+        _Placed(thing.name, solid, thing.X_WO, transform(thing.X_WO, solid.center))
+        for thing in things
+        if thing.X_WO is not None
+        for solid in map(load_solid, thing.parts)
+    ]
+    told: set[tuple[str, str]] = set()
+    for first, second in _close_pairs(placed):
+        pair = (first.thing, second.thing)
+        if pair not in told and _are_in_each_other(first, second):
+            told.add(pair)
+            one, other = (type(part.solid.part.shape).__name__.lower() for part in (first, second))
+            message = (
+                f"objects `{pair[0]}` and `{pair[1]}` are in one place: a {one} of the first and a {other} of the "
+                f"second are more than {1e3 * MIN_OVERLAP:g} mm deep in each other"
+            )
+            place = workspace.places.get(f"objects.{pair[1]}.pose")
+            mend = "move one of them, or correct the shapes of its `parts`"
+            yield Problem("overlapping-objects", message, place, severity="warning", mend=mend)
+
+
+def _close_pairs(placed: Sequence[_Placed]) -> Iterator[tuple[_Placed, _Placed]]:
+    """Parts of different objects, not both boxes, whose spheres meet; in order."""
+    centers = np.array([part.center for part in placed]).reshape(-1, 3)
+    radii = np.array([part.solid.radius for part in placed])
+    boxes = np.array([isinstance(part.solid.part.shape, Box) for part in placed], dtype=bool)
+    for index, part in enumerate(placed):
+        near = np.linalg.norm(centers - part.center, axis=1) < radii + part.solid.radius
+        near[: index + 1] = False
+        if boxes[index]:
+            near &= ~boxes
+        others = (placed[other] for other in np.flatnonzero(near).tolist())
+        yield from ((part, other) for other in others if other.thing != part.thing)
+
+
+def _are_in_each_other(first: _Placed, second: _Placed) -> bool:
+    """Whether they still meet with either of them made smaller; either, as what is hollow then only gets narrower."""
+    return first.meets(second) and first.shrunk.meets(second) and first.meets(second.shrunk)
+
+
+def _shrunk(solid: Solid) -> Part:
+    part, off = solid.part, 2 * MIN_OVERLAP
+    match part.shape:
+        case Box(size):
+            x, y, z = (max(extent - off, LEAST) for extent in size)
+            return replace(part, shape=Box((x, y, z)))
+        case Sphere(radius):
+            return replace(part, shape=Sphere(max(radius - MIN_OVERLAP, LEAST)))
+        case Cylinder(radius, length):
+            return replace(part, shape=Cylinder(max(radius - MIN_OVERLAP, LEAST), max(length - off, LEAST)))
+        case Capsule(radius, length):
+            return replace(part, shape=Capsule(max(radius - MIN_OVERLAP, LEAST), length))
+        case Mesh(path, scale):
+            vertices = transform(inverse(part.X_PG), solid.vertices)
+            low, high = vertices.min(axis=0), vertices.max(axis=0)
+            share = np.maximum(1 - off / np.maximum(high - low, LEAST), LEAST_SHARE)
+            x, y, z = (share * scale).tolist()
+            X_GS = pose(position=(1 - share) * (low + high) / 2)
+            return replace(part, shape=Mesh(path, (x, y, z)), X_PG=part.X_PG @ X_GS)
+
+
+def _turns(solid: Solid, point: Array) -> float:
+    """How often a mesh goes around a point (3,) in its parent's frame: a whole number where it is closed.
+
+    The sum of the solid angles of its triangles (van Oosterom and Strackee 1983) over that of a sphere.
+    """
+    a, b, c = np.moveaxis(solid.vertices[solid.triangles] - point, 1, 0)
+    along, across, over = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    dots = [np.einsum("ij,ij->i", *pair) for pair in ((a, b), (b, c), (c, a))]
+    below = along * across * over + dots[0] * over + dots[1] * along + dots[2] * across
+    return float(2 * np.arctan2(volume, below).sum() / (4 * np.pi))

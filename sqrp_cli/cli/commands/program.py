@@ -1,0 +1,173 @@
+"""`sqrp program`: the steps of a program, its export for a real arm, and its making at a terminal."""
+
+from __future__ import annotations
+
+import shlex
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.cli.options import Json
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem, nearest
+
+if TYPE_CHECKING:
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
+    from sqrp_cli.program.record import Program
+
+NAME = "program"
+
+NEW = "new"
+"""What stands in place of a file to make a new program in questions and answers."""
+
+DEFAULT_RATE = 100.0
+"""Points per second of an export [Hz]."""
+
+RATES = (1.0, 2000.0)
+"""Smallest and largest rate of an export [Hz]."""
+
+
+def command(
+    file: Annotated[Path, typer.Argument(metavar="FILE|new", help="A program file, or `new` to make one.")],
+    workspace: Annotated[
+        Path | None, typer.Argument(metavar="[WORKSPACE]", help="With `new`: the workspace to make it for.")
+    ] = None,
+    drop_last: Annotated[bool, typer.Option("--drop-last", help="Take the last step back.")] = False,
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            "--export", metavar="OUT", help="Write the joint trajectory: *.csv, or *.yaml for ROS JointTrajectory."
+        ),
+    ] = None,
+    rate: Annotated[
+        str | None, typer.Option("--rate", metavar="HZ", help="Points per second of the export; 100 by default.")
+    ] = None,
+    as_json: Json = False,
+) -> ExitCode:
+    """List the steps of a program and what they add up to.
+
+    `sqrp program new WORKSPACE` makes a program in questions and answers: what can be done now, how well each way is
+    seen, which one to take.
+    """
+    if str(file) == NEW:
+        from sqrp_cli.cli.program_dialog import make_program
+
+        if workspace is None or drop_last or export is not None or rate is not None or as_json:
+            raise _refused("`sqrp program new` takes a workspace and nothing else", "sqrp program new WORKSPACE")
+        return make_program(workspace)
+    if workspace is not None:
+        mend = f"sqrp program {file}"
+        if not file.exists() and nearest(str(file), [NEW]):
+            mend = f"sqrp program {NEW} {shlex.quote(str(workspace))}"
+        raise _refused(f"one program at a time: found {file} and {workspace}", mend)
+    if drop_last and export is not None:
+        raise _refused("--drop-last and --export exclude each other; give one of them")
+    if rate is not None and export is None:
+        raise _refused("--rate is about --export, which is missing")
+    _list(file, drop_last, export, rate, as_json)
+    return ExitCode.OK
+
+
+def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as_json: bool) -> None:
+    from sqrp_cli.program.file import load_program
+    from sqrp_cli.report.documents.document import as_text
+    from sqrp_cli.report.documents.programs import ProgramDocument
+    from sqrp_cli.terminal.console import note, print_problems, say_raw
+    from sqrp_cli.terminal.program_table import print_program
+
+    program = load_program(file)
+    workspace, doubts = _judged(program, file)
+    if (drop_last or export is not None) and doubts:
+        raise InputError(*(replace(doubt, severity="error") for doubt in doubts))
+    notes = []
+    if drop_last:
+        program, dropped = _without_last(program, file)
+        notes.append(dropped)
+    if export is not None and workspace is not None:
+        notes.append(_export(program, workspace, file, export, _read_rate(rate)))
+    print_problems(doubts)
+    if as_json:
+        say_raw(as_text(ProgramDocument.of(program, file, stale=bool(doubts))))
+    else:
+        print_program(program, file)
+    for text in notes:
+        note(text)
+
+
+def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Problem]]:
+    """The program's workspace, and why the program cannot be relied on: it has changed, or is not there.
+
+    Raises InputError where it was edited, or contradicts a workspace that has not changed.
+    """
+    from sqrp_cli.knowledge.workspace.load import load_workspace
+    from sqrp_cli.program.file import check_program, check_unedited, stale, workspace_path
+
+    path = workspace_path(program, file)
+    try:
+        workspace = load_workspace(path)
+    except InputError as error:
+        check_unedited(program, file)
+        message = f"its workspace cannot be read, so whether it still holds is not known: {error.problems[0]}"
+        return None, [Problem("no-workspace", message, Place(file), severity="warning")]
+    if program.digest != workspace.digest:
+        check_unedited(program, file)
+        return workspace, [replace(stale(program, file, workspace), severity="warning")]
+    check_program(program, file, workspace)
+    return workspace, []
+
+
+def _without_last(program: Program, file: Path) -> tuple[Program, str]:
+    """Save a program without its last step; returns it with what was done."""
+    from sqrp_cli.program.file import save_program
+
+    if not program.steps:
+        raise InputError(Problem("no-steps", "this program has no step that could be dropped", Place(file)))
+    shorter = program.without_last_step()
+    save_program(shorter, file)
+    return shorter, f"dropped step {len(program.steps)}, {program.steps[-1].short_task}, from {file}"
+
+
+def _export(program: Program, workspace: Workspace, file: Path, target: Path, rate: float) -> str:
+    """Write the joint trajectory, for ROS without the fingers, which have a controller of their own.
+
+    Returns what was written.
+    """
+    from sqrp_cli.platform.files import check_not_read, write_atomically
+    from sqrp_cli.program.joint_trajectory import FORMATS, YAML_MARK
+
+    if target.suffix.lower() not in FORMATS:
+        raise _refused(f"--export is `{target}`; expected a name that ends in .csv, or in .yaml for ROS")
+    if not program.steps:
+        raise InputError(Problem("no-steps", "this program has no steps, so there is nothing to export", Place(file)))
+    if target.suffix.lower() != ".csv" and target.is_file() and not _begins_with(target, YAML_MARK):
+        message = "this file is there already and is no exported trajectory; it was left as it is"
+        raise InputError(Problem("would-overwrite", message, Place(target), mend="choose another name"))
+    check_not_read([target], [file, *(one.path for one in workspace.files.values())])
+    arm = [joint for joint in program.joints if joint in workspace.robot.home]
+    joints = program.joints if target.suffix.lower() == ".csv" else arm
+    write_atomically(target, FORMATS[target.suffix.lower()](program, joints, rate))
+    return f"{target} has a point every {1 / rate:g} s and at both ends of each primitive action"
+
+
+def _begins_with(path: Path, mark: str) -> bool:
+    with path.open("rb") as file:
+        return file.read(len(mark)) == mark.encode()
+
+
+def _read_rate(rate: str | None) -> float:
+    from sqrp_cli.knowledge.text.units import FREQUENCY, expected_quantity, read_quantity
+
+    if rate is None:
+        return DEFAULT_RATE
+    quantity = read_quantity(rate)
+    least, most = RATES
+    if quantity is None or quantity.dimension not in (None, FREQUENCY):
+        raise _refused(f"--rate is `{rate}`, expected {expected_quantity(FREQUENCY)}")
+    if not least <= quantity.value <= most:
+        raise _refused(f"--rate is {quantity.value:g} Hz, expected {least:g} to {most:g} Hz")
+    return quantity.value
+
+
+def _refused(message: str, mend: str | None = None) -> InputError:
+    return InputError(Problem("bad-option", message, mend=mend))

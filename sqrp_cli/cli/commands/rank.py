@@ -1,0 +1,175 @@
+"""`sqrp rank`: the candidates of a task, best first."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.checks.cell import cell_warnings
+from sqrp_cli.cli.options import (
+    After,
+    Jobs,
+    Json,
+    Report,
+    SampleCount,
+    SampleStep,
+    Seed,
+    TaskText,
+    Tolerance,
+    WorkspacePath,
+    job_count,
+    open_with_warnings,
+    read_calibration,
+    read_sampling,
+)
+from sqrp_cli.errors import ExitCode
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.api.session import Session
+    from sqrp_cli.programming.coverage.assessment import Assessment
+    from sqrp_cli.programming.ranking import Criterion, Ranked
+
+NAME = "rank"
+
+
+def command(
+    context: typer.Context,
+    workspace: WorkspacePath,
+    task: TaskText,
+    by: Annotated[
+        str, typer.Option("--by", help="What counts first: q_eoi, q_avg, time, delay or expected_time.")
+    ] = "q_eoi",
+    samples: SampleCount = None,
+    dt: SampleStep = None,
+    tolerance: Tolerance = None,
+    program: Annotated[
+        Path | None, typer.Option("--program", metavar="FILE", help="Append the chosen candidate to this program file.")
+    ] = None,
+    choose: Annotated[
+        str, typer.Option("--choose", metavar="best|NAME", help="Which candidate goes into the program.")
+    ] = "best",
+    after: After = None,
+    calibration: Annotated[
+        str | None,
+        typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="What if the cameras are off by this (1 sigma)?"),
+    ] = None,
+    report: Report = None,
+    jobs: Jobs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> ExitCode:
+    """Rank the ways of doing a task.
+
+    The best are those in which the cameras will see what matters. The chosen one can be written as a program.
+    """
+    from sqrp_cli.api.choice import check_choice
+    from sqrp_cli.api.results import Ranking
+    from sqrp_cli.checks.outside import intervals_outside
+    from sqrp_cli.programming.ranking import rank, read_criterion
+    from sqrp_cli.terminal.console import note, print_problems, say_raw
+
+    criterion = read_criterion(by)
+    sampling = read_sampling(samples, dt, tolerance)
+    drawn = read_calibration(calibration, seed)
+    cell, before = _checked_files(workspace, seed, after, program, report)
+    session = cell.begin(task, sampling=sampling, calibration=drawn, after=before)
+    print_problems(cell_warnings(session.cell))
+    check_choice(session.task, choose)
+    assessments, interrupted = _assess(session, job_count(jobs))
+    if not assessments:
+        return ExitCode.INTERRUPTED
+    print_problems(intervals_outside(assessments))
+    ranked = rank(assessments, criterion)
+    if report is not None and not interrupted:
+        interrupted = not _page_is_written(session, ranked, criterion, report, context.obj, job_count(jobs))
+    # Written before it is told, because whoever reads may leave early.
+    code, told = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choose, program)
+    ranking = Ranking(session, ranked, criterion, interrupted)
+    if as_json:
+        say_raw(ranking.to_json())
+    else:
+        ranking.show()
+    if told:
+        note(told)
+    return code
+
+
+def _checked_files(
+    workspace: Path, seed: int, after: Path | None, program: Path | None, report: Path | None
+) -> tuple[OpenCell, Path | None]:
+    """The cell, and the program whose final world the task starts from.
+
+    Raises InputError, before anything is computed, where files cannot be read or written or are one another.
+    """
+    from sqrp_cli.api.session import world_before
+    from sqrp_cli.platform.files import check_distinct, check_not_read
+
+    check_distinct({"--program": program, "--report": report})
+    before = world_before(after, program)
+    if report is not None:
+        from sqrp_cli.cli.report_page import check_report
+
+        check_report(report)
+    cell = open_with_warnings(workspace, seed)
+    check_not_read([report], [program, after, *(file.path for file in cell.workspace.files.values())])
+    return cell, before
+
+
+def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
+    """The assessments of all candidates, or of those that are finished at Ctrl-C; and whether that came."""
+    from sqrp_cli.api.session import assess
+    from sqrp_cli.terminal.console import note, progress
+
+    assessments: list[Assessment] = []
+    try:
+        assessments.extend(assess(session, jobs, progress))  # keeps those that came before an exception
+    except KeyboardInterrupt:
+        note(f"interrupted when {len(assessments)} of {len(session.task.candidates)} candidates were finished")
+        return assessments, True
+    return assessments, False
+
+
+def _page_is_written(
+    session: Session, ranking: Sequence[Ranked], by: Criterion, file: Path, arguments: Sequence[str], jobs: int
+) -> bool:
+    """Write the page about a ranking; whether that was done before a Ctrl-C."""
+    from sqrp_cli.cli.report_page import write_ranking
+    from sqrp_cli.terminal.console import note
+
+    try:
+        write_ranking(session, ranking, by, file, arguments, jobs)
+    except KeyboardInterrupt:
+        note(f"interrupted before {file} was written")
+        return False
+    return True
+
+
+def _write_chosen(
+    session: Session, ranking: Sequence[Ranked], choose: str, program: Path | None
+) -> tuple[ExitCode, str]:
+    """Append the chosen candidate to a program, if one was named; nothing is written if it is infeasible.
+
+    Returns the exit code, and what there is to say about it.
+    """
+    from sqrp_cli.api.choice import choose_candidate
+    from sqrp_cli.api.session import ChosenStep, add_steps
+
+    chosen = choose_candidate(ranking, choose)
+    if chosen.rank is None:
+        if ranking[0].rank is None and program is None:
+            return ExitCode.NONE_FEASIBLE, ""
+        consequence = "" if program is None else f", so {program} was not written"
+        name, reason = chosen.assessment.candidate.name, chosen.assessment.reasons[0]
+        why = "no candidate can be done" if choose == "best" else f"{name} is infeasible ({reason})"
+        return ExitCode.NONE_FEASIBLE, f"{why}{consequence}"
+    if program is None:
+        told = "" if choose == "best" else f"{chosen.assessment.candidate.name} is chosen; --program FILE writes it"
+        return ExitCode.OK, told
+    step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
+    add_steps(session.cell, [step], session.assignment.sampling, program)
+    return ExitCode.OK, f"{chosen.assessment.candidate.name} is now the last step of {program}"

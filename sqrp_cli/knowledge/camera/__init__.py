@@ -1,0 +1,1 @@
+"""Cameras and detectors, and how a camera projects."""

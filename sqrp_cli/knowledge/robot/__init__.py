@@ -1,0 +1,1 @@
+"""Robots and tools as their URDF and SRDF describe them, and where their joints carry their links."""

@@ -1,0 +1,267 @@
+"""Reading a skill: its folder holds skill.yaml and a PDDL file named after the skill."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
+from sqrp_cli.knowledge.skill.settings import Kind, ListedValues, MotionParameter, MotionValue, Reference, ValueRange
+from sqrp_cli.knowledge.skill.skill import (
+    HOME,
+    BoxSpec,
+    FormulaEntry,
+    Grasp,
+    GraspWaypoint,
+    Names,
+    Requirement,
+    Response,
+    RetryEntry,
+    Skill,
+    SkillFile,
+)
+from sqrp_cli.knowledge.text.digest import ContentDigest
+from sqrp_cli.knowledge.text.entries import Entry
+from sqrp_cli.knowledge.text.input_file import decoded, read_input
+from sqrp_cli.knowledge.text.source import MAX_BYTES, Document, KeyPath, describe, dotted, read_document
+from sqrp_cli.knowledge.text.units import Quantity
+from sqrp_cli.knowledge.text.usual_values import SKILL, unusual_values
+from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.logic.mtl import Always, Eventually, Formula, check_formula, children, parse_formula
+from sqrp_cli.logic.pddl import Action, Domain, parse_domain
+
+SKILL_FILE = "skill.yaml"
+
+
+def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
+    """The skill in `folder`, whose name is the folder's.
+
+    place: where the workspace names the folder. Raises InputError with everything that is wrong with its two files;
+    names of links, objects and detectors are left to the workspace.
+    """
+    if not folder.is_dir():
+        known = [entry.name for entry in folder.parent.iterdir() if entry.is_dir()] if folder.parent.is_dir() else []
+        message = f"there is no skill folder {folder}; {expected_names(folder.name, known)}"
+        raise InputError(Problem("unknown-skill", message, place))
+    for required in (SKILL_FILE, f"{folder.name}.pddl"):
+        if not (folder / required).is_file():
+            close = nearest(required, (entry.name for entry in folder.iterdir()))
+            message = f"the skill folder {folder} has no `{required}`" + (f"; did you mean `{close}`?" if close else "")
+            raise InputError(Problem("missing-file", message, place))
+    document = read_document(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
+    domain = _read_domain(folder / f"{folder.name}.pddl", digest)
+    digest.add(f"skills.{folder.name}.yaml", document.path, document.content)
+    if folder.name not in domain.actions:
+        message = f"no action `{folder.name}`, named like its folder; {expected_names(folder.name, domain.actions)}"
+        meant = nearest(folder.name, domain.actions) or next(iter(domain.actions), None)
+        there = Place(domain.path) if meant is None else domain.actions[meant].place
+        mend = "rename the action, or the folder and its file"
+        raise InputError(Problem("missing-action", message, there, mend=mend))
+    return _SkillReader(document, validate(document, SkillFile), domain, domain.actions[folder.name]).read(folder)
+
+
+def _read_domain(path: Path, digest: ContentDigest) -> Domain:
+    content = read_input(path, MAX_BYTES)
+    digest.add(f"skills.{path.stem}.pddl", path, content)
+    return parse_domain(decoded(path, content), path)
+
+
+class _SkillReader:
+    """Checks what one skill file says beyond its format, and collects every problem on the way."""
+
+    def __init__(self, document: Document, file: SkillFile, domain: Domain, action: Action) -> None:
+        self.document = document
+        self.file = file
+        self.domain = domain
+        self.action = action
+        self.objects = [parameter.name for parameter in action.parameters]
+        self.problems: list[Problem] = []
+        self.values = {name: self._motion_values(name) for name in file.motion}
+        self.kinds: dict[str, list[Kind]] = {name: [] for name in file.motion}
+
+    def read(self, folder: Path) -> Skill:
+        for name in self.file.motion:
+            if name in self.objects:
+                self._report("ambiguous-name", ("motion", name), "the PDDL action has a parameter of this name too")
+        for name, waypoint in self.file.waypoints.items():
+            self._check_fields(waypoint, ("waypoints", name))
+        self._check_origins()
+        for index, primitive in enumerate(self.file.primitives):
+            if primitive.name in [other.name for other in self.file.primitives[:index]]:
+                message = f"`{primitive.name}` names an earlier primitive action too"
+                self._report("duplicate-name", ("primitives", index, "name"), message)
+            self._check_fields(primitive, ("primitives", index))
+        parameters, requirements = self._parameters(), self._requirements()
+        self._check_targets()
+        if self.problems:
+            raise InputError(*self.problems)
+        return Skill(
+            name=folder.name,
+            folder=folder,
+            domain=self.domain,
+            action=self.action,
+            motion_parameters=parameters,
+            waypoints=self.file.waypoints,
+            primitives=tuple(self.file.primitives),
+            requirements=requirements,
+            targets=self.file.targets,
+            places=self.document.places,
+            warnings=tuple(unusual_values(self.document, SKILL)),
+        )
+
+    def _report(self, code: str, path: KeyPath, message: str) -> None:
+        self.problems.append(self.document.problem(code, path, message))
+
+    def _known(self, name: str, valid: Collection[str], what: str, path: KeyPath) -> bool:
+        if name in valid:
+            return True
+        message = f"found `{name}`, which is no {what}; {expected_names(name, valid)}"
+        self._report(f"unknown-{what.replace(' ', '-')}", path, message)
+        return False
+
+    def _check_fields(self, entry: Entry, path: KeyPath) -> None:
+        """The names and settings of a waypoint or primitive action, by the marks of its fields."""
+        for name, info in type(entry).model_fields.items():
+            value, at = getattr(entry, name), (*path, info.alias or name)
+            for mark in info.metadata:
+                if isinstance(mark, Kind):
+                    self._check_setting(value, mark, at)
+                elif isinstance(mark, Names):
+                    valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
+                    self._known(value, [*valid, HOME] if mark.home else valid, mark.what, at)
+
+    def _check_setting(self, value: Quantity | MotionValue | Reference, kind: Kind, path: KeyPath) -> None:
+        """The setting at `path`, whose own value or whose parameter's values must be of `kind`."""
+        if isinstance(value, Reference):
+            if self._is_parameter(value.parameter, path):
+                self.kinds[value.parameter].append(kind)
+                self._check_values(value.parameter, kind, path)
+        elif not isinstance(value, float) and (complaint := kind.complaint(value)) is not None:
+            self._report(complaint[0], path, complaint[1])
+
+    def _is_parameter(self, name: str, path: KeyPath) -> bool:
+        if name not in self.file.motion:
+            message = f"found `${name}`, which is no parameter under `motion`; {expected_names(name, self.file.motion)}"
+            self._report("unknown-parameter", path, message)
+        return name in self.file.motion
+
+    def _check_values(self, parameter: str, kind: Kind, path: KeyPath) -> None:
+        """Says of the first value of a parameter that is not of the kind what the setting at `path` needs."""
+        complaints = (kind.complaint(value) for value in self.values[parameter])
+        if (complaint := next(filter(None, complaints), None)) is not None:
+            self._report(complaint[0], ("motion", parameter), f"{complaint[1]}, because `{dotted(path)}` uses it")
+
+    def _parameters(self) -> tuple[MotionParameter, ...]:
+        """The motion parameters with their values in SI units; to be asked when all settings have been checked."""
+        parameters = []
+        for name, stated in self.values.items():
+            values = tuple(value.value if isinstance(value, Quantity) else value for value in stated)
+            if len(set(values)) < len(values):
+                self._report("repeated-value", ("motion", name), "a value is given twice")
+            parameters.append(MotionParameter(name, values, tuple(dict.fromkeys(self.kinds[name]))))
+        return tuple(parameters)
+
+    def _motion_values(self, name: str) -> tuple[Quantity | str, ...]:
+        entry = self.file.motion[name]
+        if isinstance(entry, ValueRange):
+            return self._spread(name, entry)
+        return tuple(entry.values) if isinstance(entry, ListedValues) else (entry,)
+
+    def _spread(self, name: str, entry: ValueRange) -> tuple[Quantity | str, ...]:
+        start, end = entry.start, entry.to
+        if not isinstance(start, Quantity) or not isinstance(end, Quantity):
+            word = end if isinstance(start, Quantity) else start
+            message = f"found {describe(word)}, expected a number at both ends of a range"
+            self._report("wrong-unit", ("motion", name), message)
+            return (Quantity(0.0, None),)
+        dimension = start.dimension or end.dimension
+        if dimension is not end.dimension and end.dimension is not None:
+            message = f"the range goes from {dimension.name if dimension else 'a number'} to {end.dimension.name}"
+            self._report("wrong-unit", ("motion", name), message)
+        return tuple(Quantity(float(value), dimension) for value in np.linspace(start.value, end.value, entry.count))
+
+    def _check_origins(self) -> None:
+        """Every `from` names another waypoint, and none leads back to itself; `home` is not redefined."""
+        if HOME in self.file.waypoints:
+            self._report(
+                "ambiguous-name", ("waypoints", HOME), "`home` is the robot's home configuration; take another name"
+            )
+        origins = {name: getattr(waypoint, "waypoint", None) for name, waypoint in self.file.waypoints.items()}
+        for name, origin in origins.items():
+            path = ("waypoints", name, "from")
+            if origin in (None, HOME) or not self._known(origin, [*origins, HOME], "waypoint", path):
+                continue
+            seen = {name: None}
+            while origin is not None and origin in origins and origin not in seen:
+                seen[origin] = None
+                origin = origins[origin]
+            if origin == name and name == next(other for other in origins if other in seen):
+                self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join([*seen, name])}")
+
+    def _requirements(self) -> tuple[Requirement, ...]:
+        found = [self._requirement(None, entry, ("formulas", index)) for index, entry in enumerate(self.file.formulas)]
+        found += [self._requirement(name, entry, ("faults", name)) for name, entry in self.file.faults.items()]
+        return tuple(requirement for requirement in found if requirement is not None)
+
+    def _requirement(self, name: str | None, stated: FormulaEntry | str, path: KeyPath) -> Requirement | None:
+        at: KeyPath = path if isinstance(stated, str) else (*path, "formula")
+        entry = FormulaEntry(formula=stated) if isinstance(stated, str) else stated
+        formula = self._formula(entry.formula, at)
+        response = self._response(entry.response, (*path, "response"))
+        if formula is None:
+            return None
+        return Requirement(name, formula, response, entry.settle, self.document.value_place(at))
+
+    def _response(self, entry: RetryEntry | Literal["stop", "continue"], path: KeyPath) -> Response:
+        if not isinstance(entry, RetryEntry):
+            return Response(entry)
+        condition = None if entry.when is None else self._condition(entry.when, (*path, "when"))
+        return Response("retry", entry.retry, condition)
+
+    def _condition(self, text: str, path: KeyPath) -> Formula | None:
+        """A formula about what is seen now."""
+        condition = self._formula(text, path)
+        parts = [] if condition is None else [condition]
+        while parts:
+            part = parts.pop()
+            if isinstance(part, Always | Eventually):
+                message = f"`{part}` is about a stretch of time; expected what must be seen now, such as `obj_on_table`"
+                self._report("temporal-condition", path, message)
+                return None
+            parts += children(part)
+        return condition
+
+    def _formula(self, text: str, path: KeyPath) -> Formula | None:
+        place = self.document.value_place(path)
+        try:
+            formula = parse_formula(text, place, indent=(place.column or 1) - 1)
+        except InputError as error:
+            self.problems.extend(error.problems)
+            return None
+        names = [entry.name for entry in self.file.primitives]
+        self.problems.extend(check_formula(formula, self.domain, self.action, names))
+        return formula
+
+    def _check_targets(self) -> None:
+        for predicate, target in self.file.targets.items():
+            path: KeyPath = ("targets", predicate)
+            self._known(predicate, self.domain.predicates, "predicate", path)
+            for index, box in enumerate(target.boxes):
+                self._check_at(box, (*path, "boxes", index, "at"))
+            for index, box in enumerate(target.boxes):
+                if box.name in [other.name for other in target.boxes[:index]]:
+                    self._report("duplicate-name", (*path, "boxes", index, "name"), "an earlier box has this name too")
+
+    def _check_at(self, box: BoxSpec, path: KeyPath) -> None:
+        """Where a box is held must be a waypoint; in the tool, one that grasps what the skill takes hold of."""
+        if box.at is None or not self._known(box.at, self.file.waypoints, "waypoint", path):
+            return
+        grasped = [primitive.object for primitive in self.file.primitives if isinstance(primitive, Grasp)]
+        waypoint = self.file.waypoints[box.at]
+        grasps = isinstance(waypoint, GraspWaypoint) and waypoint.object == box.fits
+        if box.frame == "tool" and box.fits in grasped and not grasps:
+            message = f"found waypoint `{box.at}`, expected one that grasps `{box.fits}` (with `object` and `side`)"
+            self._report("wrong-value", path, message)

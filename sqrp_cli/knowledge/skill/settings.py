@@ -1,0 +1,156 @@
+"""Settings of a skill: what each may be, and the motion parameters with whose values candidates differ."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, GetCoreSchemaHandler, PlainValidator, Tag, WithJsonSchema
+from pydantic_core import CoreSchema
+from pydantic_core.core_schema import no_info_after_validator_function
+
+from sqrp_cli.errors import nearest
+from sqrp_cli.knowledge.text import units
+from sqrp_cli.knowledge.text.bounds import LARGEST, LONGEST, SMALLEST_LIMIT
+from sqrp_cli.knowledge.text.entries import Entry, mapping_or_else, one_of, refused
+from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity, in_unit, meant_instead, read_quantity
+
+MotionValue = float | str
+"""Value of a motion parameter: a number in SI units, or a word such as `+z` or `up`."""
+
+MAX_VALUES = 1000
+"""Most values of one motion parameter."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The name of a motion parameter, where a number or word may also stand directly."""
+
+    parameter: str
+
+
+def _value(value: object) -> Quantity | str:
+    read = read_quantity(value)
+    if read is not None and abs(read.value) <= LARGEST:
+        return read
+    if read is not None:
+        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {LARGEST:g} in size")
+    if isinstance(value, str) and value and not any(character.isspace() for character in value):
+        return value
+    expected = "a number, a number with a unit such as `5 cm`, or a word"
+    raise refused("wrong-unit", f"found {describe(value)}, expected {expected}")
+
+
+def _setting(value: object) -> Quantity | str | Reference:
+    return Reference(value[1:]) if isinstance(value, str) and value.startswith("$") else _value(value)
+
+
+_ANY = {"anyOf": [{"type": "number", "minimum": -LARGEST, "maximum": LARGEST}, {"type": "string"}]}
+Value = Annotated[Quantity | str, PlainValidator(_value), WithJsonSchema(_ANY)]
+"""A quantity or a word; its dimension is checked against what the parameter is used for."""
+Setting = Annotated[
+    MotionValue | Reference,
+    PlainValidator(_setting),
+    WithJsonSchema({**_ANY, "description": "A number with its unit, a word, or $PARAMETER."}),
+]
+"""A value, or a reference to a motion parameter; what it may be is the `Kind` that stands beside it."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a setting may be: a quantity of a dimension within bounds, or a word."""
+
+    dimension: Dimension | None = None
+    least: float = -np.inf
+    most: float = np.inf
+    words: tuple[str, ...] = ()
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_after_validator_function(self._in_si_units, handler(source))
+
+    def _in_si_units(self, value: Quantity | str | Reference) -> Quantity | MotionValue | Reference:
+        """A quantity as its number; one of another kind stays as it is, for `read_skill` to refuse."""
+        return value.value if isinstance(value, Quantity) and self.complaint(value) is None else value
+
+    def complaint(self, value: Quantity | str) -> tuple[str, str] | None:
+        """What is wrong with a value, as the code and message of a problem, or None."""
+        if isinstance(value, str):
+            if value in self.words:
+                return None
+            close = nearest(value, self.words)
+            hint = f"; did you mean `{close}`?" if close else ""
+            return "wrong-value", f"found `{value}`, expected {self._expected()}{hint}"
+        if self.dimension is None or value.dimension not in (None, self.dimension):
+            found = value.dimension.name if value.dimension else f"`{value.value:g}`"
+            return "wrong-unit", f"found {found}, expected {self._expected()}"
+        if value.dimension is None and self.dimension is units.ANGLE and not self.least <= value.value <= self.most:
+            return "wrong-unit", f"found {value.value:g}, which would be radians; expected {self._expected()}"
+        if value.value < self.least:
+            return "wrong-value", f"found {value.value:g}, expected a value of at least {self._shown(self.least)}"
+        if value.value > self.most:
+            message = f"found {value.value:g}, expected a value of at most {self._shown(self.most)}"
+            plain = value.value if value.dimension is None else None
+            meant = meant_instead(plain, self.dimension, self.least, self.most)
+            return "wrong-value", message + (f"; {meant}" if meant else "")
+        return None
+
+    def _shown(self, bound: float) -> str:
+        return in_unit(bound, self.dimension)
+
+    def _expected(self) -> str:
+        if self.dimension is not None:
+            return expected_quantity(self.dimension)
+        return "one of " + ", ".join(f"`{word}`" for word in self.words)
+
+
+Yaw = Annotated[Setting, Kind(units.ANGLE, least=-units.TURN, most=units.TURN)]
+Side = Annotated[Setting, Kind(words=("+x", "-x", "+y", "-y", "+z", "-z"))]
+Elbow = Annotated[Setting, Kind(words=("any", "up", "down"))]
+Shoulder = Annotated[Setting, Kind(words=("any", "left", "right"))]
+Wrist = Annotated[Setting, Kind(words=("any", "no_flip", "flip"))]
+Via = Annotated[Setting, Kind(words=("direct", "home"))]
+Distance = Annotated[Setting, Kind(units.LENGTH, least=0.0, most=100.0)]
+OffsetShare = Annotated[Setting, Kind(units.SHARE, least=-1.0, most=1.0)]
+SpeedShare = Annotated[Setting, Kind(units.SHARE, least=0.001, most=1.0)]
+Speed = Annotated[Setting, Kind(units.SPEED, least=SMALLEST_LIMIT, most=100.0)]
+Acceleration = Annotated[Setting, Kind(units.ACCELERATION, least=SMALLEST_LIMIT, most=1e4)]
+Jerk = Annotated[Setting, Kind(units.JERK, least=SMALLEST_LIMIT, most=LARGEST)]
+Duration = Annotated[Setting, Kind(units.TIME, least=0.0, most=LONGEST)]
+
+
+class ListedValues(Entry):
+    """The values that candidates try, in order; the first is the default."""
+
+    values: list[Value] = Field(min_length=1, max_length=MAX_VALUES, description="Numbers with their units, or words.")
+
+
+class ValueRange(Entry):
+    """Values spread evenly from one bound to the other, both included."""
+
+    start: Value = Field(alias="from", description="The first.")
+    to: Value = Field(description="The last.")
+    count: Annotated[int, Field(strict=True, ge=2, le=MAX_VALUES, description="How many.")]
+
+
+MotionValues = Annotated[
+    Annotated[
+        Annotated[ListedValues, Tag("<values>")] | Annotated[ValueRange, Tag("<from>")],
+        one_of("values", "from"),
+        Tag("<mapping>"),
+    ]
+    | Annotated[Value, Tag("<else>")],
+    mapping_or_else(),
+]
+"""The values of a motion parameter as a file states them: a list, a range or a single one."""
+
+
+@dataclass(frozen=True)
+class MotionParameter:
+    """A parameter of the motion with the values that candidates try, in order; the first is the default."""
+
+    name: str
+    values: tuple[MotionValue, ...]
+    kinds: tuple[Kind, ...] = ()
+    """What each setting that uses it may be."""

@@ -1,0 +1,349 @@
+"""A skill: what it needs and does (PDDL), how it moves, and what must be seen while it does.
+
+What skill.yaml states is described by the models here, from `SkillFile` down: they are both the format and the records.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.errors import Place, Problem
+from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.knowledge.skill import settings
+from sqrp_cli.knowledge.skill.settings import MotionParameter, MotionValues
+from sqrp_cli.knowledge.text.bounds import SHORTEST_DIRECTION
+from sqrp_cli.knowledge.text.entries import (
+    Direction,
+    Entry,
+    Extents,
+    Length,
+    Name,
+    Pose,
+    Text,
+    Time,
+    mapping_or_else,
+    one_of,
+)
+from sqrp_cli.knowledge.text.source import dotted
+from sqrp_cli.logic.mtl import Formula
+from sqrp_cli.logic.pddl import Action, Domain
+
+HOME = "home"
+"""The waypoint that every skill has: the robot's home configuration."""
+
+
+@dataclass(frozen=True)
+class Names:
+    """Marks a field whose value must name something of the skill; home: it may be `HOME` too."""
+
+    what: Literal["skill parameter", "waypoint"]
+    home: bool = False
+
+
+Parameter = Annotated[Name, Names("skill parameter")]
+Origin = Annotated[Name, Field(alias="from", description="The other waypoint.")]
+
+
+class GraspWaypoint(Entry):
+    """The tool at the centre of one side of an object, pointing into it."""
+
+    object: Parameter = Field(description="The skill parameter that names the object.")
+    side: settings.Side = Field(description="Outward axis of that side: +x, -x, +y, -y, +z or -z.")
+    yaw: settings.Yaw = Field(
+        default=0.0,
+        description="Turn of the tool about its z axis; at 0 its x axis lies along the object's x axis (y axis for the "
+        "sides +x and -x).",
+    )
+    depth: settings.Distance = Field(
+        default=0.0, description="How far the tool frame goes into the object, between fingers."
+    )
+
+
+class PutWaypoint(Entry):
+    """The held object standing upright on top of another object."""
+
+    object: Parameter = Field(alias="put", description="The skill parameter that names the held object.")
+    on: Parameter = Field(alias="onto", description="The skill parameter that names what it is put on.")
+    along: settings.OffsetShare = Field(
+        default=0.0, description="Where along its x axis: 0 in the middle, -1 and 1 at the edges."
+    )
+    across: settings.OffsetShare = Field(default=0.0, description="Where along its y axis, likewise.")
+    yaw: settings.Yaw = Field(default=0.0, description="Turn against what it is put on.")
+
+
+class TurnWaypoint(Entry):
+    """Another waypoint, turned about the tool's axes."""
+
+    waypoint: Origin
+    turn: settings.Yaw = Field(description="Turn about the tool's z axis.")
+    tilt: settings.Yaw = Field(default=0.0, description="Turn about the tool's x axis after that.")
+
+
+class RetreatWaypoint(Entry):
+    """Another waypoint, moved back against the tool's z axis."""
+
+    waypoint: Origin
+    distance: settings.Distance = Field(alias="retreat", description="By how much.")
+
+
+class RaiseWaypoint(Entry):
+    """Another waypoint, moved up along the world's z axis."""
+
+    waypoint: Origin
+    distance: settings.Distance = Field(alias="raise", description="By how much.")
+
+
+class PoseWaypoint(Entry):
+    """The tool frame at a fixed pose in the world."""
+
+    pose: Pose = Field(description="Of the tool frame in the world.")
+
+    @property
+    def X_WT(self) -> Array:
+        """The pose as a matrix, shape (4, 4)."""
+        return read_only(self.pose.matrix())
+
+
+Waypoint = Annotated[
+    Annotated[GraspWaypoint, Tag("<object>")]
+    | Annotated[PutWaypoint, Tag("<put>")]
+    | Annotated[RetreatWaypoint, Tag("<retreat>")]
+    | Annotated[RaiseWaypoint, Tag("<raise>")]
+    | Annotated[TurnWaypoint, Tag("<turn>")]
+    | Annotated[PoseWaypoint, Tag("<pose>")],
+    one_of("object", "put", "retreat", "raise", "turn", "pose"),
+]
+
+PrimitiveName = Annotated[Name, Field(description="What formulas call it, as in `a1.start`.")]
+
+
+class JointMove(Entry):
+    """All joints move together to a waypoint."""
+
+    name: PrimitiveName
+    to: Annotated[Name, Names("waypoint", home=True)] = Field(
+        alias="joint_move", description="The waypoint to go to; `home` is the robot's home configuration."
+    )
+    speed: settings.SpeedShare = Field(default=1.0, description="Share of the joints' velocity limits.")
+    elbow: settings.Elbow = Field(default="any", description="How the arm is bent at the end: up, down or any.")
+    shoulder: settings.Shoulder = Field(default="any", description="On which side the shoulder is: left, right or any.")
+    wrist: settings.Wrist = Field(default="any", description="no_flip: bent as at home; flip or any.")
+    via: settings.Via = Field(default="direct", description="direct, or home: with a stop at home on the way.")
+
+
+class StraightMove(Entry):
+    """The tool moves to a waypoint on a straight line."""
+
+    name: PrimitiveName
+    to: Annotated[Name, Names("waypoint")] = Field(alias="straight_move", description="The waypoint to go to.")
+    speed: settings.Speed = Field(description="Speed of the tool, such as 5 cm/s.")
+    acceleration: settings.Acceleration = Field(default=0.5, description="Acceleration of the tool [m/s^2].")
+    jerk: settings.Jerk = Field(default=5.0, description="Jerk of the tool [m/s^3].")
+
+
+class Grasp(Entry):
+    """The tool takes hold of an object, at the end of `duration`."""
+
+    name: PrimitiveName
+    object: Parameter = Field(alias="grasp", description="The skill parameter that names the object.")
+    duration: settings.Duration = Field(description="How long that takes.")
+
+
+class Release(Entry):
+    """The tool lets go of what it holds, at the end of the duration."""
+
+    name: PrimitiveName
+    duration: settings.Duration = Field(alias="release", description="The duration.")
+
+
+class Wait(Entry):
+    """The robot stands still."""
+
+    name: PrimitiveName
+    duration: settings.Duration = Field(alias="wait", description="The duration.")
+
+
+PrimitiveAction = Annotated[
+    Annotated[JointMove, Tag("<joint_move>")]
+    | Annotated[StraightMove, Tag("<straight_move>")]
+    | Annotated[Grasp, Tag("<grasp>")]
+    | Annotated[Release, Tag("<release>")]
+    | Annotated[Wait, Tag("<wait>")],
+    one_of("joint_move", "straight_move", "grasp", "release", "wait"),
+]
+
+
+class RetryEntry(Entry):
+    """Try the skill again."""
+
+    retry: Annotated[int, Field(strict=True, ge=1, le=100)] = Field(description="How often at most.")
+    when: Text | None = Field(default=None, description="What must be seen before a retry starts, as a formula.")
+
+
+ResponseEntry = Annotated[
+    Annotated[RetryEntry, Tag("<mapping>")] | Annotated[Literal["stop", "continue"], Tag("<else>")], mapping_or_else()
+]
+
+
+class FormulaEntry(Entry):
+    """An MTL formula with the response to its violation."""
+
+    formula: Text = Field(description="Such as always[a1.start, a2.end] (not hold and obj_on_table).")
+    response: ResponseEntry = Field(default="stop", description="stop, continue, or {retry: N, when: FORMULA}.")
+    settle: Time = Field(default=0.5, description="Time that a literal may lag behind its expected change.")
+
+
+FormulaOrText = Annotated[Annotated[FormulaEntry, Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()]
+
+
+def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The vector at length 1; one that is too short for that stays as it is, for its owner to refuse."""
+    if max(map(abs, vector)) < SHORTEST_DIRECTION:
+        return vector
+    x, y, z = np.asarray(vector) / np.linalg.norm(vector)
+    return float(x), float(y), float(z)
+
+
+UnitVector = Annotated[Direction, AfterValidator(_unit)]
+
+
+class BoxSpec(Entry):
+    """A box of a target: where to look for what."""
+
+    name: Name = Field(description="What output calls it.")
+    frame: Text = Field(
+        description="`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with "
+        "`@start` (where it was when the skill began)."
+    )
+    fits: Name | None = Field(default=None, description="The skill parameter or object that gives the box its size.")
+    at: Name | None = Field(
+        default=None,
+        description="With `fits`: the waypoint at which it is held: the box is where it then is in the tool (frame "
+        "`tool`), or in the world, from where the box moves with its frame.",
+    )
+    margin: Length = Field(default=0.0, description="With `fits`: enlargement on every side.")
+    size: Extents | None = Field(default=None, description="Full extents, instead of `fits`.")
+    pose: Pose = Field(default=Pose(), description="Pose of the box in the frame.")
+    detector: Name = Field(description="The detector of the workspace that looks for it.")
+    normal: UnitVector | None = Field(
+        default=None, description="Direction away from the surface that it lies on (markers)."
+    )
+    encloses: tuple[Text, ...] | None = Field(
+        default=None,
+        description="Links, objects, skill parameters or `tool` that it encloses; default: the object of its frame.",
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> BoxSpec:
+        if (self.fits is None) == (self.size is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `fits`, `size`")
+        if self.fits is None and (self.at is not None or self.margin):
+            raise PydanticCustomError("conflicting-keys", "`at` and `margin` go with `fits`, not with `size`")
+        if self.at is None and self.fits is not None and self.frame == "tool":
+            raise PydanticCustomError("conflicting-keys", "`at` is needed with `fits` in frame `tool`")
+        if self.normal is not None and max(map(abs, self.normal)) < SHORTEST_DIRECTION:
+            raise PydanticCustomError("wrong-value", "`normal` has length 0")
+        if self.size is not None and min(self.size) < 0.002 and self.normal is None:
+            raise PydanticCustomError("missing-key", "a box with a side under 2 mm needs a `normal`")
+        return self
+
+    @property
+    def X_FB(self) -> Array:
+        """The pose of the box in the frame (on top of `fits`), shape (4, 4)."""
+        return read_only(self.pose.matrix())
+
+
+class TargetSpec(Entry):
+    """What decides a predicate."""
+
+    cameras: Annotated[int, Field(strict=True, ge=1, le=200)] = Field(
+        default=1, description="How many cameras must each see all boxes."
+    )
+    boxes: list[BoxSpec] = Field(min_length=1, max_length=20, description="All of them decide it together.")
+
+
+MOST_ENTRIES = 200
+"""Of a kind in a skill."""
+
+
+class SkillFile(Entry):
+    """How a skill moves, and what the cameras must see while it does."""
+
+    motion: dict[Name, MotionValues] = Field(
+        default={}, max_length=MOST_ENTRIES, description="Parameters of the motion with the values to try."
+    )
+    waypoints: dict[Name, Waypoint] = Field(default={}, max_length=MOST_ENTRIES, description="Poses of the tool frame.")
+    primitives: list[PrimitiveAction] = Field(
+        min_length=1, max_length=100, description="What the robot does, one after the other."
+    )
+    formulas: list[FormulaOrText] = Field(
+        default=[], max_length=MOST_ENTRIES, description="What must hold while all goes well."
+    )
+    faults: dict[Name, FormulaEntry] = Field(default={}, max_length=MOST_ENTRIES, description="What may go wrong.")
+    targets: dict[Name, TargetSpec] = Field(
+        default={}, max_length=MOST_ENTRIES, description="What decides each predicate, and where to look."
+    )
+
+
+@dataclass(frozen=True)
+class Response:
+    """What the robot does when a formula is violated or a fault is seen."""
+
+    action: Literal["stop", "retry", "continue"]
+    retries: int = 0
+    """How often a `retry` may be tried."""
+    condition: Formula | None = None
+    """What must be seen before a retry starts."""
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A temporal sensing requirement: what a `FormulaEntry` says, its texts parsed as MTL."""
+
+    name: str | None
+    """Of the fault that the formula describes; None for a plain requirement."""
+    formula: Formula
+    response: Response
+    settle: float
+    """Time that a literal may lag behind its expected change before it counts as violated [s]."""
+    place: Place
+    """Where the formula's text starts."""
+
+
+@dataclass(frozen=True)
+class Skill:
+    """A skill as its two files define it."""
+
+    name: str
+    folder: Path
+    domain: Domain
+    """The types and predicates around its action."""
+    action: Action
+    motion_parameters: tuple[MotionParameter, ...]
+    waypoints: Mapping[str, Waypoint]
+    primitives: tuple[PrimitiveAction, ...]
+    requirements: tuple[Requirement, ...]
+    targets: Mapping[str, TargetSpec]
+    places: Mapping[str, Place]
+    """Position of every key of skill.yaml, by its dotted path (such as `primitives.0.to`)."""
+    warnings: tuple[Problem, ...]
+    """Findings that do not prevent its use."""
+
+    def place(self, *path: str | int) -> Place:
+        """Where a key of skill.yaml stands, such as `targets`, `hold`, `boxes`, 0; if it is missing, what lacks it."""
+        while path[1:] and dotted(path) not in self.places:
+            path = path[:-1]
+        return self.places[dotted(path)]
+
+    @property
+    def retried_faults(self) -> frozenset[str]:
+        """Names of the faults after which the robot tries again."""
+        retried = (requirement.name for requirement in self.requirements if requirement.response.action == "retry")
+        return frozenset(name for name in retried if name is not None)

@@ -1,0 +1,321 @@
+"""Values that several of the YAML files have in common, as Pydantic types: names, quantities, vectors, poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, LiteralString
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Discriminator,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    PlainSerializer,
+    StringConstraints,
+    ValidatorFunctionWrapHandler,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic_core.core_schema import (
+    no_info_before_validator_function,
+    no_info_wrap_validator_function,
+    plain_serializer_function_ser_schema,
+)
+
+from sqrp_cli.errors import expected_names
+from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, read_only, rpy_to_matrix
+from sqrp_cli.knowledge.text import units
+from sqrp_cli.knowledge.text.bounds import (
+    LARGEST,
+    LARGEST_ANGLE,
+    LARGEST_LENGTH,
+    LONGEST,
+    SHORTEST_DIRECTION,
+    SMALLEST_SIZE,
+)
+from sqrp_cli.knowledge.text.source import describe
+from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity, read_quantity
+
+
+class Entry(BaseModel):
+    """A mapping of a YAML file that accepts the keys it declares and no others."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=False, arbitrary_types_allowed=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _only_declared_keys(cls, data: Any) -> Any:  # noqa: ANN401 - runs before validation
+        if not isinstance(data, cls):
+            keys = {field.alias or name: field.is_required() for name, field in cls.model_fields.items()}
+            _check_keys(data, keys)
+        return data
+
+
+class Stored:
+    """A frozen dataclass that a file holds as it stands: a mapping of its fields, by their aliases, and no others.
+
+    Pydantic checks what a file says by the annotations of the fields, and takes a record that exists as it is.
+    """
+
+    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True, use_attribute_docstrings=True)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """What Pydantic makes of the dataclass, behind a check of the keys."""
+        schema: Any = {**handler.resolve_ref_schema(handler(source))}
+        fields = schema["schema"]["fields"]
+        keys = {part.get("validation_alias", part["name"]): part["schema"]["type"] != "default" for part in fields}
+
+        def check(data: object) -> object:
+            if not isinstance(data, cls):
+                _check_keys(data, keys)
+            return data
+
+        # Pydantic takes what has the reference where the record stands a second time: that must be the check, too.
+        return no_info_before_validator_function(check, schema, ref=schema.pop("ref"))
+
+
+@dataclass(frozen=True)
+class Written:
+    """Marks a field of a record that a file writes in another form, such as an array as nested lists.
+
+    form: the type that Pydantic checks. read: what the field is of a value in that form, write: the other way round.
+    """
+
+    form: Any
+    read: Callable[[Any], Any]
+    write: Callable[[Any], Any]
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """What Pydantic makes of the form, between `read` and `write`; a record that exists is taken as it is."""
+
+        def validate(value: object, in_form: ValidatorFunctionWrapHandler) -> object:
+            return value if isinstance(source, type) and isinstance(value, source) else self.read(in_form(value))
+
+        return no_info_wrap_validator_function(
+            validate,
+            handler.generate_schema(self.form),
+            serialization=plain_serializer_function_ser_schema(self.write),
+        )
+
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+_Row = Annotated[tuple[Finite, ...], Field(min_length=4, max_length=4)]
+
+PoseMatrix = Annotated[
+    Array,
+    Written(Annotated[tuple[_Row, ...], Field(min_length=4, max_length=4)], read_only, np.ndarray.tolist),
+]
+"""A pose, shape (4, 4), which a file writes as nested rows; whether it is one is not checked."""
+
+
+def _check_keys(data: object, keys: Mapping[str, bool]) -> None:
+    """Raises PydanticCustomError unless data is a mapping with no other than these keys.
+
+    keys: whether each is required.
+    """
+    if not isinstance(data, dict):
+        needed = [key for key, required in keys.items() if required]
+        raise PydanticCustomError("no-mapping", "no mapping", {"keys": needed or list(keys)})
+    unknown = {str(key): expected_names(str(key), keys) for key in data if key not in keys}
+    if unknown:
+        raise PydanticCustomError("unknown-key", "unknown key", {"keys": unknown})
+
+
+class ForeignEntry(BaseModel):
+    """An entry of a file that other programs write: keys that it does not need are ignored."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+def one_of(*keys: str) -> Discriminator:
+    """Chooses the entry of a union by the key that only this entry has; the entry's tag is that key in `<...>`."""
+
+    def tag(data: object) -> str | None:
+        found = [key for key in keys if isinstance(data, dict) and key in data]
+        return f"<{found[0]}>" if len(found) == 1 else None
+
+    return Discriminator(
+        tag,
+        custom_error_type="ambiguous-entry",
+        custom_error_message="expected exactly one of the keys " + ", ".join(f"`{key}`" for key in keys),
+    )
+
+
+def mapping_or_else() -> Discriminator:
+    """Chooses between a mapping (tag `<mapping>`) and anything else (tag `<else>`)."""
+    return Discriminator(lambda data: "<mapping>" if isinstance(data, dict) else "<else>")
+
+
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$")]
+"""A name that logic formulas can use: letters, digits, `_` and `-`, starting with a letter."""
+
+Text = Annotated[str, StringConstraints(min_length=1)]
+
+
+@dataclass(frozen=True)
+class In:
+    """Marks a number of a file: its dimension, None for a plain number, and what it can be in SI units.
+
+    Text with a unit of the dimension is accepted too. What is an angle needs a unit if it is more than a turn.
+    """
+
+    dimension: Dimension | None
+    least: float
+    most: float
+
+    def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_before_validator_function(self.read, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        number = {"type": "number", "minimum": self.least, "maximum": self.most}
+        if self.dimension is None:
+            return number
+        described = f"A number in SI units and radians, or {expected_quantity(self.dimension)}."
+        return {"anyOf": [number, {"type": "string"}], "description": described}
+
+    def read(self, value: object) -> float:
+        """The number that a file states, in SI units. Raises PydanticCustomError if it cannot be."""
+        read = read_quantity(value)
+        if read is None or read.dimension not in (None, self.dimension):
+            raise refused("wrong-unit", f"found {describe(value)}, expected {self._expected()}")
+        if read.dimension is None and self.dimension is units.ANGLE and abs(read.value) > units.TURN:
+            found = f"found {describe(value)}, which would be radians"
+            raise refused("wrong-unit", f"{found}; expected {self._expected()}")
+        if not self.least <= read.value <= self.most:
+            raise refused("wrong-value", f"found {describe(value)}, expected {self._bound(value, read.value)}")
+        return read.value
+
+    def _expected(self) -> str:
+        return expected_quantity(*((self.dimension,) if self.dimension else ()))
+
+    def _bound(self, value: object, number: float) -> str:
+        word, bound = ("least", self.least) if number < self.least else ("most", self.most)
+        meant = units.meant_instead(value, self.dimension, self.least, self.most)
+        return f"a value of at {word} {units.in_unit(bound, self.dimension)}" + (f"; {meant}" if meant else "")
+
+
+def refused(code: LiteralString, message: str) -> PydanticCustomError:
+    """An error with a message that may hold any characters."""
+    return PydanticCustomError(code, "{message}", {"message": message})
+
+
+Length = Annotated[float, In(units.LENGTH, -LARGEST_LENGTH, LARGEST_LENGTH)]
+Distance = Annotated[float, In(units.LENGTH, 0.0, LARGEST_LENGTH)]
+Size = Annotated[float, In(units.LENGTH, SMALLEST_SIZE, LARGEST_LENGTH)]
+Angle = Annotated[float, In(units.ANGLE, -LARGEST_ANGLE, LARGEST_ANGLE)]
+Time = Annotated[float, In(units.TIME, 0.0, LONGEST)]
+Pixels = Annotated[float, In(units.PIXELS, 0.0, LARGEST)]
+Share = Annotated[float, In(units.SHARE, 0.0, 1.0)]
+Number = Annotated[float, In(None, -LARGEST, LARGEST)]
+
+
+_A_NUMBER = {"type": "number", "minimum": -LARGEST, "maximum": LARGEST}
+
+
+def _joint_quantity(value: object) -> Quantity:
+    read = read_quantity(value)
+    if read is None:
+        expected = "a number, or one with a unit such as `30 deg`, `60 deg/s` or `120 deg/s^2`"
+        raise refused("wrong-unit", f"found {describe(value)}, expected {expected}")
+    if abs(read.value) > LARGEST:
+        raise refused("wrong-value", f"found {describe(value)}, expected a number of at most {LARGEST:g} in size")
+    return read
+
+
+AnyQuantity = Annotated[
+    Quantity,
+    BeforeValidator(_joint_quantity),
+    PlainSerializer(lambda quantity: quantity.value),
+    WithJsonSchema(
+        {
+            "anyOf": [_A_NUMBER, {"type": "string"}],
+            "description": "A number, or one with its unit.",
+        }
+    ),
+]
+"""A quantity whose dimension is checked later, against what it is used for."""
+
+
+def _of_length(*lengths: int) -> BeforeValidator:
+    def validate(value: object) -> object:
+        if not isinstance(value, list) or len(value) not in lengths:
+            expected = " or ".join(str(length) for length in lengths)
+            raise refused("wrong-length", f"found {describe(value)}, expected a list of {expected} numbers")
+        return value
+
+    return BeforeValidator(validate)
+
+
+Position = Annotated[tuple[Length, Length, Length], _of_length(3)]
+Extents = Annotated[tuple[Size, Size, Size], _of_length(3)]
+Direction = Annotated[tuple[Number, Number, Number], _of_length(3)]
+Rotation = Annotated[tuple[Angle, Angle, Angle], _of_length(3)]
+Quaternion = Annotated[tuple[Number, Number, Number, Number], _of_length(4)]
+Range = Annotated[tuple[Distance, Distance], _of_length(2)]
+Scale = Annotated[
+    tuple[Number, Number, Number],
+    _of_length(3),
+    BeforeValidator(lambda value: value if isinstance(value, list) else [value] * 3),
+    WithJsonSchema({"anyOf": [_A_NUMBER, {"type": "array", "items": _A_NUMBER}]}),
+]
+
+
+class Pose(Entry):
+    """A pose: a position, and an orientation in one of two notations."""
+
+    position: Position = Field(default=(0.0, 0.0, 0.0), description="x, y, z.")
+    quaternion: Quaternion | None = Field(default=None, description="Orientation as x, y, z, w; of length 1.")
+    rpy: Rotation | None = Field(
+        default=None, description="Orientation as roll, pitch, yaw about fixed x, y, z, as in URDF."
+    )
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Pose:
+        if self.quaternion is not None and self.rpy is not None:
+            raise PydanticCustomError("conflicting-keys", "`quaternion` and `rpy` both give the orientation; keep one")
+        if self.quaternion is not None:
+            length = sum(value * value for value in self.quaternion) ** 0.5
+            if abs(length - 1.0) > 0.01:
+                raise refused("not-a-rotation", f"`quaternion` has length {length:.3g}, expected 1 (order x, y, z, w)")
+        return self
+
+    def matrix(self) -> Array:
+        """The 4x4 pose."""
+        if self.quaternion is not None:
+            return pose(quaternion_to_matrix(self.quaternion), self.position)
+        return pose(rpy_to_matrix(self.rpy or (0.0, 0.0, 0.0)), self.position)
+
+
+class CameraPose(Pose):
+    """The pose of a camera's optical frame (z forward, x right, y down)."""
+
+    look_at: Position | None = Field(
+        default=None, description="The point in the middle of the image, instead of an orientation."
+    )
+    up: Direction = Field(default=(0.0, 0.0, 1.0), description="With look_at: the direction that is up in the image.")
+
+    @model_validator(mode="after")
+    def _one_direction(self) -> CameraPose:
+        if self.look_at is None:
+            if "up" in self.model_fields_set:
+                raise PydanticCustomError("conflicting-keys", "`up` has a meaning only together with `look_at`")
+            return self
+        if self.quaternion is not None or self.rpy is not None:
+            raise PydanticCustomError("conflicting-keys", "`look_at` and an orientation are both given; keep one")
+        if max(abs(a - b) for a, b in zip(self.look_at, self.position, strict=True)) < 1e-6:
+            raise PydanticCustomError("not-a-rotation", "`look_at` is the position of the camera itself")
+        if max(map(abs, self.up)) < SHORTEST_DIRECTION:
+            raise PydanticCustomError("not-a-rotation", "`up` has length 0")
+        return self
+
+    def matrix(self) -> Array:
+        """The 4x4 pose."""
+        return super().matrix() if self.look_at is None else look_at(self.position, self.look_at, self.up)

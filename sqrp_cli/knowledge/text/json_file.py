@@ -1,0 +1,206 @@
+"""Reading JSON from others safely: nested to a limited depth, with finite numbers, and with no key given twice.
+
+A problem names the file, the line, and the key as in `results[3].q_avg`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.text.source import Document, KeyPath, describe
+
+MAX_DEPTH = 32
+"""Deepest nesting of objects and lists."""
+
+MAX_DIGITS = 20
+"""Most characters of a whole number."""
+
+LONGEST_NAME = 60
+"""Most characters of a key that messages show."""
+
+_TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{},:]|[^\s\[\]{},:"]+', re.DOTALL)
+_BRACKET = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[{]|[\]}]', re.DOTALL)
+_WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
+
+
+class JsonDocument(Document):
+    """The content of a JSON file, with the place of every key and value."""
+
+    def name(self, path: KeyPath) -> str:
+        """As `json_name`."""
+        return json_name(path)
+
+
+def json_name(path: KeyPath) -> str:
+    """How messages name a key: `results[3].q_avg`, or `tasks["pickup green"]`."""
+    return "".join(map(_name, path)).removeprefix(".")
+
+
+def _name(key: str | int) -> str:
+    if isinstance(key, int):
+        return f"[{key}]"
+    short = key if len(key) <= LONGEST_NAME else f"{key[:LONGEST_NAME]}..."
+    return f".{short}" if _WORD.fullmatch(short) else f'["{short}"]'
+
+
+def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - JSON holds anything
+    """The value of a JSON text; path, line: of its beginning, for problems.
+
+    Raises InputError, with line and column, for what is no JSON, nests deeper than `MAX_DEPTH`, has a number that is
+    not finite or longer than `MAX_DIGITS`, or gives a key twice. Half characters stay: names that are no UTF-8 have
+    some.
+    """
+    try:
+        _check_depth(text)
+        data = json.loads(
+            text, object_pairs_hook=_unique, parse_float=_finite, parse_int=_short, parse_constant=_refuse
+        )
+    except json.JSONDecodeError as error:
+        message = f"this is no JSON: {error.msg[:1].lower()}{error.msg[1:]}"
+        raise InputError(Problem("json-syntax", message, Place(path, line + error.lineno - 1, error.colno))) from None
+    except _Unfit:
+        raise InputError(_unfit(path, text, line)) from None
+    return data
+
+
+def json_document(path: Path, text: str, data: dict[str, Any]) -> JsonDocument:
+    """A JSON text that was parsed, with the place of everything: for when something in it is wrong."""
+    keys: dict[KeyPath, Place] = {}
+    values: dict[KeyPath, Place] = {}
+    for token in _tokens(path, text, 1):
+        (keys if token.is_key else values)[token.path] = token.place
+        if not token.is_key:
+            keys.setdefault(token.path, token.place)
+    return JsonDocument(path, text.encode(), data, keys, values)
+
+
+class _Unfit(Exception):  # noqa: N818
+    """There is something in a JSON text that is not accepted."""
+
+
+def _check_depth(text: str) -> None:
+    if text.count("[") + text.count("{") <= MAX_DEPTH:
+        return
+    depth = 0
+    for match in _BRACKET.finditer(text):
+        sign = match[0]
+        depth += (sign in "[{") - (sign in "]}")
+        if depth > MAX_DEPTH:
+            raise _Unfit
+
+
+def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    data = dict(pairs)
+    if len(data) < len(pairs):
+        raise _Unfit
+    return data
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise _Unfit
+    return number
+
+
+def _short(text: str) -> int:
+    if len(text) > MAX_DIGITS:
+        raise _Unfit
+    return int(text)
+
+
+def _refuse(_text: str) -> NoReturn:
+    raise _Unfit
+
+
+@dataclass(frozen=True)
+class _Token:
+    """A key, or the beginning of a value; path: that leads to it."""
+
+    text: str
+    path: KeyPath
+    is_key: bool
+    place: Place
+
+
+def _tokens(path: Path, text: str, line: int) -> Iterator[_Token]:
+    """The keys and values of a JSON text, in order; of a damaged one as far as it goes."""
+    keys: list[str | int | None] = []  # in each list the index, in each object the key, None before it
+    begin, done = 0, 0
+    for match in _TOKEN.finditer(text):
+        sign, start = match[0], match.start()
+        line += text.count("\n", done, start)
+        begin = text.rfind("\n", done, start) + 1 or begin
+        done = start
+        place = Place(path, line, start - begin + 1)
+        if sign == ",":
+            if keys:
+                last = keys[-1]
+                keys[-1] = last + 1 if isinstance(last, int) else None
+        elif sign in "]}":
+            del keys[-1:]
+        elif sign != ":":
+            if keys and keys[-1] is None:
+                keys[-1] = _text(sign)
+                yield _Token(sign, _path(keys), True, place)
+                continue
+            yield _Token(sign, _path(keys), False, place)
+            if sign in "[{":
+                keys.append(0 if sign == "[" else None)
+
+
+def _path(keys: list[str | int | None]) -> KeyPath:
+    return tuple(key for key in keys if key is not None)
+
+
+def _text(token: str) -> str:
+    try:
+        return str(json.loads(token))
+    except ValueError:
+        return token
+
+
+def _unfit(path: Path, text: str, line: int) -> Problem:
+    """What the first thing is that is not accepted."""
+    seen: set[KeyPath] = set()
+    for token in _tokens(path, text, line):
+        if len(token.path) >= MAX_DEPTH and token.text in "[{":
+            return Problem("nesting-too-deep", f"nested deeper than {MAX_DEPTH} levels", token.place)
+        why = _wrong(token, seen)
+        if why is not None:
+            return Problem(why[0], f"`{json_name(token.path)}`: {why[1]}" if token.path else why[1], token.place)
+    return Problem("json-syntax", "this is no JSON that is accepted", Place(path, line))
+
+
+def _wrong(token: _Token, seen: set[KeyPath]) -> tuple[str, str] | None:
+    """Code and message of what is wrong with a key or value, if anything; seen: the keys before it."""
+    if token.is_key and token.path in seen:
+        return "duplicate-key", "this key is given twice"
+    if token.is_key:
+        seen.add(token.path)
+    if token.text.startswith('"'):
+        return None
+    if token.text.lstrip("-")[:1].isdigit():
+        whole = token.text.lstrip("-").isdigit()
+        if whole and len(token.text) > MAX_DIGITS:
+            return "not-finite", f"found a number of {len(token.text):,} digits, expected at most {MAX_DIGITS}"
+        return None if whole or _is_finite(token.text) else ("not-finite", _FINITE.format(describe(token.text)))
+    return ("not-finite", _FINITE.format(describe(token.text))) if token.text.lstrip("-") in _CONSTANTS else None
+
+
+_FINITE = "found {}, expected a finite number"
+_CONSTANTS = ("NaN", "Infinity")
+
+
+def _is_finite(text: str) -> bool:
+    try:
+        return math.isfinite(float(text))
+    except ValueError:
+        return True  # no number at all

@@ -1,0 +1,140 @@
+"""Validation of a YAML document against a Pydantic model, with every error turned into a problem with its place."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from difflib import SequenceMatcher
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from sqrp_cli.errors import InputError, Problem, nearest
+from sqrp_cli.knowledge.text.source import Document, KeyPath, describe
+
+Model = TypeVar("Model", bound=BaseModel)
+
+_QUOTED = re.compile(r"`(\w+)`")
+
+_EXPECTED = {
+    "string_type": "text",
+    "string_too_short": "text that is not empty",
+    "string_pattern_mismatch": "a name of letters, digits, `_` and `-` that starts with a letter",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a number",
+    "float_parsing": "a number",
+    "bool_type": "`true` or `false`",
+    "bool_parsing": "`true` or `false`",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a mapping of names to entries",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+    "too_short": "a list with at least {min_length} item(s)",
+    "too_long": "at most {max_length} entries",
+    "greater_than": "a value above {gt:g}",
+    "greater_than_equal": "a value of at least {ge:g}",
+    "less_than": "a value below {lt:g}",
+    "less_than_equal": "a value of at most {le:g}",
+}
+
+
+def validate(document: Document, model: type[Model]) -> Model:
+    """The document as an instance of `model`.
+
+    Raises InputError with one problem for each error: its place, the key's dotted path, what was found and what was
+    expected.
+    """
+    try:
+        return model.model_validate(document.data)
+    except ValidationError as error:
+        raise InputError(*problems_of(document, error)) from error
+
+
+def problems_of(document: Document, error: ValidationError) -> list[Problem]:
+    """What Pydantic says is wrong with a document, as `validate` tells it, in order of place."""
+    problems = [problem for details in error.errors() for problem in _problems(document, details)]
+    return sorted(problems, key=_position)
+
+
+def _position(problem: Problem) -> tuple[int, int]:
+    place = problem.place
+    return (place.line or 0, place.column or 0) if place else (0, 0)
+
+
+def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
+    path, absent = _path_in(document.data, details["loc"])
+    context: dict[str, Any] = details.get("ctx", {})
+    kind = details["type"]
+    if kind == "unknown-key":
+        return [
+            Problem(
+                kind, f"`{document.name((*path, key))}` is no known key; {expected}", document.key_place((*path, key))
+            )
+            for key, expected in context["keys"].items()
+        ]
+    if kind == "missing":
+        owner = f"`{document.name(path)}`" if path else "the file"
+        lack = f"the key `{absent}`" if absent else f"entry {details['loc'][-1]} (the first is 0)"
+        return [Problem("missing-key", f"{owner} lacks {lack}", document.key_place(path))]
+    found = describe(details["input"])
+    if kind == "no-mapping":
+        keys = ", ".join(f"`{key}`" for key in context["keys"])
+        return [document.problem("wrong-type", path, f"found {found}, expected a mapping with {keys}")]
+    if kind == "too_long":
+        found = f"{len(details['input']):,} entries"
+    or_mapping = " or a mapping" if "<else>" in details["loc"] else ""
+    if kind == "literal_error":
+        message = _wrong_word(details["input"], str(context["expected"]))
+        return [document.problem("wrong-value", path, message + or_mapping)]
+    if kind in _EXPECTED:
+        code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
+        expected = _EXPECTED[kind].format(**context) + or_mapping
+        problem = document.problem(code, path, f"found {found}, expected {expected}")
+        # Pydantic marks what is wrong with a key, which stands elsewhere than its value.
+        return [replace(problem, place=document.key_place(path)) if details["loc"][-1:] == ("[key]",) else problem]
+    if kind == "ambiguous-entry" and isinstance(details["input"], dict):
+        message = details["msg"] + _found_instead(list(details["input"]), details["msg"])
+        return [document.problem(kind, path, message)]
+    code = "wrong-value" if kind == "value_error" else kind.replace("_", "-")
+    return [document.problem(code, path, details["msg"].removeprefix("Value error, "))]
+
+
+def _found_instead(found: list[str], message: str) -> str:
+    """What stands where exactly one of the keys that a message names was expected."""
+    wanted = _QUOTED.findall(message)
+    chosen = [key for key in found if key in wanted]
+    if chosen:
+        return f"; found {' and '.join(f'`{key}`' for key in chosen)}"
+    pairs = [(SequenceMatcher(None, key, other).ratio(), key, other) for key in found for other in wanted]
+    likeness, key, other = max(pairs, default=(0.0, "", ""))
+    return f"; found `{key}`, did you mean `{other}`?" if likeness > 0.6 else ""
+
+
+def _wrong_word(found: object, expected: str) -> str:
+    words = [word.strip("' ") for word in expected.replace(" or ", ",").split(",") if word.strip()]
+    listed = ", ".join(f"`{word}`" for word in words)
+    close = nearest(found, words) if isinstance(found, str) and len(words) > 1 else None
+    expected = f"one of {listed}" if len(words) > 1 else listed
+    return f"found {describe(found)}, expected {expected}" + (f"; did you mean `{close}`?" if close else "")
+
+
+def _path_in(data: object, location: tuple[int | str, ...]) -> tuple[KeyPath, str]:
+    """The part of a Pydantic error's location that leads to a value of the document, and the last key that does not.
+
+    Locations also hold union tags (here always `<...>`) and marks such as `[key]`, which the document knows nothing of.
+    """
+    path: KeyPath = ()
+    absent = ""
+    for step in location:
+        in_mapping = isinstance(data, dict) and step in data
+        in_list = isinstance(data, list) and isinstance(step, int) and step < len(data)
+        if in_mapping or in_list:
+            data = data[step]  # type: ignore[index]
+            path = (*path, step)
+        elif isinstance(step, str) and not step.startswith(("<", "[")):
+            absent = step
+    return path, absent

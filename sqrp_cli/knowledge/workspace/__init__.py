@@ -1,0 +1,1 @@
+"""The workspace file: its format, what it describes, and how that is read and validated."""

@@ -1,0 +1,210 @@
+"""Camera intrinsics from ROS camera calibration files and from the image entry of a workspace.
+
+Calibration files come from many programs. Read here are what `camera_calibration` and the drivers' camera info managers
+write, OpenCV's FileStorage with the same keys, and a printed `sensor_msgs/CameraInfo` message (K and D, or k and d).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import tan
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import AliasChoices, BeforeValidator, Field, Tag, model_validator
+
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, DistortionModel
+from sqrp_cli.knowledge.text.entries import ForeignEntry, Number, mapping_or_else
+from sqrp_cli.knowledge.text.source import Document, KeyPath, read_document
+from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.workspace.workspace_file import DistortionEntry, ImageEntry, PixelCount, check_pixels
+
+_OPENCV_MODELS: dict[int, DistortionModel] = {5: "plumb_bob", 8: "rational_polynomial"}
+"""The model that a number of coefficients means in a file that names none."""
+
+
+MOST_SCALED = 5.0
+"""By which factor rectifying an image scales its focal lengths at most."""
+
+MOST_MOVED = 0.2
+"""By which share of an image rectifying moves its principal point at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Intrinsics:
+    """What a calibration says of the camera itself; fields as in `Camera`."""
+
+    width: int
+    height: int
+    matrix: Array
+    distortion_model: DistortionModel
+    distortion: Array
+
+
+def _flat(value: object) -> object:
+    """Rows of a matrix one after the other; anything else unchanged."""
+    if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        return [number for row in value for number in row]
+    return value
+
+
+_Numbers = Annotated[list[Number], BeforeValidator(_flat)]
+
+
+class _Matrix(ForeignEntry):
+    rows: Annotated[int, Field(strict=True, ge=0)]
+    cols: Annotated[int, Field(strict=True, ge=0)]
+    data: _Numbers
+
+
+_MatrixOrNumbers = Annotated[
+    Annotated[_Matrix, Tag("<mapping>")] | Annotated[_Numbers, Tag("<else>")], mapping_or_else()
+]
+
+_P_KEYS = ("projection_matrix", "P", "p")
+_K_KEYS = ("camera_matrix", "K", "k")
+_D_KEYS = ("distortion_coefficients", "D", "d")
+
+
+class _CalibrationFile(ForeignEntry):
+    image_width: PixelCount = Field(validation_alias=AliasChoices("image_width", "width"))
+    image_height: PixelCount = Field(validation_alias=AliasChoices("image_height", "height"))
+    camera_matrix: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_K_KEYS))
+    distortion_model: str | None = None
+    distortion_coefficients: _MatrixOrNumbers = Field(validation_alias=AliasChoices(*_D_KEYS))
+    projection_matrix: Any = Field(default=None, validation_alias=AliasChoices(*_P_KEYS))
+
+    @model_validator(mode="after")
+    def _size(self) -> _CalibrationFile:
+        check_pixels(self.image_width, self.image_height)
+        return self
+
+
+def read_calibration(path: Path) -> tuple[Intrinsics, Document]:
+    """Intrinsics from a camera calibration file in one of the formats that this module reads.
+
+    The projection matrix, if any, is that of the rectified image and is not used: cameras see through their lens.
+    Raises InputError, with the line, for missing keys, unknown models, wrong lengths and matrices that no camera has.
+    """
+    document = read_document(path, frozenset({"!!opencv-matrix"}), ("image_width", "width", *_K_KEYS))
+    file = validate(document, _CalibrationFile)
+    K_path, K_numbers = _numbers(document, _K_KEYS, file.camera_matrix, 9)
+    D_path, coefficients = _numbers(document, _D_KEYS, file.distortion_coefficients, None)
+    matrix = _camera_matrix(document, K_path, K_numbers)
+    model = _model(document, file.distortion_model, D_path, len(coefficients))
+    distortion = _distortion(document, D_path, model, coefficients)
+    return Intrinsics(file.image_width, file.image_height, matrix, model, distortion), document
+
+
+def doubtful_projection(intrinsics: Intrinsics, document: Document) -> Iterator[Problem]:
+    """A warning about a projection matrix that cannot belong to the camera matrix beside it in a calibration file.
+
+    It is that of the rectified image, which has the same size: `camera_calibration` scales the focal lengths so that
+    more or less of the image is left, and hardly moves its middle.
+    """
+    key = next((key for key in _P_KEYS if key in document.data), None)
+    P = _projection(document.data[key]) if key is not None else None
+    if key is None or P is None:
+        return
+    why = _why_another(P, intrinsics)
+    if why is not None:
+        message = f"{why}; expected that of the rectified image of this camera. It is not used, `camera_matrix` is"
+        problem = document.problem("doubtful-projection", (key,), message, "is the file put together from two cameras?")
+        yield replace(problem, severity="warning")
+
+
+def _projection(entry: object) -> Array | None:
+    """A projection matrix, shape (3, 4); None if it is none, or all zeros, as drivers write what they do not know."""
+    numbers = _flat(entry.get("data") if isinstance(entry, dict) else entry)
+    if not isinstance(numbers, list) or len(numbers) != 12 or not all(isinstance(n, int | float) for n in numbers):
+        return None
+    return np.array(numbers, dtype=float).reshape(3, 4) if any(numbers) else None
+
+
+def _why_another(P: Array, intrinsics: Intrinsics) -> str | None:
+    K = intrinsics.matrix
+    focal, known = P[[0, 1], [0, 1]], K[[0, 1], [0, 1]]
+    if (focal <= 0).any():
+        return f"found focal lengths {focal[0]:g} and {focal[1]:g}, expected positive ones"
+    if not ((focal / known < MOST_SCALED) & (known / focal < MOST_SCALED)).all():
+        return f"found focal lengths {focal[0]:g} and {focal[1]:g}, `camera_matrix` has {known[0]:g} and {known[1]:g}"
+    size = np.array([intrinsics.width, intrinsics.height])
+    if (np.abs(P[:2, 2] - K[:2, 2]) > MOST_MOVED * size).any():
+        return (
+            f"found the principal point ({P[0, 2]:g}, {P[1, 2]:g}), `camera_matrix` has ({K[0, 2]:g}, {K[1, 2]:g}) "
+            f"in an image of {size[0]} x {size[1]} pixels"
+        )
+    return None
+
+
+def _numbers(
+    document: Document, keys: tuple[str, ...], entry: _Matrix | list[float], count: int | None
+) -> tuple[KeyPath, list[float]]:
+    """The numbers of a matrix, as many as its rows and columns say and as `count` asks for, and where they stand."""
+    key = next(key for key in keys if key in document.data)
+    if isinstance(entry, list):
+        path: KeyPath = (key,)
+        numbers, stated, expected = entry, count, str(count)
+    else:
+        path = (key, "data")
+        numbers, stated = entry.data, entry.rows * entry.cols
+        expected = f"`rows` x `cols` = {entry.rows} x {entry.cols} = {stated}"
+    if stated is not None and stated != len(numbers):
+        raise InputError(document.problem("wrong-length", path, f"found {len(numbers)} numbers, expected {expected}"))
+    if count is not None and len(numbers) != count:
+        raise InputError(document.problem("wrong-length", path, f"found {expected} numbers, expected 3 x 3"))
+    return path, numbers
+
+
+def image_intrinsics(document: Document, path: KeyPath, image: ImageEntry) -> Intrinsics:
+    """Intrinsics from the `image` entry at `path`: pixels are square unless `fy` is given.
+
+    Raises InputError for a wrong number of distortion coefficients.
+    """
+    fx = image.fx if image.fx is not None else 0.5 * image.width / tan(0.5 * (image.horizontal_fov or 0.0))
+    fy = image.fy if image.fy is not None else fx
+    cx = image.cx if image.cx is not None else 0.5 * (image.width - 1)
+    cy = image.cy if image.cy is not None else 0.5 * (image.height - 1)
+    lens = image.distortion or DistortionEntry(model="none", coefficients=[])
+    distortion = _distortion(document, (*path, "distortion", "coefficients"), lens.model, lens.coefficients)
+    matrix = read_only([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+    return Intrinsics(image.width, image.height, matrix, lens.model, distortion)
+
+
+def _camera_matrix(document: Document, path: KeyPath, numbers: list[float]) -> Array:
+    K = np.array(numbers).reshape(3, 3)
+    if K[0, 0] <= 0 or K[1, 1] <= 0:
+        message = (
+            f"found focal lengths {K[0, 0]:g} and {K[1, 1]:g}, expected positive ones: [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+        )
+        raise InputError(document.problem("wrong-value", path, message))
+    if np.abs([K[0, 1], K[1, 0], K[2, 0], K[2, 1], K[2, 2] - 1.0]).max() > 1e-6:
+        message = "found skew or a last row that is not 0, 0, 1; expected [fx, 0, cx, 0, fy, cy, 0, 0, 1]"
+        raise InputError(document.problem("wrong-value", path, message))
+    return read_only(K)
+
+
+def _model(document: Document, name: str | None, path: KeyPath, count: int) -> DistortionModel:
+    if name is not None:
+        for model in DISTORTION_LENGTHS:
+            if name == model and model != "none":
+                return model
+        expected = expected_names(name, [model for model in DISTORTION_LENGTHS if model != "none"])
+        message = f"found `{name}`, which is no known distortion model; {expected}"
+        raise InputError(document.problem("unknown-distortion-model", ("distortion_model",), message))
+    if count not in _OPENCV_MODELS:
+        message = f"with {count} distortion coefficients the file must say `distortion_model`"
+        raise InputError(document.problem("missing-key", path, message))
+    return _OPENCV_MODELS[count]
+
+
+def _distortion(document: Document, path: KeyPath, model: DistortionModel, coefficients: list[float]) -> Array:
+    expected = DISTORTION_LENGTHS[model]
+    if len(coefficients) != expected:
+        message = f"found {len(coefficients)} distortion coefficients, expected {expected} for `{model}`"
+        raise InputError(document.problem("wrong-length", path, message))
+    return read_only(coefficients)

@@ -1,0 +1,182 @@
+"""What the tool holds at the beginning, by the facts of a workspace."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, side_pose
+from sqrp_cli.knowledge.robot.urdf import WORLD
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill.settings import Reference, Setting
+from sqrp_cli.knowledge.skill.skill import BoxSpec, Grasp, GraspWaypoint, Release, Skill
+from sqrp_cli.knowledge.text.source import Document
+from sqrp_cli.logic.domain import Holds
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.pddl import Variable
+
+_Facts = Mapping[Atom, int]
+"""The facts of a state, each with its place in the list."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Grip:
+    """How a skill holds an object: by which side, and with what pose X_TO in the tool frame, shape (4, 4)."""
+
+    fact: Atom
+    skill: Skill
+    side: str
+    X_TO: Array
+
+
+def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[str, tuple[Skill, ...]]:
+    """The predicates that say that the tool holds something, such as `hold`, each with the skills that make it true.
+
+    Of what a skill makes true of the object that it ends with in the tool, that is what its target looks for in the
+    tool; what it looks for elsewhere, such as that the object is gone from the table, says nothing about the tool. Of
+    predicates without targets it is the only one, if there is only one. Skills are in the order of their names.
+    """
+    found: dict[str, tuple[Skill, ...]] = {}
+    for skill in sorted(skills, key=lambda skill: skill.name):
+        for predicate in _holding(skill, objects):
+            found[predicate] = (*found.get(predicate, ()), skill)
+    return found
+
+
+def with_held_by_facts(
+    objects: Mapping[str, SceneObject], facts: _Facts, skills: Collection[Skill], document: Document
+) -> tuple[dict[str, SceneObject], tuple[Problem, ...]]:
+    """The objects, with the one in the tool that the facts say is held; and a warning if its entry does not say so.
+
+    It is held as the skills that make the fact true would grasp it, with their parameters at their defaults. Raises
+    InputError, with the place, for facts that contradict that it is held, and where skills would hold it differently.
+    """
+    holding = holding_skills(skills, objects)
+    contradictions = tuple(_contradictions(facts, holding, skills, document))
+    if contradictions:
+        raise InputError(*contradictions)
+    stated = sorted((fact for fact in facts if fact.predicate in holding), key=str)
+    names = {fact.arguments[0] for fact in stated}
+    if len(names) != 1 or any(thing.X_TO is not None for thing in objects.values()):
+        return dict(objects), ()
+    (name,) = names
+    grips = [grip for fact in stated for grip in _grips(fact, holding[fact.predicate], objects[name])]
+    if not grips:
+        return dict(objects), ()
+    first = grips[0]
+    for other in grips[1:]:
+        if not np.allclose(first.X_TO, other.X_TO, rtol=0.0, atol=1e-9):
+            raise InputError(_ambiguous(name, first, other, document))
+    message = (
+        f"the state has `{first.fact}`, so `{name}` begins in the tool,"
+        f" held by its side {first.side} as `{first.skill.name}` does it"
+    )
+    mend = f"write `pose: {{held: {first.side}}}`"
+    warning = document.problem("held-by-the-facts", ("objects", name, "pose"), message, mend)
+    held = replace(objects[name], X_WO=None, X_TO=first.X_TO)
+    return {**objects, name: held}, (replace(warning, severity="warning"),)
+
+
+def pose_in_tool(size: tuple[float, float, float], side: str, yaw: float, depth: float) -> Array:
+    """The pose X_TO of an object of a size [m] that is held by a side, as in `skill.GraspWaypoint`, shape (4, 4)."""
+    return read_only(inverse(side_pose(size, side) @ pose(axis_rotation(2, yaw), (0.0, 0.0, depth))))
+
+
+def _holding(skill: Skill, objects: Collection[str]) -> tuple[str, ...]:
+    held = _held_at_the_end(skill)
+    if held is None:
+        return ()
+    added = [change.predicate for change in skill.action.effect.adds if change.terms == (Variable(held),)]
+    elsewhere = {WORLD, *objects, *(parameter.name for parameter in skill.action.parameters)}
+
+    def in_the_tool(box: BoxSpec) -> bool:
+        about = box.fits == held or held in (box.encloses or ())
+        return about and not box.frame.endswith("@start") and box.frame not in elsewhere
+
+    seen = tuple(p for p in added if p in skill.targets and any(map(in_the_tool, skill.targets[p].boxes)))
+    unseen = tuple(p for p in added if p not in skill.targets)
+    return seen or (unseen if len(unseen) == 1 else ())
+
+
+def _held_at_the_end(skill: Skill) -> str | None:
+    """The parameter of what a skill has grasped and not released again when it ends, or None."""
+    held = None
+    for primitive in skill.primitives:
+        if isinstance(primitive, Grasp):
+            held = primitive.object
+        elif isinstance(primitive, Release):
+            held = None
+    return held
+
+
+def _contradictions(
+    facts: _Facts, holding: Mapping[str, tuple[Skill, ...]], skills: Collection[Skill], document: Document
+) -> Iterator[Problem]:
+    """Facts beside one that says that an object is held, which no sequence of skills can make true together with it."""
+    for fact in facts:
+        for skill in holding.get(fact.predicate, ())[:1]:
+            for lost in skill.action.effect.deletes:
+                if not _exclude_each_other(fact.predicate, lost.predicate, skills):
+                    continue
+                for other in facts:
+                    if _matches(lost, other, _held_at_the_end(skill), fact.arguments[0]):
+                        message = (
+                            f"the state has `{other}` and `{fact}`, but `{skill.name}`, which makes `{fact}` true,"
+                            f" makes `{other}` false"
+                        )
+                        yield document.problem(
+                            "contradictory-facts",
+                            ("state", facts[other]),
+                            message,
+                            f"remove `{fact}` or `{other}` from the state",
+                        )
+
+
+def _exclude_each_other(one: str, other: str, skills: Iterable[Skill]) -> bool:
+    """Whether every skill that makes one of two predicates true makes the other one false."""
+
+    def excludes(skill: Skill, this: str, that: str) -> bool:
+        adds, deletes = skill.action.effect.adds, skill.action.effect.deletes
+        return all(use.predicate != this for use in adds) or any(use.predicate == that for use in deletes)
+
+    return all(excludes(skill, one, other) and excludes(skill, other, one) for skill in skills)
+
+
+def _matches(use: Holds, fact: Atom, parameter: str | None, name: str) -> bool:
+    """Whether a fact is what a use of a predicate may stand for while a parameter stands for the object of a name."""
+    return use.predicate == fact.predicate and all(
+        argument == name if term == Variable(parameter or "") else isinstance(term, Variable) or argument == term.name
+        for term, argument in zip(use.terms, fact.arguments, strict=True)
+    )
+
+
+def _grips(fact: Atom, skills: Iterable[Skill], thing: SceneObject) -> Iterator[_Grip]:
+    for skill in skills:
+        held = _held_at_the_end(skill)
+        grasp = next((w for w in skill.waypoints.values() if isinstance(w, GraspWaypoint) and w.object == held), None)
+        if grasp is not None:
+            side, X_TO = _grasped(skill, grasp, thing)
+            yield _Grip(fact, skill, side, X_TO)
+
+
+def _ambiguous(name: str, one: _Grip, other: _Grip, document: Document) -> Problem:
+    facts = " and ".join(f"`{fact}`" for fact in dict.fromkeys((one.fact, other.fact)))
+    message = (
+        f"the state has {facts}, so `{name}` begins in the tool, but `{one.skill.name}` holds it by its side {one.side}"
+        f" and `{other.skill.name}` in another way, by its side {other.side}"
+    )
+    mend = f"say how it is held: `pose: {{held: {one.side}}}`, with `yaw` and `depth` as needed"
+    return document.problem("ambiguous-hold", ("objects", name, "pose"), message, mend)
+
+
+def _grasped(skill: Skill, grasp: GraspWaypoint, thing: SceneObject) -> tuple[str, Array]:
+    defaults = {parameter.name: parameter.values[0] for parameter in skill.motion_parameters}
+
+    def value(setting: Setting) -> float | str:
+        return defaults[setting.parameter] if isinstance(setting, Reference) else setting
+
+    side = str(value(grasp.side))
+    return side, pose_in_tool(thing.size, side, float(value(grasp.yaw)), float(value(grasp.depth)))

@@ -1,0 +1,284 @@
+"""Cameras, detectors, objects and facts: the entries of a workspace file as records."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.geometry import Array, pose, read_only
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
+from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
+from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
+from sqrp_cli.knowledge.robot.urdf import WORLD, link_called
+from sqrp_cli.knowledge.scene import SceneObject, object_types
+from sqrp_cli.knowledge.text import packages
+from sqrp_cli.knowledge.text.digest import ContentDigest
+from sqrp_cli.knowledge.text.source import Document, KeyPath, dotted
+from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, unusual_values
+from sqrp_cli.knowledge.workspace.calibration import doubtful_projection, image_intrinsics, read_calibration
+from sqrp_cli.knowledge.workspace.held import pose_in_tool
+from sqrp_cli.knowledge.workspace.workspace_file import CameraEntry, HeldEntry, ObjectEntry, PartEntry, WorkspaceFile
+from sqrp_cli.logic.domain import Domain
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
+
+UNKNOWN = "unknown"
+
+R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
+"""Axes of an optical frame (x right, y down, z forward) in a body frame (x forward, y left, z up); REP 103."""
+
+_FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
+
+
+@dataclass
+class CellReader:
+    """Reads the parts of a workspace file that are not the robot or a skill, and collects every problem on the way.
+
+    links: of robot and tool. roots: folders for `package://`.
+    """
+
+    document: Document
+    file: WorkspaceFile
+    links: Sequence[str]
+    roots: Sequence[Path]
+    digest: ContentDigest
+    problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
+
+    def detectors(self) -> dict[str, Detector]:
+        """The detectors by name."""
+        return {
+            name: Detector(name, entry.kind, entry.distance, entry.max_incidence, entry.min_pixels, entry.min_visible)
+            for name, entry in self.file.detectors.items()
+        }
+
+    def cameras(self) -> dict[str, Camera]:
+        """The cameras by name; those with problems are left out."""
+        cameras = {}
+        for name, entry in self.file.cameras.items():
+            try:
+                cameras[name] = self._camera(name, entry)
+            except InputError as error:
+                self.problems.extend(error.problems)
+        return cameras
+
+    def objects(self) -> dict[str, SceneObject]:
+        """The objects by name."""
+        held = [name for name, entry in self.file.objects.items() if isinstance(entry.pose, HeldEntry)]
+        for name, entry in self.file.objects.items():
+            self._check_object(name, entry, held[:1])
+        return {name: self._object(name, entry) for name, entry in self.file.objects.items()}
+
+    def facts(self, domain: Domain | None) -> dict[Atom, int]:
+        """The facts of `state`, each with its place in the list from 0.
+
+        They are checked against the common domain of the skills (None: there are no skills).
+        """
+        facts: dict[Atom, int] = {}
+        for index, text in enumerate(self.file.state):
+            fact = self._fact(("state", index), text, domain)
+            if fact is not None:
+                if fact in facts:
+                    self._report("repeated-value", ("state", index), f"`{fact}` is stated twice")
+                facts.setdefault(fact, index)
+        return facts
+
+    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
+        self.problems.append(self.document.problem(code, path, message, mend))
+
+    def _camera(self, name: str, entry: CameraEntry) -> Camera:
+        path: KeyPath = ("cameras", name)
+        frame, X_FC = self._seat(path, entry)
+        if entry.calibration is not None:
+            place = self.document.value_place((*path, "calibration"))
+            calibration = packages.resolve(entry.calibration, self.document.path.parent, self.roots, place)
+            intrinsics, calibration_document = read_calibration(calibration)
+            self.digest.add(f"cameras.{name}.calibration", calibration, calibration_document.content)
+            self.warnings.extend(unusual_values(calibration_document, CALIBRATION))
+            self.warnings.extend(doubtful_projection(intrinsics, calibration_document))
+        else:
+            assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
+            intrinsics = image_intrinsics(self.document, (*path, "image"), entry.image)
+        return Camera(
+            name=name,
+            width=intrinsics.width,
+            height=intrinsics.height,
+            matrix=intrinsics.matrix,
+            distortion_model=intrinsics.distortion_model,
+            distortion=intrinsics.distortion,
+            frame=frame,
+            X_FC=X_FC,
+            near=entry.near,
+            far=entry.far,
+            rate=entry.rate,
+            latency=entry.latency,
+        )
+
+    def _seat(self, path: KeyPath, entry: CameraEntry) -> tuple[str, Array]:
+        """The frame that carries a camera, and the pose X_FC of its optical frame in that."""
+        if entry.hand_eye is None:
+            assert entry.pose is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
+            frame, X_FC, place = entry.frame or WORLD, entry.pose.matrix(), self.document.value_place((*path, "frame"))
+            mend = None
+        else:
+            seen = self.document.value_place((*path, "hand_eye"))
+            file = packages.resolve(entry.hand_eye, self.document.path.parent, self.roots, seen)
+            found, document = read_hand_eye(file)
+            self.digest.add(".".join(map(str, (*path, "hand_eye"))), document.path, document.content)
+            self.warnings.extend(unusual_values(document, HAND_EYE))
+            if entry.frame is None and found.frame == WORLD == link_called(WORLD, self.links):
+                raise InputError(self._which_world(path, found))
+            frame, X_FC, place = entry.frame or link_called(found.frame, self.links), found.X_FC, found.place
+            mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
+            if "convention" not in entry.model_fields_set:
+                self._doubt_axes(path, found)
+        if frame != WORLD and frame not in self.links:
+            expected = expected_names(frame, [WORLD, *self.links])
+            at = place if entry.frame is None else self.document.value_place((*path, "frame"))
+            message = f"`{dotted((*path, 'frame'))}`: found `{frame}`, expected `world` or a link; {expected}"
+            self.problems.append(Problem("unknown-frame", message, at, mend=mend))
+        return frame, read_only(X_FC @ pose(R_BODY_OPTICAL) if entry.convention == "body" else X_FC)
+
+    def _which_world(self, path: KeyPath, found: HandEye) -> Problem:
+        base = self.links[0] if self.links else "base_link"
+        message = (
+            "found `world`, which is no link of the robot: it may mean the cell's world, or the frame in which the"
+            " robot's driver gives its poses, such as its base"
+        )
+        mend = (
+            f"for `{dotted(path)}` say `frame: world` if it is the cell's world, or the link, such as `frame: {base}`"
+        )
+        return Problem("ambiguous-word", message, found.place, mend=mend)
+
+    def _doubt_axes(self, path: KeyPath, found: HandEye) -> None:
+        if "optical" not in found.camera_frame:
+            message = f"the pose is that of `{found.camera_frame}`, which does not sound like an optical frame"
+            mend = "say `convention: optical` (z forward, y down) or `convention: body` (x forward, z up)"
+            place = self.document.value_place((*path, "hand_eye"))
+            self.warnings.append(Problem("doubtful-axes", message, place, severity="warning", mend=mend))
+
+    def _check_object(self, name: str, entry: ObjectEntry, held: Sequence[str]) -> None:
+        """Report what is wrong with an object; held: the one that the tool holds, if it holds any."""
+        path: KeyPath = ("objects", name)
+        if name in (*self.links, WORLD, "tool", "home"):
+            what = "a link of the robot" if name in self.links else "a word with a meaning of its own"
+            problem = Problem("ambiguous-name", f"`{name}` is {what}; take another name", self.document.key_place(path))
+            self.problems.append(problem)
+        if entry.on == name:
+            message = f"found `{name}`, so `{name}` is said to be on itself; expected another object"
+            self._report("on-itself", (*path, "on"), message, mend=f"name what `{name}` stands on, or leave `on` out")
+        elif entry.on is not None and entry.on not in self.file.objects:
+            others = [other for other in self.file.objects if other != name]
+            self._report(
+                "unknown-object",
+                (*path, "on"),
+                f"found `{entry.on}`, which is no object; {expected_names(entry.on, others)}",
+            )
+        if isinstance(entry.pose, HeldEntry) and (entry.fixed or name not in held):
+            why = "the object is fixed" if entry.fixed else f"the tool holds `{held[0]}`"
+            self._report("wrong-value", (*path, "pose"), f"found `held`, expected a pose, because {why}")
+        if entry.fixed and entry.pose == UNKNOWN:
+            self._report(
+                "wrong-value", (*path, "pose"), "found `unknown`, expected a pose, because the object is fixed"
+            )
+
+    def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
+        X_WO = X_TO = None
+        if isinstance(entry.pose, HeldEntry):
+            X_TO = pose_in_tool(entry.size, entry.pose.held, entry.pose.yaw, entry.pose.depth)
+        elif not isinstance(entry.pose, str):
+            X_WO = read_only(entry.pose.matrix())
+        parts = [Part(name, name, Box(entry.size), read_only(pose()))] if not entry.parts else []
+        for index, part in enumerate(entry.parts):
+            shape = self._shape(("objects", name, "parts", index), part)
+            if shape is not None:
+                part_name = f"{name}/{part.name or index}"
+                parts.append(Part(part_name, name, shape, read_only(part.pose.matrix())))
+        return SceneObject(
+            name=name,
+            type=entry.type,
+            color=entry.color,
+            attributes=tuple(entry.attributes),
+            size=entry.size,
+            X_WO=X_WO,
+            fixed=entry.fixed,
+            on=entry.on,
+            marker=entry.marker,
+            parts=tuple(parts),
+            X_TO=X_TO,
+        )
+
+    def _shape(self, path: KeyPath, entry: PartEntry) -> Shape | None:
+        if entry.box is not None:
+            return Box(entry.box)
+        if entry.sphere is not None:
+            return Sphere(entry.sphere)
+        if entry.cylinder is not None:
+            return Cylinder(entry.cylinder.radius, entry.cylinder.length)
+        if entry.capsule is not None:
+            return Capsule(entry.capsule.radius, entry.capsule.length)
+        assert entry.mesh is not None  # noqa: S101 - PartEntry accepts exactly one shape
+        place = self.document.value_place((*path, "mesh"))
+        try:
+            mesh = packages.resolve(entry.mesh, self.document.path.parent, self.roots, place)
+            add_mesh(self.digest, ".".join(map(str, path)), mesh, place)
+            return mesh_of(mesh, entry.scale)
+        except InputError as error:
+            self.problems.extend(error.problems)
+            return None
+
+    def _fact(self, path: KeyPath, text: str, domain: Domain | None) -> Atom | None:
+        match = _FACT.fullmatch(text)
+        if match is None:
+            self._report("wrong-fact", path, f"found `{text}`, expected a fact such as `hand_empty` or `on(g1, table)`")
+            return None
+        predicate = match[1].lower()
+        arguments = tuple(word.strip() for word in match[2].split(",")) if match[2] else ()
+        signatures = domain.predicates if domain is not None else {}
+        if domain is None or predicate not in signatures:
+            message = f"found `{match[1]}`, which is no predicate of a skill; {expected_names(predicate, signatures)}"
+            self._report("unknown-predicate", path, message)
+            return None
+        signature = signatures[predicate]
+        if len(arguments) != len(signature.parameters):
+            found = f"{len(arguments)} argument{'s' * (len(arguments) != 1)}"
+            message = f"`{predicate}` has {found}, expected {len(signature.parameters)}: {signature}"
+            self._report("wrong-arity", path, message)
+            return None
+        for argument, parameter in zip(arguments, signature.parameters, strict=True):
+            entry = self.file.objects.get(argument)
+            if entry is None:
+                self._report(
+                    "unknown-object",
+                    path,
+                    f"found `{argument}`, which is no object; {expected_names(argument, self.file.objects)}",
+                )
+            elif not domain.fits(object_types(entry.type, entry.fixed), parameter.type):
+                message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
+                self._report("wrong-object-type", path, message)
+        return Atom(predicate, arguments)
+
+
+def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:
+    """Add a mesh file to the digest; place: what names it.
+
+    Raises InputError if it is too large, damaged or cannot be read.
+    """
+    try:
+        digest.add_file(role, path)  # which first sees to it that this is a regular file
+        check_mesh(path)
+    except InputError as error:
+        told = (replace(problem, message=f"{problem.message}; {place} names this file") for problem in error.problems)
+        raise InputError(*told) from error
+    except OSError as error:
+        raise InputError(Problem("unreadable-file", f"{path}: {error.strerror}", place)) from error
+
+
+def camera_axes_as_body(X_FC: Array) -> Array:
+    """The optical pose that results if the axes of `X_FC` were meant as a body frame, shape (4, 4)."""
+    return X_FC @ pose(R_BODY_OPTICAL)

@@ -1,0 +1,368 @@
+"""Reading the robot of a cell: URDF, SRDF, tool, home, limits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.geometry import read_only
+from sqrp_cli.knowledge.robot.robot import Fingers, JointLimits, Marker, Robot, StopLimits, Tool
+from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
+from sqrp_cli.knowledge.robot.tool_of_boxes import TOOL_TIP, tool_of_boxes
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel, link_called, link_parts, read_urdf
+from sqrp_cli.knowledge.text import packages, units
+from sqrp_cli.knowledge.text.bounds import SMALLEST_LIMIT
+from sqrp_cli.knowledge.text.digest import ContentDigest
+from sqrp_cli.knowledge.text.entries import Pose
+from sqrp_cli.knowledge.text.source import Document, KeyPath
+from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity
+from sqrp_cli.knowledge.workspace.read_cell import add_mesh
+from sqrp_cli.knowledge.workspace.workspace_file import RobotEntry, ToolEntry
+from sqrp_cli.shapes import Mesh, Part
+
+MAX_ARM_JOINTS = 20
+"""Most joints that move the tool frame; with each, inverse kinematics and motion take longer."""
+
+DEFAULT_VELOCITY = 1.0
+"""Limit of a joint's velocity where neither the workspace nor the URDF states one [rad/s or m/s]."""
+DEFAULT_ACCELERATION = 5.0
+"""Limit of a joint's acceleration where none is stated [rad/s^2 or m/s^2]."""
+DEFAULT_JERK = 50.0
+"""Limit of a joint's jerk where none is stated [rad/s^3 or m/s^3]."""
+
+_LIMIT_DIMENSIONS: Mapping[str, tuple[Dimension, Dimension]] = {
+    "velocity": (units.ANGULAR_SPEED, units.SPEED),
+    "acceleration": (units.ANGULAR_ACCELERATION, units.ACCELERATION),
+    "jerk": (units.ANGULAR_JERK, units.JERK),
+    "stop_acceleration": (units.ANGULAR_ACCELERATION, units.ACCELERATION),
+    "stop_jerk": (units.ANGULAR_JERK, units.JERK),
+}
+"""Dimension of each limit of a joint that turns, and of one that slides."""
+
+
+@dataclass
+class RobotReader:
+    """Reads the `robot` entry of a workspace file and collects every problem on the way.
+
+    The files themselves are read first: an InputError for them is raised at once, since nothing can be checked without.
+    """
+
+    document: Document
+    entry: RobotEntry
+    digest: ContentDigest
+    problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
+    _parts: list[Part] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        folder = self.document.path.parent
+        stated = [folder / root for root in self.entry.package_roots]
+        self.roots = packages.package_roots(stated)
+        for index, root in enumerate(stated):
+            if not root.is_dir():
+                self._report("missing-folder", ("robot", "package_roots", index), f"there is no folder {root}")
+        self.urdf = self._read_urdf(self.entry.urdf, ("robot", "urdf"))
+        self.srdf: SrdfModel | None = None
+        if self.entry.srdf is not None:
+            self.srdf_path = self._resolve(self.entry.srdf, ("robot", "srdf"))
+            self.digest.add_file("robot.srdf", self.srdf_path)
+            self.srdf = read_srdf(self.srdf_path, self.urdf)
+        self.tool = None if self.entry.tool is None else self._read_tool(self.entry.tool)
+        if self.entry.tool_frame is None and (self.entry.tool is None or self.entry.tool.frame is None):
+            message = "`robot`: the key `tool_frame` is missing: the link that grasps"
+            raise InputError(Problem("missing-key", message, self.document.key_place(("robot",))))
+        self.tool_frame = link_called(self.entry.tool_frame or TOOL_TIP, self.links)
+
+    @property
+    def links(self) -> tuple[str, ...]:
+        """The links of robot and tool."""
+        return (*self.urdf.links, *(self.tool.links if self.tool else ()))
+
+    def read(self) -> Robot:
+        """The robot; meaningful only if `problems` is empty afterwards."""
+        tool = self._tool()
+        arm = self._arm()
+        joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
+        limits = self._limits(joints)
+        return Robot(
+            urdf=self.urdf.path,
+            srdf=self.srdf_path if self.srdf is not None else None,
+            package_roots=self.roots,
+            X_WB=read_only(self.entry.base.matrix()),
+            tool=tool,
+            tool_frame=self.tool_frame,
+            home=self._home(arm),
+            limits=limits,
+            stop_limits=self._stop_limits(limits, joints),
+            geometry=self.entry.geometry,
+            parts=tuple(self._parts),
+            disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
+            fingers=self._fingers(joints, arm),
+            markers=self._markers(),
+        )
+
+    def _report(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> None:
+        self.problems.append(self.document.problem(code, path, message, mend))
+
+    def _resolve(self, reference: str, path: KeyPath) -> Path:
+        return packages.resolve(reference, self.document.path.parent, self.roots, self.document.value_place(path))
+
+    def _read_urdf(self, reference: str, path: KeyPath) -> UrdfModel:
+        urdf = read_urdf(self._resolve(reference, path))
+        self.warnings += urdf.warnings
+        role = ".".join(map(str, path))
+        self.digest.add_file(role, urdf.path)
+        parts = link_parts(urdf, self.entry.geometry, partial(resolve_mesh, self.roots))
+        self._parts += parts
+        pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
+        for part, piece in zip(parts, pieces, strict=True):
+            if isinstance(part.shape, Mesh):
+                add_mesh(self.digest, f"{role}.{part.name}", part.shape.path, piece.place)
+        return urdf
+
+    def _read_tool(self, entry: ToolEntry) -> UrdfModel:
+        if entry.urdf is not None:
+            return self._read_urdf(entry.urdf, ("robot", "tool", "urdf"))
+        place = self.document.key_place(("robot", "tool", "boxes"))
+        boxes = [(box.size, box.pose.matrix()) for box in entry.boxes or ()]
+        return tool_of_boxes(boxes, (entry.frame or Pose()).matrix(), self.document.path, place)
+
+    def _tool(self) -> Tool | None:
+        if self.entry.tool is None or self.tool is None:
+            return None
+        link = link_called(self.entry.tool.link, self.urdf.links)
+        if link not in self.urdf.links:
+            expected = expected_names(link, self.urdf.links)
+            self._report("unknown-link", ("robot", "tool", "link"), f"found `{link}`, which is no link; {expected}")
+        for name in self.tool.links:
+            if name in self.urdf.links:
+                message = f"robot and tool both have a link `{name}`"
+                path = ("robot", "tool", "urdf" if self.entry.tool.urdf else "boxes")
+                self._report("ambiguous-name", path, message, "rename one of them")
+        urdf = None if self.entry.tool.urdf is None else self.tool.path
+        return Tool(self.tool, link, read_only(self.entry.tool.pose.matrix()), urdf)
+
+    def _arm(self) -> list[UrdfJoint]:
+        """The joints that move by themselves on the way from the root to the tool frame, in order."""
+        frame = self.tool_frame
+        if frame not in self.links:
+            expected = expected_names(frame, self.links)
+            self._report("unknown-link", ("robot", "tool_frame"), f"found `{frame}`, which is no link; {expected}")
+            return []
+        carriers = {joint.child: joint for model in (self.tool, self.urdf) if model for joint in model.joints.values()}
+        joints: list[UrdfJoint] = []
+        while True:
+            if frame in carriers:
+                joints.insert(0, carriers[frame])
+                frame = carriers[frame].parent
+            elif self.tool is not None and self.entry.tool is not None and frame == self.tool.root:
+                frame = link_called(self.entry.tool.link, self.urdf.links)
+            else:
+                break
+        arm = [joint for joint in joints if joint.movable and joint.mimic is None]
+        if not arm:
+            message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
+            self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
+        if len(arm) > MAX_ARM_JOINTS:
+            message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
+            raise InputError(Problem("too-many-joints", message, arm[MAX_ARM_JOINTS].place))
+        return arm
+
+    def _home(self, arm: Sequence[UrdfJoint]) -> dict[str, float]:
+        path = ("robot", "home")
+        positions = self._positions(self.entry.home, arm, path, "no joint that moves the tool frame") if arm else None
+        if positions is None:
+            return {}
+        missing = [joint.name for joint in arm if joint.name not in positions]
+        if missing:
+            names = ", ".join(f"`{name}`" for name in missing)
+            self._report("missing-joint", path, f"lacks a position for {names}")
+        return positions
+
+    def _fingers(self, joints: Sequence[UrdfJoint], arm: Sequence[UrdfJoint]) -> Fingers | None:
+        entry = self.entry.fingers
+        if entry is None:
+            return None
+        driven = [joint for joint in joints if joint.mimic is None and joint not in arm]
+        what = "no joint outside the arm that moves by itself"
+        path = ("robot", "fingers")
+        opened = self._positions(entry.open, driven, (*path, "open"), what)
+        closed = self._positions(entry.closed, driven, (*path, "closed"), what)
+        if opened is None or closed is None:
+            return None
+        if not opened or opened.keys() != closed.keys():
+            names = ", ".join(f"`{name}`" for name in sorted(opened.keys() ^ closed.keys()))
+            message = f"`open` and `closed` must name the same joints; only one of them has {names or 'any joint'}"
+            self._report("missing-joint", path, message)
+        if opened == closed:
+            self._report("wrong-value", (*path, "closed"), "the fingers are where they are when open, so nothing moves")
+        return Fingers(opened, {name: closed[name] for name in opened if name in closed})
+
+    def _markers(self) -> dict[str, Marker]:
+        ids: dict[int, str] = {}
+        for named, marker in self.entry.markers.items():
+            path, link = ("robot", "markers", named), link_called(named, self.links)
+            if link not in self.links:
+                self._report(
+                    "unknown-link", path, f"found `{link}`, which is no link; {expected_names(link, self.links)}"
+                )
+            if ids.setdefault(marker.id, link) != link:
+                self._report("repeated-value", (*path, "id"), f"`{ids[marker.id]}` has the marker {marker.id} too")
+        markers = self.entry.markers.items()
+        return {link_called(link, self.links): Marker(marker.id, marker.side) for link, marker in markers}
+
+    def _positions(
+        self, entry: Mapping[str, Quantity] | str, joints: Sequence[UrdfJoint], path: KeyPath, what: str
+    ) -> dict[str, float] | None:
+        """Positions within limits of those joints that an entry names, in their order; None if a name is wrong.
+
+        what: what a joint is that is not among them. Of a state of the SRDF, those of other joints are left out.
+        """
+        if isinstance(entry, str):
+            states = self.srdf.states if self.srdf else {}
+            if entry not in states:
+                expected = expected_names(entry, states)
+                self._report("unknown-state", path, f"found `{entry}`, which is no named state of an SRDF; {expected}")
+                return None
+            positions = dict(states[entry])
+        else:
+            positions = self._quantities(entry, joints, path, what)
+            if len(positions) < len(entry):
+                return None
+        for joint in joints:
+            position = positions.get(joint.name, joint.lower)
+            if not joint.lower - 1e-9 <= position <= joint.upper + 1e-9:
+                message = f"{_in_units(joint, position)} is outside the joint's limits, "
+                message += _in_units(joint, joint.lower, joint.upper)
+                self._report("outside-limits", (*path, joint.name), message)
+        return {joint.name: positions[joint.name] for joint in joints if joint.name in positions}
+
+    def _quantities(
+        self, entries: Mapping[str, Quantity], known: Sequence[UrdfJoint], path_to: KeyPath, what: str
+    ) -> dict[str, float]:
+        joints = {joint.name: joint for joint in known}
+        positions = {}
+        for name, quantity in entries.items():
+            path = (*path_to, name)
+            if name not in joints:
+                message = f"found `{name}`, which is {what}; {expected_names(name, joints)}"
+                self._report("unknown-joint", path, message)
+                continue
+            dimension = units.LENGTH if joints[name].type == "prismatic" else units.ANGLE
+            if quantity.dimension not in (None, dimension):
+                self._wrong_unit(path, quantity, dimension)
+            elif quantity.dimension is None and dimension is units.ANGLE and abs(quantity.value) > units.TURN:
+                message = f"found {quantity.value:g}, which would be radians; expected {expected_quantity(dimension)}"
+                self._report("wrong-unit", path, message)
+            positions[name] = quantity.value
+        return positions
+
+    def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, JointLimits]:
+        velocity = self._values("velocity", joints)
+        acceleration = self._values("acceleration", joints)
+        jerk = self._values("jerk", joints)
+        self._warn_of_assumed_limits(joints, velocity, acceleration, jerk)
+        return {
+            joint.name: JointLimits(
+                joint.lower,
+                joint.upper,
+                velocity.get(joint.name, joint.velocity or DEFAULT_VELOCITY),
+                acceleration.get(joint.name, DEFAULT_ACCELERATION),
+                jerk.get(joint.name, DEFAULT_JERK),
+            )
+            for joint in joints
+        }
+
+    def _stop_limits(self, limits: Mapping[str, JointLimits], joints: Sequence[UrdfJoint]) -> dict[str, StopLimits]:
+        acceleration, jerk = self._values("stop_acceleration", joints), self._values("stop_jerk", joints)
+        self._check_stop("acceleration", acceleration, {name: usual.acceleration for name, usual in limits.items()})
+        self._check_stop("jerk", jerk, {name: usual.jerk for name, usual in limits.items()})
+        return {
+            name: StopLimits(acceleration.get(name, usual.acceleration), jerk.get(name, usual.jerk))
+            for name, usual in limits.items()
+        }
+
+    def _check_stop(self, limit: str, values: Mapping[str, float], usual: Mapping[str, float]) -> None:
+        """A stop that is gentler than the motion could end after the motion does."""
+        for name, value in values.items():
+            if value < usual[name]:
+                message = f"{value:g} is less than the {usual[name]:g} of every motion of `{name}`"
+                mend = f"leave it out to stop with the {limit} of every motion"
+                self._report("outside-limits", ("robot", "limits", f"stop_{limit}"), message, mend)
+                return
+
+    def _warn_of_assumed_limits(
+        self,
+        joints: Sequence[UrdfJoint],
+        velocity: Mapping[str, float],
+        acceleration: Mapping[str, float],
+        jerk: Mapping[str, float],
+    ) -> None:
+        """One warning that names the joints without a stated limit, and what is assumed for them."""
+        lacking = {
+            f"velocity ({DEFAULT_VELOCITY:g}": [j.name for j in joints if not j.velocity and j.name not in velocity],
+            f"acceleration ({DEFAULT_ACCELERATION:g}": [j.name for j in joints if j.name not in acceleration],
+            f"jerk ({DEFAULT_JERK:g}": [j.name for j in joints if j.name not in jerk],
+        }
+        told = [
+            f"{limit} for {'all joints' if len(names) == len(joints) else ', '.join(names)})"
+            for limit, names in lacking.items()
+            if names
+        ]
+        if told:
+            message = f"limits are not stated and assumed, in rad or m and s: {', '.join(told)}"
+            place = self.document.key_place(("robot", "limits"))
+            mend = "state them under `robot.limits`; times depend on them"
+            self.warnings.append(Problem("assumed-limit", message, place, severity="warning", mend=mend))
+
+    def _values(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
+        """The stated values of one limit by joint. One value for all goes to every joint that its unit fits."""
+        entry: Quantity | Mapping[str, Quantity] | None = getattr(self.entry.limits, limit)
+        path: KeyPath = ("robot", "limits", limit)
+        turning, sliding = _LIMIT_DIMENSIONS[limit]
+        dimensions = {joint.name: sliding if joint.type == "prismatic" else turning for joint in joints}
+        if entry is None:
+            return {}
+        if isinstance(entry, Quantity):
+            values = {name: entry for name, dimension in dimensions.items() if entry.dimension in (None, dimension)}
+            if not values:
+                self._wrong_unit(path, entry, *dict.fromkeys(dimensions.values()))
+            paths = dict.fromkeys(values, path)
+        else:
+            values = dict(entry)
+            paths = {name: (*path, name) for name in values}
+        for name, quantity in values.items():
+            if name not in dimensions:
+                self._report(
+                    "unknown-joint",
+                    paths[name],
+                    f"found `{name}`, which is no movable joint; {expected_names(name, dimensions)}",
+                )
+            elif quantity.dimension not in (None, dimensions[name]):
+                self._wrong_unit(paths[name], quantity, dimensions[name])
+        wrong = next((name for name, quantity in values.items() if quantity.value < SMALLEST_LIMIT), None)
+        if wrong is not None:
+            expected = f"expected a value above 0, at least {SMALLEST_LIMIT:g}"
+            self._report("wrong-value", paths[wrong], f"found {values[wrong].value:g}, {expected}")
+        return {name: quantity.value for name, quantity in values.items()}
+
+    def _wrong_unit(self, path: KeyPath, quantity: Quantity, *dimensions: Dimension) -> None:
+        found = quantity.dimension.name if quantity.dimension else f"{quantity.value:g}"
+        self._report("wrong-unit", path, f"found {found}, expected {expected_quantity(*dimensions)}")
+
+
+def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
+    """The mesh file that a URDF names, for `link_parts`; roots: `Robot.package_roots`. Raises as `packages.resolve`."""
+    return packages.resolve(reference, urdf.parent, roots, Place(urdf))
+
+
+def _in_units(joint: UrdfJoint, *positions: float) -> str:
+    """A position of a joint [rad or m], or a range of them, with its unit; of one that turns in degrees as well."""
+    stated = " to ".join(f"{position:.4g}" for position in positions)
+    if joint.type == "prismatic":
+        return f"{stated} m"
+    return f"{stated} rad ({' to '.join(f'{math.degrees(position):.4g}' for position in positions)} deg)"

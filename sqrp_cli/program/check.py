@@ -1,0 +1,245 @@
+"""What must hold between the fields of a program beyond their types: times that add up, motion that does not jump."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import chain, pairwise
+
+import numpy as np
+
+from sqrp_cli.errors import expected_names
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.program.record import Program, ProgramPrimitive, ProgramTarget, Step
+from sqrp_cli.trajectory import Trajectory
+
+SAME_TIME = 1e-6
+"""Times that differ by less count as equal [s]."""
+
+LARGEST_JUMPS = (1e-6, 1e-4, 1e-2)
+"""By how much position, velocity and acceleration of a joint may jump [rad or m, and per s, and per s^2]."""
+
+LARGEST_SKEW = 1e-6
+"""By how much the axes of a pose may deviate from unit length and right angles."""
+
+Keys = tuple[str | int, ...]
+
+
+@dataclass(frozen=True)
+class Flaw:
+    """Something in a program that cannot be; at: the keys that lead to it from the top of the file."""
+
+    code: str
+    at: Keys
+    message: str
+
+
+def flaws(program: Program) -> Iterator[Flaw]:
+    """What is wrong with a program in itself, from its first line to its last."""
+    if not program.joints or len(set(program.joints)) < len(program.joints):
+        yield Flaw("program-joints", ("joints",), "expected the name of every joint that moves, each once")
+        return
+    for number, step in enumerate(program.steps):
+        at: Keys = ("steps", number)
+        found = list(_flaws_of(step, at, program.joints))
+        yield from found
+        if number and not found:
+            yield from _break_between(program.steps[number - 1], step, at)
+
+
+def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
+    """Names in a program that its workspace does not know."""
+    joints = workspace.stated_world.joints
+    if set(program.joints) != set(joints):
+        message = f"the joints that the workspace's robot moves are {', '.join(joints)}"
+        yield Flaw("program-joints", ("joints",), message)
+    known: dict[str, Mapping[str, object]] = {
+        "skill": workspace.skills,
+        "object": workspace.objects,
+        "camera": workspace.cameras,
+    }
+    for number, step in enumerate(program.steps):
+        for kind, name, at in _names_in(step, ("steps", number)):
+            if name not in known[kind]:
+                message = f"the workspace has no {kind} `{name}`; {expected_names(name, known[kind])}"
+                yield Flaw(f"unknown-{kind}", at, message)
+
+
+def _names_in(step: Step, at: Keys) -> Iterator[tuple[str, str, Keys]]:
+    """What a step names of its workspace: the kind of thing, its name, and where that stands."""
+    yield "skill", step.skill, (*at, "skill")
+    for moment, world in (("before", step.before), ("after", step.after)):
+        for name in world.X_WO:
+            yield "object", name, (*at, moment, "objects", name)
+        if world.held is not None:
+            yield "object", world.held, (*at, moment, "held")
+    for atom, target in step.targets.items():
+        for camera in target.seen:
+            yield "camera", camera, (*at, "targets", atom, "seen", camera)
+
+
+def _flaws_of(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
+    yield from _world_flaws(step.before, (*at, "before"), joints)
+    yield from _world_flaws(step.after, (*at, "after"), joints)
+    motion = [*_time_flaws(step, at), *_shape_flaws(step, at, len(joints))]
+    yield from motion
+    if not motion and set(joints) == set(step.before.joints) == set(step.after.joints):
+        with np.errstate(over="ignore", invalid="ignore"):
+            yield from list(_jumps(step, at, joints))
+    yield from _held_flaws(step, at)
+    for atom, target in step.targets.items():
+        yield from _target_flaws(target, (*at, "targets", atom), step.time)
+
+
+def _held_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
+    """Only `Grasp` and `Release` change at their end what the tool holds; the rest holds what was held before."""
+    held = step.before.held
+    for index, (primitive, then) in enumerate(zip(step.primitives, step.held_after, strict=True)):
+        inside = (*at, "primitives", index, "held")
+        if primitive.held is not None and primitive.held not in step.before.X_WO:
+            expected = expected_names(primitive.held, step.before.X_WO)
+            yield Flaw(
+                "program-object",
+                inside,
+                f"`{primitive.name}` holds `{primitive.held}`, which is nowhere before; {expected}",
+            )
+            return
+        if primitive.held != held:
+            message = f"`{primitive.name}` holds {_named(primitive.held)}, but the tool then holds {_named(held)}"
+            yield Flaw("program-held", inside, message)
+            return
+        held = then if primitive.action == "Grasp" else None if primitive.action == "Release" else held
+    if step.after.held != held:
+        message = f"found {_named(step.after.held)}, but the tool then holds {_named(held)}"
+        yield Flaw("program-held", (*at, "after", "held"), message)
+
+
+def _named(held: str | None) -> str:
+    return "nothing" if held is None else f"`{held}`"
+
+
+def _world_flaws(world: World, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
+    missing = [joint for joint in joints if joint not in world.joints]
+    unknown = [joint for joint in world.joints if joint not in joints]
+    if missing:
+        yield Flaw("program-joints", (*at, "joints"), f"the position of joint `{missing[0]}` is missing")
+    elif unknown:
+        message = f"there is no joint `{unknown[0]}`; {expected_names(unknown[0], joints)}"
+        yield Flaw("program-joints", (*at, "joints", unknown[0]), message)
+    for name, X_WO in world.X_WO.items():
+        yield from _pose_flaws(X_WO, (*at, "objects", name))
+    if (world.held is None) != (world.X_TO is None):
+        yield Flaw("program-held", (*at, "held"), "`held` and `held_pose` go together: both, or both `null`")
+    if world.X_TO is not None:
+        yield from _pose_flaws(world.X_TO, (*at, "held_pose"))
+
+
+def _pose_flaws(X: Array, at: Keys) -> Iterator[Flaw]:
+    R = X[:3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        rigid = np.abs(R @ R.T - np.eye(3)).max() < LARGEST_SKEW and np.linalg.det(R) > 0
+    if not rigid or not np.array_equal(X[3], [0, 0, 0, 1]):
+        yield Flaw("program-pose", at, "this is no pose: expected a rotation and a position over the row 0, 0, 0, 1")
+
+
+def _time_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
+    """Primitives must follow each other from 0 to the step's time, each as long as its trajectory."""
+    if not step.primitives:
+        yield Flaw("program-times", (*at, "primitives"), "expected at least one primitive action")
+        return
+    now = 0.0
+    for index, primitive in enumerate(step.primitives):
+        inside = (*at, "primitives", index)
+        if abs(primitive.start - now) > SAME_TIME:
+            message = f"`{primitive.name}` starts at {primitive.start:g} s, expected {now:g} s"
+            yield Flaw("program-times", (*inside, "start"), message)
+        duration = primitive.end - primitive.start
+        moving = primitive.trajectory.law.breaks[-1]
+        if duration < 0:
+            yield Flaw("program-times", (*inside, "end"), f"`{primitive.name}` ends before it starts")
+        elif abs(moving - duration) > SAME_TIME:
+            message = f"`{primitive.name}` lasts {duration:g} s, but its trajectory {moving:g} s"
+            yield Flaw("program-times", (*inside, "end"), message)
+        now = primitive.end
+    if abs(now - step.time) > SAME_TIME:
+        message = f"found {step.time:g} s, but the last primitive action ends at {now:g} s"
+        yield Flaw("program-times", (*at, "time"), message)
+
+
+def _shape_flaws(step: Step, at: Keys, count: int) -> Iterator[Flaw]:
+    for index, primitive in enumerate(step.primitives):
+        path, law = primitive.trajectory.path, primitive.trajectory.law
+        inside = (*at, "primitives", index, "trajectory")
+        found = len(path.coefficients[0][0])
+        if found != count:
+            message = f"the trajectory of `{primitive.name}` moves {found} joints, expected {count}"
+            yield Flaw("program-joints", (*inside, "path", "coefficients"), message)
+        if path.breaks[0] != 0 or path.breaks[-1] != 1:
+            yield Flaw("program-motion", (*inside, "path", "breaks"), "expected breaks that rise from 0 to 1")
+        if law.breaks[0] != 0:
+            yield Flaw("program-motion", (*inside, "law", "breaks"), "expected breaks that rise from 0")
+
+
+def _jumps(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
+    """Where positions, velocities or accelerations jump, inside primitives, between them and at both ends."""
+    rest = np.zeros(len(joints))
+    last: tuple[Array, ...] = (np.array([step.before.joints[joint] for joint in joints]), rest, rest)
+    for index, primitive in enumerate(step.primitives):
+        inside = (*at, "primitives", index, "trajectory")
+        trajectory = primitive.trajectory
+        first = _derivatives(trajectory, 0.0)
+        yield from _jump(last, first, inside, f"where `{primitive.name}` begins", joints)
+        yield from _inner_jumps(trajectory, inside, primitive, joints)
+        last = _derivatives(trajectory, trajectory.duration)
+    final = (np.array([step.after.joints[joint] for joint in joints]), rest, rest)
+    yield from _jump(last, final, (*at, "after", "joints"), "between the end of the motion and `after`", joints)
+
+
+def _inner_jumps(
+    trajectory: Trajectory, at: Keys, primitive: ProgramPrimitive, joints: Sequence[str]
+) -> Iterator[Flaw]:
+    seams = [*trajectory.law.breaks[1:-1].tolist(), *map(trajectory.law.time_at, trajectory.path.breaks[1:-1])]
+    for t in sorted(seams):
+        before, after = _derivatives(trajectory, np.nextafter(t, 0.0)), _derivatives(trajectory, t)
+        found = list(_jump(before, after, at, f"in `{primitive.name}` at {primitive.start + t:.3f} s", joints))
+        if found:
+            yield found[0]
+            return
+
+
+def _derivatives(trajectory: Trajectory, t: float) -> tuple[Array, ...]:
+    rates = (trajectory.derivatives([t], order)[0] for order in (1, 2))
+    return trajectory.positions([t])[0], *rates
+
+
+def _jump(
+    before: tuple[Array, ...], after: tuple[Array, ...], at: Keys, where: str, joints: Sequence[str]
+) -> Iterator[Flaw]:
+    """The first of position, velocity and acceleration that differs, with the joint that differs most."""
+    kinds = zip(("position", "velocity", "acceleration"), LARGEST_JUMPS, before, after, strict=True)
+    for kind, most, left, right in kinds:
+        jumps = np.abs(right - left)
+        if not jumps.max() <= most:  # so that no number counts as a jump, too
+            joint = joints[int(jumps.argmax())]
+            yield Flaw("program-jump", at, f"the {kind} of `{joint}` jumps by {jumps.max():.3g} {where}")
+            return
+
+
+def _target_flaws(target: ProgramTarget, at: Keys, time: float) -> Iterator[Flaw]:
+    for index, box in enumerate(target.boxes):
+        yield from _pose_flaws(box.X_FB, (*at, "boxes", index, "pose"))
+    for camera, intervals in target.seen.items():
+        edges = list(chain.from_iterable(intervals))
+        if any(b < a for a, b in pairwise(edges)) or (edges and edges[-1] > time + SAME_TIME):
+            message = f"expected times in order from 0 to {time:g} s"
+            yield Flaw("program-times", (*at, "seen", camera), message)
+
+
+def _break_between(step: Step, following: Step, at: Keys) -> Iterator[Flaw]:
+    """A step must start in the world that the one before it leaves."""
+    left, start = (one.model_dump(by_alias=True) for one in (step, following))
+    for field in left["after"]:
+        if left["after"][field] != start["before"][field]:
+            message = f"differs from `steps.{int(at[1]) - 1}.after.{field}`, where this step should start"
+            yield Flaw("program-worlds", (*at, "before", field), message)

@@ -1,0 +1,177 @@
+"""A program's joint motion as points in time, written so that a real arm can play it.
+
+The points stand at every multiple of the sampling period and where a primitive action begins or ends. What the tool
+has to do, which a joint trajectory has no field for, goes with the points at which it has to be told.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.program.record import Program, ProgramPrimitive
+
+LEAST_GAP = 0.01
+"""A multiple of the period this near to a point where a primitive begins or ends gives way to it [periods]."""
+
+YAML_MARK = "# trajectory_msgs/JointTrajectory"
+"""How an exported YAML file begins."""
+
+_DIGITS = 9
+
+
+@dataclass(frozen=True)
+class ToolCommand:
+    """What the tool has to do: told at `start`, done at `end` [s from the start of the program].
+
+    step: its number, from 1.
+    """
+
+    start: float
+    end: float
+    step: int
+    action: str
+    object: str
+
+    def __str__(self) -> str:
+        return f"{self.action} {self.object}"
+
+
+@dataclass(frozen=True)
+class Point:
+    """Where the arm is at one instant.
+
+    time: [s from the start of the program]. step: its number, from 1. primitive: the one that begins here or goes on.
+    tool: what the tool has to be told now. held: the object in the tool from now on. q, v, a: position, velocity and
+    acceleration of every joint [rad or m, and per s, and per s^2].
+    """
+
+    time: float
+    step: int
+    primitive: ProgramPrimitive
+    tool: tuple[ToolCommand, ...]
+    held: str | None
+    q: Array
+    v: Array
+    a: Array
+
+
+def tool_commands(program: Program) -> tuple[ToolCommand, ...]:
+    """What the tool has to do over the whole program, in order."""
+    commands, begin = [], 0.0
+    for number, step in enumerate(program.steps, 1):
+        for primitive, after in zip(step.primitives, step.held_after, strict=True):
+            span = (begin + primitive.start, begin + primitive.end)
+            if primitive.held is not None and primitive.held != after:
+                commands.append(ToolCommand(*span, number, "release", primitive.held))
+            if after is not None and primitive.held != after:
+                commands.append(ToolCommand(*span, number, "grasp", after))
+        begin += step.time
+    return tuple(commands)
+
+
+def points(program: Program, rate: float) -> Iterator[Point]:
+    """The motion at multiples of 1/rate [s], and where a primitive begins or ends; a program has at least one step."""
+    waiting = list(tool_commands(program))
+    begin = 0.0
+    for number, step in enumerate(program.steps, 1):
+        for primitive in step.primitives:
+            times = _times(begin + primitive.start, begin + primitive.end, rate)
+            trajectory = primitive.trajectory
+            local = times - begin - primitive.start
+            states = (trajectory.positions(local), *(trajectory.derivatives(local, order) for order in (1, 2)))
+            for time, q, v, a in zip(times.tolist(), *states, strict=True):
+                told = tuple(command for command in waiting if command.start <= time)
+                waiting = waiting[len(told) :]
+                yield Point(time, number, primitive, told, primitive.held, q, v, a)
+        begin += step.time
+    end = np.array([trajectory.duration])
+    states = (trajectory.positions(end), *(trajectory.derivatives(end, order) for order in (1, 2)))
+    yield Point(begin, number, primitive, tuple(waiting), step.after.held, *(state[0] for state in states))
+
+
+def as_csv(program: Program, joints: Sequence[str], rate: float) -> str:
+    """A line per point under a line of column names: time [s], step, primitive, what the tool does, joint states.
+
+    joints: which of the program's joints to write. rate: [Hz].
+    """
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    columns = ["time", "step", "primitive", "action", "tool", "held"]
+    kinds = ("position", "velocity", "acceleration")
+    writer.writerow([*columns, *(f"{kind}_{joint}" for kind in kinds for joint in joints)])
+    chosen = [program.joints.index(joint) for joint in joints]
+    for point in points(program, rate):
+        numbers = (text for state in (point.q, point.v, point.a) for text in _texts(state[chosen]))
+        tool = " and ".join(map(str, point.tool))
+        labels = [point.step, point.primitive.name, action_name(point.primitive), tool, point.held or ""]
+        writer.writerow([f"{point.time:.{_DIGITS}f}", *labels, *numbers])
+    return text.getvalue()
+
+
+def as_ros_yaml(program: Program, joints: Sequence[str], rate: float) -> str:
+    """One message of type trajectory_msgs/JointTrajectory; steps, primitives and the tool's doings are comments.
+
+    joints: which of the program's joints to write; a controller takes its own and no others. rate: [Hz].
+    """
+    chosen = [program.joints.index(joint) for joint in joints]
+    time = sum(step.time for step in program.steps)
+    lines = [
+        f"{YAML_MARK}: {time:.3f} s, a point every {1 / rate:g} s and at both ends of each",
+        "# primitive action. The arm must stand at the first point. The message cannot tell the tool, which has to",
+        *(f"#   {command} at {command.start:.3f} s, done by {command.end:.3f} s" for command in tool_commands(program)),
+        "header:",
+        "  stamp: {sec: 0, nanosec: 0}",
+        "  frame_id: ''",
+        f"joint_names: [{', '.join(joints)}]",
+        "points:",
+    ]
+    last: ProgramPrimitive | None = None
+    for point in points(program, rate):
+        if point.primitive is not last or point.tool:
+            told = "".join(f", {command}" for command in point.tool)
+            lines.append(f"# step {point.step}, {point.primitive.name}: {action_name(point.primitive)}{told}")
+            last = point.primitive
+        seconds, nanoseconds = divmod(round(point.time * 1e9), 10**9)
+        lines += [
+            f"- positions: [{', '.join(_texts(point.q[chosen]))}]",
+            f"  velocities: [{', '.join(_texts(point.v[chosen]))}]",
+            f"  accelerations: [{', '.join(_texts(point.a[chosen]))}]",
+            "  effort: []",
+            f"  time_from_start: {{sec: {seconds}, nanosec: {nanoseconds}}}",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+FORMATS: Mapping[str, Callable[[Program, Sequence[str], float], str]] = {
+    ".csv": as_csv,
+    ".yaml": as_ros_yaml,
+    ".yml": as_ros_yaml,
+}
+"""How a program is written, by the ending of the file."""
+
+
+def action_name(primitive: ProgramPrimitive) -> str:
+    """What a primitive does, as `joint_move` or `grasp`."""
+    return re.sub(r"(?<!^)(?=[A-Z])", "_", primitive.action).lower()
+
+
+def _times(start: float, end: float, rate: float) -> Array:
+    """The start and the multiples of the period before the end; nothing for a primitive that takes no time."""
+    margin = LEAST_GAP / rate
+    if end - start < margin:
+        return np.zeros(0)
+    multiples = np.arange(math.ceil(start * rate), math.floor(end * rate) + 1) / rate
+    inner = multiples[(multiples > start + margin) & (multiples < end - margin)]
+    return np.concatenate([[start], inner])
+
+
+def _texts(numbers: Array) -> Sequence[str]:
+    return [f"{number:.{_DIGITS}f}" for number in (np.round(numbers, _DIGITS) + 0.0).tolist()]

@@ -1,0 +1,204 @@
+"""The program: what the programming phase hands to the runtime, and all that it hands over.
+
+Each step holds the exact motion (see `trajectory`), the formulas with their times and responses, where to look, which
+camera covers what when, and the world before and after.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass
+from itertools import pairwise
+from typing import Annotated, Literal, Protocol
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.geometry import check_finite
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.knowledge.text.entries import Entry, Finite, Stored, Written
+from sqrp_cli.knowledge.text.units import read_quantity
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.trajectory import Trajectory
+
+Numbers = tuple[Finite, ...]
+Share = Annotated[float, Field(ge=0, le=1)]
+Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _PathNumbers(Entry):
+    """What a file must say of a `trajectory.Path`."""
+
+    breaks: Numbers
+    coefficients: tuple[tuple[Numbers, ...], ...]
+
+
+class _LawNumbers(Entry):
+    """What a file must say of a `trajectory.PiecewiseCubic`."""
+
+    breaks: Numbers
+    coefficients: tuple[Numbers, ...]
+
+
+class _TrajectoryNumbers(Entry):
+    """What a file must say of a `trajectory.Trajectory`: what its arrays can hold, checked before there are any."""
+
+    path: _PathNumbers
+    law: _LawNumbers
+
+    @model_validator(mode="after")
+    def _consistent(self) -> _TrajectoryNumbers:
+        for part, breaks, count in (
+            ("path", self.path.breaks, len(self.path.coefficients)),
+            ("law", self.law.breaks, len(self.law.coefficients)),
+        ):
+            if count == 0 or len(breaks) != count + 1 or any(b < a for a, b in pairwise(breaks)):
+                message = "the breaks of the {part} must rise and be one more than there are pieces"
+                raise PydanticCustomError("program-motion", message, {"part": part})
+        if any(a == b for a, b in pairwise(self.path.breaks)):
+            raise PydanticCustomError("program-motion", "the breaks of the path must be different")
+        if any(len(piece) != 4 for piece in self.law.coefficients):
+            raise PydanticCustomError("program-motion", "every piece of the law must have four coefficients")
+        rows = {len(row) for piece in self.path.coefficients for row in piece}
+        if len(rows) != 1 or 0 in rows or len({len(piece) for piece in self.path.coefficients}) != 1:
+            message = "every coefficient of the path must have one number per joint, every piece as many coefficients"
+            raise PydanticCustomError("program-motion", message)
+        return self
+
+
+def _trajectory(numbers: _TrajectoryNumbers) -> Trajectory:
+    return Trajectory.from_numbers(numbers.model_dump())
+
+
+class ProgramPrimitive(Entry):
+    """A primitive action with its time [s] from the start of the step; held: the object in the tool all through it."""
+
+    name: str
+    action: str
+    start: Seconds
+    end: Seconds
+    held: str | None
+    trajectory: Annotated[Trajectory, Written(_TrajectoryNumbers, _trajectory, Trajectory.to_numbers)]
+
+
+class ProgramResponse(Entry):
+    """What to do when a formula is violated, or a fault is seen; when: what must be seen before a retry."""
+
+    action: Literal["stop", "retry", "continue"]
+    retries: int = 0
+    when: str | None = None
+
+
+class ProgramFormula(Entry):
+    """A formula about objects with all times in seconds from the start of the step.
+
+    fault: its name if it describes one.
+    """
+
+    formula: str
+    fault: str | None
+    settle: Seconds
+    response: ProgramResponse
+
+
+class ProgramTarget(Entry):
+    """What decides an atom: so many cameras must each see all boxes. seen: from when to when each camera does [s]."""
+
+    cameras: int
+    boxes: tuple[TargetBox, ...]
+    seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
+
+
+@dataclass(frozen=True)
+class FaultMetrics(Stored):
+    """What a fault costs when it happens at a time x that is uniform over its interval."""
+
+    delay_mean: Seconds
+    """From x until it is noticed, mean [s]."""
+    delay_worst: Seconds
+    """From x until it is noticed, supremum [s]."""
+    blind_longest: Seconds
+    """Longest stretch of the interval in which it cannot be seen [s]."""
+    unseen: Share
+    """Share of x after which it is never seen, so that it is noticed at the end of the skill, in 0..1."""
+    expected_time: Seconds
+    """Mean time from the start of the skill until it is done after one retry [s]."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a figure is not finite."""
+        check_finite("a fault", *astuple(self))
+
+
+class Step(Entry):
+    """One candidate that was chosen: a skill with all its parameters."""
+
+    task: str
+    skill: str
+    parameters: Mapping[str, float | str]
+    time: Seconds
+    q_avg: Share | None
+    q_eoi: Share | None
+    faults: Mapping[str, FaultMetrics]
+    verdict: str
+    primitives: tuple[ProgramPrimitive, ...]
+    formulas: tuple[ProgramFormula, ...]
+    targets: Mapping[str, ProgramTarget]
+    before: World
+    after: World
+
+    @property
+    def short_task(self) -> str:
+        """The skill and the objects that it was done with, such as `pickup g2`: a task of just this."""
+        objects = (value for value in self.parameters.values() if value in self.before.X_WO)
+        return " ".join([self.skill, *map(str, objects)])
+
+    @property
+    def own_task(self) -> str:
+        """The short task, with what the task said of the motion: of several values the one that was chosen."""
+        settings = [word.split("=", 1) for word in self.task.split() if "=" in word]
+        chosen = [
+            f"{name}={text}"
+            for name, texts in settings
+            for text in texts.split(",")
+            if name in self.parameters and self.parameters[name] not in self.before.X_WO
+            if (text if (read := read_quantity(text)) is None else read.value) == self.parameters[name]
+        ]
+        return " ".join([self.short_task, *chosen])
+
+    @property
+    def held_after(self) -> tuple[str | None, ...]:
+        """What the tool holds after each primitive."""
+        held = [*(primitive.held for primitive in self.primitives), self.after.held]
+        return tuple(held[1:] if self.primitives else [])
+
+
+class Program(Entry):
+    """Steps for one workspace.
+
+    sqrp_program: version of the file's fields. workspace: its file, relative to the program's. digest: of the workspace
+    it was made for. checksum: of all that a file says apart from where its workspace is; empty until it is saved.
+    marks: a sign for each value, which tell where a file was changed whose checksum does not fit.
+    """
+
+    sqrp_program: Literal[1] = 1
+    workspace: str
+    digest: str
+    checksum: str = ""
+    marks: str = ""
+    joints: tuple[str, ...]
+    steps: tuple[Step, ...]
+
+    def with_steps(self, steps: Sequence[Step]) -> Program:
+        """The program with more steps at its end."""
+        return self.model_copy(update={"steps": (*self.steps, *steps)})
+
+    def without_last_step(self) -> Program:
+        """The program without its last step, of which there must be one."""
+        return self.model_copy(update={"steps": self.steps[:-1]})
+
+
+class Replanner(Protocol):
+    """Plans a step again from another world, for a retry; the runtime is given one and knows nothing of planning."""
+
+    def replan(self, step: Step, world: World) -> Step | None:
+        """The same skill with the same parameters from `world`; None where that is infeasible."""

@@ -1,0 +1,145 @@
+"""One candidate from check to quality: preconditions, motion, skill states, coverage and what people decide by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.geometry import check_finite
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.logic.formula_time import Stretch, merge
+from sqrp_cli.program.record import FaultMetrics
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.faults import fault_metrics
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
+from sqrp_cli.programming.coverage.stage import Stage
+from sqrp_cli.programming.coverage.timeline import Timeline, observe
+from sqrp_cli.programming.feasibility import feasible_motion
+from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion.plan_motion import Motion
+from sqrp_cli.programming.motion.recovery import Recovery, recovery_over
+from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
+from sqrp_cli.programming.targets import Target
+from sqrp_cli.programming.task import Candidate
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What is reported of one candidate; all figures are None, and `faults` empty, where it is infeasible.
+
+    reasons: why it is infeasible, most useful first. time: of the whole motion [s]. q_avg, q_eoi: in 0..1. t_total,
+    t_eoi: T and T_eoi [s].
+    states: number of samples that hold literals. error: bound on the error of Q from bisection. largest_gap: between
+    samples [s].
+    ways_around: what goes around what, such as `a1 goes around wall`, where the direct move is blocked.
+    outside: the temporal operators that are never looked at, see `grounding.formulas_outside`.
+    verdict: one or two sentences. recalibrated: the qualities with camera poses drawn anew, if that was asked for.
+    """
+
+    candidate: Candidate
+    feasible: bool
+    reasons: tuple[str, ...] = ()
+    time: float | None = None
+    q_avg: float | None = None
+    q_eoi: float | None = None
+    t_total: float | None = None
+    t_eoi: float | None = None
+    faults: Mapping[str, FaultMetrics] = field(default_factory=dict)
+    states: int | None = None
+    error: float | None = None
+    largest_gap: float | None = None
+    ways_around: tuple[str, ...] = ()
+    outside: tuple[tuple[int, int], ...] = ()
+    verdict: str = ""
+    recalibrated: tuple[Qualities, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a figure is not finite."""
+        figures = self.time, self.q_avg, self.q_eoi, self.t_total, self.t_eoi, self.error, self.largest_gap
+        check_finite("the candidate", *figures)
+
+    @property
+    def delay_worst(self) -> float | None:
+        """The longest time that any fault may remain unnoticed [s]; None where there is no fault to notice."""
+        return max((fault.delay_worst for fault in self.faults.values()), default=None)
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A feasible candidate with everything that its figures were computed from."""
+
+    candidate: Candidate
+    world: World
+    motion: Motion
+    formulas: tuple[GroundFormula, ...]
+    targets: tuple[Target, ...]
+    stage: Stage
+    timeline: Timeline
+    recovery: Recovery
+
+    def assessment(self, verdict: str) -> Assessment:
+        """The figures of the candidate."""
+        timeline, time = self.timeline, self.motion.time
+        qualities = Qualities.of(timeline)
+        return Assessment(
+            candidate=self.candidate,
+            feasible=True,
+            time=time,
+            q_avg=qualities.q_avg,
+            q_eoi=qualities.q_eoi,
+            t_total=timeline.T,
+            t_eoi=timeline.T_eoi,
+            faults={
+                fault: fault_metrics(timeline, fault, fault_intervals(self.formulas, fault), self.recovery, time)
+                for fault in timeline.faults
+            },
+            states=int(timeline.monitored.sum()),
+            error=timeline.transition_error,
+            largest_gap=timeline.largest_gap,
+            ways_around=self.motion.ways_around,
+            outside=formulas_outside(self.candidate, self.motion),
+            verdict=verdict,
+        )
+
+
+def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Study | Infeasible:
+    """Check, move and observe one candidate that starts in `world`.
+
+    full: with the verdicts of every camera and their causes. Raises InputError for a sampling that asks for too much.
+    """
+    workspace, model = cell.workspace, cell.model
+    motion = feasible_motion(cell, candidate, world)
+    if isinstance(motion, Infeasible):
+        return motion
+    if (count := sample_count(sampling, motion)) > MAX_SAMPLES:
+        message = f"this sampling asks for {count:,.0f} samples of `{candidate.name}`; the limit is {MAX_SAMPLES:,}"
+        raise InputError(
+            Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter")
+        )
+    spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
+    formulas = ground_formulas(candidate, spans, motion.time)
+    grounder = TargetGrounder(candidate, world, motion, workspace.objects, workspace.detectors, workspace.robot, model)
+    targets = grounder.targets(formulas)
+    stage = Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO)
+    times = (monitored_time(formulas), interesting_time(formulas))
+    timeline = observe(stage, cell.observer, targets, _fault_columns(formulas, targets), sampling, times, full=full)
+    start = min((fault_intervals(formulas, fault)[0].start for fault in timeline.faults), default=motion.time)
+    return Study(candidate, world, motion, formulas, targets, stage, timeline, recovery_over(motion, model, start))
+
+
+def _fault_columns(formulas: tuple[GroundFormula, ...], targets: tuple[Target, ...]) -> Mapping[str, tuple[int, ...]]:
+    columns: dict[str, dict[int, None]] = {}
+    index = {target.atom: column for column, target in enumerate(targets)}
+    for formula in formulas:
+        if formula.fault is not None and formula.operator.literals:
+            found = {index[literal.atom]: None for literal in formula.operator.literals}
+            columns.setdefault(formula.fault, {}).update(found)
+    return {fault: tuple(found) for fault, found in columns.items()}
+
+
+def fault_intervals(formulas: tuple[GroundFormula, ...], fault: str) -> tuple[Stretch, ...]:
+    """When a fault may happen: the union of the intervals of its operators that have literals."""
+    return merge(f.operator.stretch for f in formulas if f.fault == fault and f.operator.literals)

@@ -1,0 +1,143 @@
+"""When which camera sees which literal in a candidate, and what keeps it from seeing: a record to keep and compare."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+
+import numpy as np
+
+from sqrp_cli.logic.formula_time import Stretch, merge
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.explanation import Failure, by_name, first_failures
+from sqrp_cli.programming.sensing.cause import Cause
+
+
+@dataclass(frozen=True)
+class BlindSpan:
+    """A stretch of time in which a camera does not see a target, always for the same cause.
+
+    by: the occluder, or the side of the image; None otherwise.
+    """
+
+    stretch: Stretch
+    cause: Cause
+    by: str | None
+
+    @property
+    def words(self) -> str:
+        """The cause in a few words."""
+        pattern = "{} by {}" if self.cause is Cause.HIDDEN else "{} ({})" if self.by else "{}"
+        return pattern.format(self.cause.words, self.by)
+
+
+@dataclass(frozen=True)
+class TargetCoverage:
+    """How the target of an atom is seen.
+
+    needed: cameras that must see it. required: when it must be observable. blind: per camera, in order of time and
+    without overlap, when it does not see it while it is required.
+    """
+
+    needed: int
+    required: tuple[Stretch, ...]
+    blind: Mapping[str, tuple[BlindSpan, ...]]
+
+    def seen_by(self, camera: str) -> tuple[Stretch, ...]:
+        """When a camera sees it; never if there is no such camera."""
+        if camera not in self.blind:
+            return ()
+        return difference(self.required, [span.stretch for span in self.blind[camera]])
+
+    @property
+    def covered(self) -> tuple[Stretch, ...]:
+        """When enough cameras see it."""
+        seen = [self.seen_by(camera) for camera in self.blind]
+        edges = sorted({edge for stretches in (self.required, *seen) for s in stretches for edge in (s.start, s.end)})
+        return merge(
+            Stretch(start, end)
+            for start, end in pairwise(edges)
+            if sum(_contains(stretches, 0.5 * (start + end)) for stretches in seen) >= self.needed
+            and _contains(self.required, 0.5 * (start + end))
+        )
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """The coverage of a candidate over time [s]. primitives: when each ends, by name. targets: by atom."""
+
+    primitives: Mapping[str, float]
+    targets: Mapping[str, TargetCoverage]
+
+
+def coverage_of(cell: Cell, study: Study) -> Coverage:
+    """The coverage that a full study found.
+
+    Between neighbouring samples of one verdict that verdict holds; between others the target counts as not seen.
+    """
+    observation = study.timeline.observation
+    targets = {}
+    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+        rows = np.flatnonzero(observation.required[:, column])
+        required = _required(study, rows.tolist())
+        blind = {}
+        for index, camera in enumerate(cell.observer.cameras):
+            failures = first_failures(boxes, rows, index)
+            blind[camera.name] = tuple(_blind_spans(cell, study, rows.tolist(), failures))
+        targets[str(target.atom)] = TargetCoverage(target.cameras, required, blind)
+    return Coverage({primitive.name: primitive.end for primitive in study.motion.primitives}, targets)
+
+
+def difference(stretches: Sequence[Stretch], without: Sequence[Stretch]) -> tuple[Stretch, ...]:
+    """The parts of some stretches that are in none of the others; both in order of time and without overlap."""
+    parts = []
+    for stretch in stretches:
+        start = stretch.start
+        for hole in without:
+            if hole.end <= start or hole.start >= stretch.end:
+                continue
+            if hole.start > start:
+                parts.append(Stretch(start, hole.start))
+            start = max(start, hole.end)
+        if start < stretch.end:
+            parts.append(Stretch(start, stretch.end))
+    return tuple(parts)
+
+
+def intersection(stretches: Sequence[Stretch], others: Sequence[Stretch]) -> tuple[Stretch, ...]:
+    """The parts of some stretches that are in one of the others."""
+    return difference(stretches, difference(stretches, others))
+
+
+def _contains(stretches: Sequence[Stretch], t: float) -> bool:
+    return any(stretch.start <= t <= stretch.end for stretch in stretches)
+
+
+def _required(study: Study, rows: Sequence[int]) -> tuple[Stretch, ...]:
+    """When the target of the samples `rows` must be observable: the pieces that they lie in."""
+    samples, pieces = study.timeline.samples, study.timeline.pieces
+    numbers = dict.fromkeys(samples.piece[list(rows)].tolist())
+    return merge(Stretch(pieces[number].start, pieces[number].end) for number in numbers)
+
+
+def _blind_spans(cell: Cell, study: Study, rows: Sequence[int], failures: Sequence[Failure]) -> Iterator[BlindSpan]:
+    """The stretches around the samples at which a camera fails, up to the neighbours at which it does not."""
+    t, piece = study.timeline.samples.t, study.timeline.samples.piece
+
+    def kind(index: int) -> tuple[Cause, int]:
+        return failures[index].cause, failures[index].by
+
+    for (cause, by), group in groupby(range(len(rows)), key=kind):
+        if cause is Cause.NONE:
+            continue
+        indices = list(group)
+        first, last = indices[0], indices[-1]
+        start, end = float(t[rows[first]]), float(t[rows[last]])
+        if first > 0 and failures[first - 1].cause is Cause.NONE and piece[rows[first - 1]] == piece[rows[first]]:
+            start = float(t[rows[first - 1]])
+        if last + 1 < len(rows) and piece[rows[last + 1]] == piece[rows[last]]:
+            end = float(t[rows[last + 1]])
+        if end > start:
+            yield BlindSpan(Stretch(start, end), cause, by_name(cell, cause, by))

@@ -1,0 +1,74 @@
+"""What it does to the qualities if a camera fails, or if cameras are not quite where they are thought to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sqrp_cli.geometry import displacement
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.timeline import observe
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import Observer
+
+DRAWS = 20
+"""Sets of camera poses that are drawn to see what an inexact calibration does."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """How exactly the cameras are calibrated.
+
+    position, rotation: standard deviations of the error of each camera's optical frame along [m] and about [rad] each
+    of its axes. seed: of the errors that are drawn.
+    """
+
+    position: float
+    rotation: float
+    seed: int
+
+
+def without_each_camera(cell: Cell, study: Study) -> dict[str, Qualities]:
+    """The qualities of a candidate if one camera fails, by the camera's name, from the verdicts of a full study."""
+    observation = study.timeline.observation
+    qualities = {}
+    for index, camera in enumerate(cell.observer.cameras):
+        covered = observation.covered.copy()
+        for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+            sees = np.all([box.cause == Cause.NONE for box in boxes], axis=0)
+            enough = np.delete(sees, index, axis=1).sum(axis=1) >= target.cameras
+            covered[:, column] = observation.required[:, column] & enough
+        timeline = replace(study.timeline, observation=replace(observation, covered=covered))
+        qualities[camera.name] = Qualities.of(timeline)
+    return qualities
+
+
+def under_calibration_errors(
+    cell: Cell, study: Study, sampling: Sampling, calibration: Calibration
+) -> tuple[Qualities, ...]:
+    """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
+    timeline = study.timeline
+    found = []
+    for draw in range(DRAWS):
+        observer = perturbed(cell.observer, calibration, draw)
+        times = (timeline.T, timeline.T_eoi)
+        seen = observe(study.stage, observer, study.targets, timeline.faults, sampling, times, full=False)
+        found.append(Qualities.of(seen))
+    return tuple(found)
+
+
+def perturbed(observer: Observer, calibration: Calibration, draw: int) -> Observer:
+    """The cameras with the errors of one draw; the same solids."""
+    random = np.random.default_rng([calibration.seed, draw])
+    errors = random.normal(size=(len(observer.cameras), 6))
+    cameras = (
+        replace(
+            camera, X_FC=camera.X_FC @ displacement(calibration.position * error[:3], calibration.rotation * error[3:])
+        )
+        for camera, error in zip(observer.cameras, errors, strict=True)
+    )
+    return Observer(tuple(cameras), observer.solids)

@@ -1,0 +1,210 @@
+"""Why a candidate scores as it does, in a sentence or two.
+
+What is lost when, for which camera, behind what, and what would help.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.explanation import by_name, first_failures
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import BoxVerdicts
+
+_LOOKS, _LOOKS_OF_SEVERAL = 5, 25
+"""Samples of a blind stretch at which the causes are looked up; where several cameras are needed, each may see at some
+of them."""
+
+NOTHING_MISSING = "Every literal is covered all the time."
+"""What is said of a candidate in which nothing is lost."""
+
+HELP = ". It would help to "
+"""What parts the sentence about what is lost from the one about what would help."""
+
+_SENTENCES = {
+    Cause.TOO_NEAR: "{camera} is {figure} too near to {target}",
+    Cause.TOO_FAR: "{camera} is {figure} too far from {target}",
+    Cause.OUT_OF_IMAGE: "{camera} has {target} outside its image ({by})",
+    Cause.DETECTOR_NEAR: "{camera} is {figure} too near to {target} for its detector",
+    Cause.DETECTOR_FAR: "{camera} is {figure} too far from {target} for its detector",
+    Cause.OBLIQUE: "{camera} sees {target} {figure} too obliquely",
+    Cause.TOO_SMALL: "{camera} sees {target} {figure} too small",
+    Cause.HIDDEN: "{camera} loses {target} behind {by}",
+}
+
+_ADVICE = {
+    Cause.TOO_NEAR: "move {camera} {figure} back",
+    Cause.TOO_FAR: "move {camera} {figure} closer or raise its far range",
+    Cause.OUT_OF_IMAGE: "turn {camera} to the {by} or widen its view",
+    Cause.DETECTOR_NEAR: "move {camera} {figure} back",
+    Cause.DETECTOR_FAR: "move {camera} {figure} closer",
+    Cause.OBLIQUE: "move {camera} round to face it",
+    Cause.TOO_SMALL: "move {camera} closer or narrow its view",
+    Cause.HIDDEN: "move {camera} to where {by} is not in its way, or try another approach",
+}
+
+
+@dataclass(frozen=True)
+class CameraCause:
+    """Why a camera does not see a target over a stretch: its commonest first failing limit.
+
+    by: the occluder, or the side of the image; None otherwise. figure: mean amount by which the limit is missed, in the
+    limit's unit. partly: whether it does see the target for a part of the stretch.
+    """
+
+    camera: str
+    cause: Cause
+    by: str | None
+    figure: float
+    partly: bool
+
+    def told(self, templates: dict[Cause, str], atom: Atom) -> str:
+        """One of the sentences above about this camera."""
+        match self.cause:
+            case Cause.OBLIQUE:
+                figure = f"{np.degrees(self.figure):.0f} deg"
+            case Cause.TOO_SMALL:
+                figure = f"{self.figure:.0f} px"
+            case _:
+                figure = f"{self.figure:.2f} m"
+        return templates[self.cause].format(camera=self.camera, by=self.by, figure=figure, target=atom)
+
+    @property
+    def words(self) -> str:
+        """The cause in a few words."""
+        words = f"behind {self.by}" if self.cause is Cause.HIDDEN else self.cause.words
+        return f"{words} for a part of that time" if self.partly else words
+
+
+@dataclass(frozen=True)
+class BlindStretch:
+    """A stretch of time in which a state is not covered.
+
+    start, end: first and last uncovered sample [s]. atom: one whose target is not covered. causes: of every camera that
+    does not see it, the one that comes nearest to seeing it first. seeing: the cameras that do see it. needed: how many
+    must.
+    """
+
+    start: float
+    end: float
+    atom: Atom
+    causes: tuple[CameraCause, ...]
+    seeing: tuple[str, ...]
+    needed: int
+
+    def __str__(self) -> str:
+        when = f"from {self.start:.1f} s to {self.end:.1f} s"
+        if not self.causes:
+            cameras = "1 camera that sees" if self.needed == 1 else f"{self.needed} cameras that see"
+            there = f"{'is' if len(self.seeing) == 1 else 'are'} only {len(self.seeing)}"
+            return f"{self.atom} needs {cameras} it, but there {there}, {when}"
+        if self.needed > 1:
+            # No single camera is to blame, and each may see the target for a while.
+            seen = f"; {', '.join(self.seeing)} {'sees' if len(self.seeing) == 1 else 'see'} it" if self.seeing else ""
+            return f"Fewer than {self.needed} cameras see {self.atom} {when} ({_listed(self.causes)}{seen})"
+        nearest, *others = self.causes
+        sentence = f"{nearest.told(_SENTENCES, self.atom)} {when}"
+        return f"{sentence}, and no other camera makes up for it ({_listed(others)})" if others else sentence
+
+    @property
+    def advice(self) -> str:
+        """What would help."""
+        if not self.causes:
+            return "add a camera"
+        return self.causes[0].told(_ADVICE, self.atom)
+
+
+def _listed(causes: Sequence[CameraCause]) -> str:
+    """Cameras by what is in their way."""
+    groups: dict[str, list[str]] = defaultdict(list)
+    for cause in causes:
+        groups[cause.words].append(cause.camera)
+    return "; ".join(f"{', '.join(cameras)}: {words}" for words, cameras in groups.items())
+
+
+def verdict(cell: Cell, study: Study) -> str:
+    """One or two sentences about a feasible candidate: the longest stretch that is not covered, and what would help.
+
+    Stretches within the events of interest come first. Moves that go around something are named at the end.
+    """
+    ways = ", ".join(study.motion.ways_around)
+    return _on_coverage(cell, study) + (f" On the way {ways}." if ways else "")
+
+
+def _on_coverage(cell: Cell, study: Study) -> str:
+    timeline = study.timeline
+    blind = timeline.monitored & ~timeline.covered
+    interesting = blind & timeline.interesting
+    t = timeline.samples.t
+    candidates = list(stretches(interesting if interesting.any() else blind))
+    if not candidates:
+        return NOTHING_MISSING
+    stretch = explain_stretch(cell, study, max(candidates, key=lambda rows: t[rows[-1]] - t[rows[0]]))
+    return f"{stretch}{HELP}{stretch.advice}."
+
+
+def stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
+    """Runs of neighbouring samples for which `blind` holds; pieces that share an instant are neighbours."""
+    rows = np.flatnonzero(blind)
+    yield from (run for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1) if len(run))
+
+
+def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindStretch:
+    """What is lost in a run of uncovered samples, and why.
+
+    Of all literals the one that is lost in most of a few samples.
+    """
+    timeline, samples = study.timeline, study.timeline.samples
+    looks = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
+    chosen = rows[np.unique(np.linspace(0, len(rows) - 1, looks).round().astype(np.int64))]
+    states = study.stage.states(Samples(samples.piece[chosen], samples.t[chosen]))
+    uncovered = timeline.observation.required[chosen] & ~timeline.observation.covered[chosen]
+    columns = np.flatnonzero(uncovered.any(axis=0)).tolist()
+    targets = [study.targets[column] for column in columns]
+    matrices = cell.observer.verdicts(targets, states)
+    lost = np.stack(
+        [
+            uncovered[:, column]
+            & (np.all([box.cause == Cause.NONE for box in boxes], axis=0).sum(axis=1) < target.cameras)
+            for column, target, boxes in zip(columns, targets, matrices, strict=True)
+        ]
+    )
+    worst = int(lost.sum(axis=1).argmax())
+    missing = np.flatnonzero(lost[worst])
+    causes = tuple(_camera_causes(cell, matrices[worst], missing))
+    cameras = [camera.name for camera in cell.observer.cameras]
+    return BlindStretch(
+        start=float(samples.t[rows[0]]),
+        end=float(samples.t[rows[-1]]),
+        atom=targets[worst].atom,
+        causes=causes,
+        seeing=tuple(name for name in cameras if name not in {cause.camera for cause in causes}),
+        needed=targets[worst].cameras,
+    )
+
+
+def _camera_causes(cell: Cell, boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64]) -> Sequence[CameraCause]:
+    """The commonest cause of each camera that does not see all boxes.
+
+    Those that fail all the time come first, and of these the ones that fail at the last check.
+    """
+    found = []
+    for index, camera in enumerate(cell.observer.cameras):
+        figures: dict[tuple[Cause, int], list[float]] = defaultdict(list)
+        for failure in first_failures(boxes, rows, index):
+            if failure.cause is not Cause.NONE:
+                figures[failure.cause, failure.by].append(failure.figure)
+        if figures:
+            cause, by = max(figures, key=lambda kind: len(figures[kind]))
+            figure, partly = float(np.mean(figures[cause, by])), sum(map(len, figures.values())) < len(rows)
+            found.append(CameraCause(camera.name, cause, by_name(cell, cause, by), figure, partly))
+    return sorted(found, key=lambda camera_cause: (camera_cause.partly, -camera_cause.cause))

@@ -1,0 +1,127 @@
+"""The solids of robot, tool and objects, and which of them must not touch."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import dist
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, pose
+from sqrp_cli.knowledge.robot.joint_tree import Mount
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.collision.body_pairs import BodyPairs
+from sqrp_cli.programming.motion.collision.collision_body import Body, distance_within, placement_at
+from sqrp_cli.programming.motion.collision.contact import CLEARANCE, Contact, Pairs, pair
+from sqrp_cli.programming.motion.collision.low_bodies import LowBodies
+from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
+from sqrp_cli.programming.motion.collision.placed_bodies import PlacedBodies
+from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
+from sqrp_cli.programming.motion.finger_joints import finger_positions
+from sqrp_cli.programming.sensing.solids import load_solid
+
+
+class CollisionScene:
+    """The solids of robot, tool and objects; `placed` puts the objects where they are at one moment."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        objects: Iterable[SceneObject],
+        disabled_pairs: Iterable[tuple[str, str]] = (),
+        padding: float = 0.0,
+    ) -> None:
+        """Load every solid.
+
+        disabled_pairs: pairs of links that are not checked, beside those that are fixed to each other or neighbours
+        across one joint. padding: extra clearance from fixed objects [m]. Raises InputError for an unusable mesh.
+        """
+        self.model = model
+        self.bound = MotionBound(model)
+        objects = tuple(objects)
+        self.bodies = tuple(Body.of(load_solid(part)) for part in model.parts)
+        self.object_bodies = {thing.name: tuple(Body.of(load_solid(part)) for part in thing.parts) for thing in objects}
+        skipped = {pair(*names) for names in (*disabled_pairs, *model.adjacent_pairs)}
+        depth = self.bound.depth
+        self.self_pairs = tuple(
+            (i, j) if depth[a.name] < depth[b.name] else (j, i)
+            for i, a in enumerate(self.bodies)
+            for j, b in enumerate(self.bodies[:i])
+            if depth[a.name] != depth[b.name] and pair(a.name, b.name) not in skipped
+        )
+        self._low = LowBodies(model, self.bound, self.bodies)
+        self._clearance = {thing.name: CLEARANCE + (padding if thing.fixed else 0.0) for thing in objects}
+        self._placed: WeakKeyDictionary[World, PlacedScene] = WeakKeyDictionary()
+        self._contacts: WeakKeyDictionary[World, Contact | None] = WeakKeyDictionary()
+
+    def placed(self, world: World, allowed: Pairs = frozenset()) -> PlacedScene:
+        """The scene with every object where `world` has it; contacts of `allowed` pairs do not count.
+
+        The held object moves with the tool and may touch it. Objects of unknown pose are left out.
+        """
+        if world not in self._placed:
+            self._placed[world] = self._place(world)
+        return self._placed[world].allowing(allowed) if allowed else self._placed[world]
+
+    def contact_in(self, world: World) -> Contact | None:
+        """A contact in a world before anything moves, or None when everything keeps its clearance."""
+        if world not in self._contacts:
+            self._contacts[world] = self.placed(world).check(self.model.arm_positions(world.joints))
+        return self._contacts[world]
+
+    def _place(self, world: World) -> PlacedScene:
+        """See `placed`."""
+        mounts, depth = self.model.tree.mounts, self.bound.depth
+        places = [(body, depth[body.name], mounts[body.name]) for body in self.bodies]
+        clearance = [CLEARANCE] * len(places)
+        for name, X_WO in world.X_WO.items():
+            for body in self.object_bodies[name] if name != world.held else ():
+                places.append((body, 0, Mount(-1, X_WO)))
+                clearance.append(self._clearance[name])
+        moving = [i for i, body in enumerate(self.bodies) if depth[body.name] > 0]
+        resting = range(len(self.bodies), len(places))
+        pairs = [np.array(self.self_pairs, dtype=np.intp).reshape(-1, 2), _crossed(resting, moving)]
+        if world.held is not None and world.X_TO is not None:
+            partners = [i for i, (body, *_) in enumerate(places) if body.name not in self.model.hand_links]
+            carried = mounts[self.model.tool_frame].with_offset(world.X_TO)
+            held = self.object_bodies[world.held]
+            pairs.append(_crossed(range(len(places), len(places) + len(held)), partners)[:, ::-1])
+            places += [(body, depth[self.model.tool_frame], carried) for body in held]
+        inner, outer = np.concatenate(pairs).T.copy()
+        bodies, fingers = PlacedBodies.of(places), finger_positions(self.model, world)
+        body_pairs = BodyPairs.of(inner, outer, np.array(clearance)[inner], bodies, self._low)
+        return PlacedScene(self.model, self.bound, self._low, bodies, body_pairs, fingers)
+
+    def supports(self, name: str, X_WO: Array, world: World) -> frozenset[str]:
+        """Names of the objects that carry object `name` at `X_WO`: those it touches, but not once raised a little."""
+        raised = pose(position=(0.0, 0.0, 3 * CLEARANCE)) @ X_WO
+        others = [(other, X_WB) for other, X_WB in world.X_WO.items() if other not in (name, world.held)]
+        return frozenset(
+            other
+            for other, X_WB in others
+            if self._touch(name, X_WO, other, X_WB) and not self._touch(name, raised, other, X_WB)
+        )
+
+    def _touch(self, first: str, X_WA: Array, second: str, X_WB: Array) -> bool:
+        return any(
+            distance_within(a.geometry, placement_at(X_WA @ a.X_PG), b.geometry, placement_at(X_WB @ b.X_PG), CLEARANCE)
+            is not None
+            for a in self.object_bodies[first]
+            for b in self.object_bodies[second]
+            if _may_touch(a, X_WA, b, X_WB)
+        )
+
+
+def _may_touch(a: Body, X_WA: Array, b: Body, X_WB: Array) -> bool:
+    """Whether the spheres around two bodies come within the clearance."""
+    apart = dist(X_WA[:3, :3] @ a.center + X_WA[:3, 3], X_WB[:3, :3] @ b.center + X_WB[:3, 3])
+    return apart < a.radius + b.radius + CLEARANCE
+
+
+def _crossed(first: Sequence[int], second: Sequence[int]) -> NDArray[np.intp]:
+    """Each one of the first with each one of the second, in this order, shape (P, 2)."""
+    return np.stack([np.repeat(first, len(second)), np.tile(second, len(first))], axis=1).astype(np.intp)

@@ -1,0 +1,83 @@
+"""Bodies in their places, as arrays: what culling needs of all of them at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, transform
+from sqrp_cli.knowledge.robot.joint_tree import Mount
+from sqrp_cli.programming.motion.collision.collision_body import SPHERES, Body, Placement, placement_at
+
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedBodies:
+    """S bodies, each fixed in a frame F: that of a joint, or the world.
+
+    frame: index of the joint, -1 for the world, shape (S,). depth: how many of the arm's joints move it, (S,).
+    X_FG: pose of the geometry, (S, 4, 4). center, radius: sphere around it, (S, 3) and (S,). centers, radii: spheres
+    that cover its surface, (S, k, 3) and (S, k). X_FB, half: pose and half extents of a box around it, (S, 4, 4) and
+    (S, 3). moving: those that the arm moves, by index.
+    """
+
+    bodies: tuple[Body, ...]
+    frame: Indices
+    depth: Indices
+    X_FG: Array
+    center: Array
+    radius: Array
+    centers: Array
+    radii: Array
+    X_FB: Array
+    half: Array
+    moving: Indices
+
+    @staticmethod
+    def of(places: Sequence[tuple[Body, int, Mount]]) -> PlacedBodies:
+        """Of each body, how many of the arm's joints move it and what it is fixed to."""
+        bodies, depth, mounts = zip(*places, strict=True) if places else ((), (), ())
+
+        def rows(values: Iterable[Array], *shape: int) -> Array:
+            return np.array(list(values)).reshape(len(bodies), *shape)
+
+        X_FP = rows((mount.X_JL for mount in mounts), 4, 4)
+        return PlacedBodies(
+            bodies=bodies,
+            frame=np.array([mount.joint for mount in mounts], dtype=np.intp),
+            depth=np.array(depth, dtype=np.intp),
+            X_FG=X_FP @ rows((body.X_PG for body in bodies), 4, 4),
+            center=transform(X_FP, rows((body.center for body in bodies), 1, 3))[:, 0],
+            radius=rows(body.radius for body in bodies),
+            centers=transform(X_FP, rows((body.centers for body in bodies), SPHERES, 3)),
+            radii=rows((body.radii for body in bodies), SPHERES),
+            X_FB=X_FP @ rows((body.X_PB for body in bodies), 4, 4),
+            half=rows((body.half for body in bodies), 3),
+            moving=np.flatnonzero(depth),
+        )
+
+    def world_centers(self, X_WF: Array) -> Array:
+        """Centres of the spheres around the bodies, (m, S, 3), where the frames are at X_WF, (m, N + 1, 4, 4)."""
+        X = X_WF[:, self.frame]
+        centers: Array = (X[..., :3, :3] @ self.center[:, :, None])[..., 0] + X[..., :3, 3]
+        return centers
+
+    def gap(self, X_WF: Array, at: Indices, boxed: Indices, covered: Indices) -> Array:
+        """A lower bound of the distance [m] of pairs, from a box around one and spheres around the other, shape (k,).
+
+        at: which of the m rows of X_WF, (m, N + 1, 4, 4). boxed, covered: which bodies. Shape (k,) each.
+        """
+        X_WB = X_WF[at, self.frame[boxed]] @ self.X_FB[boxed]
+        centers = transform(X_WF[at, self.frame[covered]], self.centers[covered])
+        in_box = (centers - X_WB[:, None, :3, 3]) @ X_WB[:, :3, :3]
+        outside = np.maximum(np.abs(in_box) - self.half[boxed][:, None], 0.0)
+        gap: Array = (np.sqrt(np.einsum("kci,kci->kc", outside, outside)) - self.radii[covered]).min(axis=-1)
+        return gap
+
+    def placements(self, X_WF: Array, at: Indices, body: Indices) -> Iterator[Placement]:
+        """Where geometries are, for coal, by row of X_WF, (m, N + 1, 4, 4), and body; both of shape (k,)."""
+        return map(placement_at, X_WF[at, self.frame[body]] @ self.X_FG[body])

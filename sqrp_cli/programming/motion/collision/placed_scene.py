@@ -1,0 +1,209 @@
+"""Whether the arm, its tool and what it holds stay clear of themselves and of the cell, also between samples.
+
+Two solids are proven apart over a stretch of a path when their distance in the middle of the stretch exceeds how far
+they can move against each other within it. Stretches over which they are not are halved, until a contact is found.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.collision.body_pairs import BodyPairs
+from sqrp_cli.programming.motion.collision.collision_body import body_distance
+from sqrp_cli.programming.motion.collision.contact import Contact, Pairs, pair
+from sqrp_cli.programming.motion.collision.low_bodies import LowBodies
+from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
+from sqrp_cli.programming.motion.collision.placed_bodies import Indices, PlacedBodies
+from sqrp_cli.programming.motion.collision.stretches import Stretches
+from sqrp_cli.programming.motion.finger_joints import finger_steps
+from sqrp_cli.trajectory import Path, Trajectory
+
+RESOLUTION = 0.5e-3
+"""Two solids that may come closer than the clearance while they move by less than this [m] count as touching."""
+
+WORTH_PROVING = 8
+"""Distances of low bodies that a proof should at least spare; fewer are found sooner than it."""
+
+FIRST_LOOK = 9
+"""Places along a path that `PlacedScene.is_free` looks at before it proves anything."""
+
+
+@dataclass(frozen=True)
+class _Near:
+    """A combination of stretch and pair that is not proven apart.
+
+    combination: its index. bound: how far the pair can move against each other from the middle of the stretch [m].
+    touches: whether that counts as the contact. contact: what it would be.
+    """
+
+    combination: int
+    stretch: int
+    bound: float
+    touches: bool
+    contact: Contact
+
+
+class PlacedScene:
+    """A collision scene with every object in its place."""
+
+    def __init__(
+        self,
+        model: RobotModel,
+        bound: MotionBound,
+        low: LowBodies,
+        bodies: PlacedBodies,
+        pairs: BodyPairs,
+        fingers: Array,
+    ) -> None:
+        """low: those of the robot's bodies. pairs: of bodies that must not touch. fingers: their joints, shape (f,)."""
+        self.bound = bound
+        self._model, self._low, self._bodies, self._pairs, self._fingers = model, low, bodies, pairs, fingers
+
+    def allowing(self, allowed: Pairs) -> PlacedScene:
+        """The same scene, in which contacts of these pairs of names do not count."""
+        pairs = self._pairs.without(allowed, self._bodies)
+        return PlacedScene(self._model, self.bound, self._low, self._bodies, pairs, self._fingers)
+
+    def check(self, q: Array) -> Contact | None:
+        """A contact at joint positions q, shape (n,), or None when everything keeps its clearance."""
+        return self.check_all(q[None])[0]
+
+    def check_all(self, q: Array) -> tuple[Contact | None, ...]:
+        """A contact, or None, at each of m joint positions, shape (m, n); of several, that of the last pair."""
+        found: dict[int, Contact] = {}
+        for near in self._near(self._still(q), backwards=True, known=found):
+            found[near.stretch] = near.contact
+        return tuple(found.get(k) for k in range(len(q)))
+
+    def touching_pairs(self, q: Array) -> tuple[Pairs, ...]:
+        """All pairs of names that touch at each of m joint positions, shape (m, n)."""
+        found: list[set[tuple[str, str]]] = [set() for _ in q]
+        for near in self._near(self._still(q)):
+            found[near.stretch].add(pair(near.contact.first, near.contact.second))
+        return tuple(map(frozenset, found))
+
+    def is_free(self, path: Path, spare: float = RESOLUTION) -> bool:
+        """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are told sooner.
+
+        spare: what the proof may ask for beyond the clearance [m]; more is told sooner.
+        """
+        samples = np.linspace(0.0, 1.0, FIRST_LOOK)
+        touching = next(self._near(self._still(path.positions(samples), samples)), None)
+        return touching is None and self.check_path(path, spare) is None
+
+    def check_fingers(self, q: Array, fingers: Array) -> Contact | None:
+        """The first contact while the fingers move evenly to positions (f,) and the arm stands at q, shape (n,).
+
+        The fingers are tried so often that they move by at most `RESOLUTION` in between.
+        """
+        share = np.linspace(0.0, 1.0, 1 + finger_steps(self._model, self._fingers, fingers, RESOLUTION))
+        positions = self._fingers + share[:, None] * (fingers - self._fingers)
+        near = self._near(self._still(np.concatenate([np.tile(q, (len(share), 1)), positions], axis=1), share))
+        return next((found.contact for found in near), None)
+
+    def check_motion(self, trajectory: Trajectory) -> Contact | None:
+        """The first contact along a motion; None proves that there is none at any time. See `check_path`."""
+        return self.check_path(trajectory.path)
+
+    def check_path(self, path: Path, resolution: float = RESOLUTION) -> Contact | None:
+        """The first contact along a path; None proves that there is none, not only at samples.
+
+        None: all pairs keep their clearance everywhere. A contact: there a pair is closer than its clearance plus
+        `resolution` [m]; the path keeps the clearance up to there.
+        """
+        slopes = path.derivative_bounds()
+        first: Contact | None = None
+        stretches = Stretches.along(path, slopes, self.bound.radii, len(self._pairs.inner))
+        while len(stretches.stretch):
+            open_ones, seen = [], -1
+            for near in self._near(stretches, resolution):
+                if first is not None and near.stretch > seen and near.contact.s >= first.s:
+                    break
+                seen = near.stretch
+                if near.bound >= resolution:
+                    open_ones.append(near.combination)
+                if near.touches and (first is None or near.contact.s < first.s):
+                    first = near.contact
+            if not open_ones:
+                break
+            stretches = stretches.halved(path, slopes, np.array(open_ones), np.inf if first is None else first.s)
+        return first
+
+    def _still(self, q: Array, s: Array | None = None) -> Stretches:
+        return Stretches.still(q, len(self._pairs.inner), s)
+
+    def _near(
+        self,
+        stretches: Stretches,
+        resolution: float = RESOLUTION,
+        *,
+        backwards: bool = False,
+        known: Container[int] = (),
+    ) -> Iterator[_Near]:
+        """The combinations that are not proven apart over their stretch, in order or backwards.
+
+        known: stretches of which no more need be told, once they are in it.
+        """
+        X_WF = self._model.frame_poses(self._model.with_fingers(stretches.q, self._fingers))
+        close, bound = self._close(stretches, X_WF, resolution)
+        if backwards:
+            close, bound = close[::-1], bound[::-1]
+        bodies, stretch, pairs = self._bodies, stretches.stretch[close], stretches.pairs[close]
+        inner, outer, clearance = self._pairs.inner[pairs], self._pairs.outer[pairs], self._pairs.clearance[pairs]
+        placements = (bodies.placements(X_WF, stretch, body) for body in (outer, inner))
+        columns = (values.tolist() for values in (close, stretch, outer, inner, bound, clearance))
+        for k, at, i, j, moved, kept, X_1, X_2 in zip(*columns, *placements, strict=True):
+            if at in known:
+                continue
+            first, second = bodies.bodies[i], bodies.bodies[j]
+            distance = body_distance(first, X_1, second, X_2, kept, kept + moved)
+            if distance is not None:
+                contact = Contact(first.name, second.name, float(stretches.s[at]), kept)
+                yield _Near(k, at, moved, distance <= kept or moved < resolution, contact)
+
+    def _close(self, stretches: Stretches, X_WF: Array, resolution: float) -> tuple[Indices, Array]:
+        """The combinations that culling does not prove apart, (k,), and how far each pair can move [m], (k,).
+
+        X_WF: frames in the middle of the stretches, (m, N + 1, 4, 4).
+        """
+        bodies, stretch, pairs = self._bodies, stretches.stretch, stretches.pairs
+        inner, outer = self._pairs.inner[pairs], self._pairs.outer[pairs]
+        centers, moving = bodies.world_centers(X_WF), bodies.moving
+        spheres = centers[:, moving], bodies.radius[moving], bodies.depth[moving]
+        motion = self.bound.between(X_WF, stretches.variation, *spheres)
+        bound = motion[stretch, self._pairs.mover[pairs], bodies.depth[inner]]
+        between = centers[stretch, inner] - centers[stretch, outer]
+        reach = self._pairs.reach[pairs] + bound
+        close = np.flatnonzero(np.einsum("ki,ki->k", between, between) < reach * reach)
+        near = pairs[close]
+        gap = bodies.gap(X_WF, stretch[close], self._pairs.boxed[near], self._pairs.covered[near])
+        close = close[gap < bound[close] + self._pairs.clearance[near]]
+        close = close[~self._stay_off(stretches, X_WF, close, resolution)]
+        return close, bound[close]
+
+    def _stay_off(self, stretches: Stretches, X_WF: Array, chosen: Indices, resolution: float) -> NDArray[np.bool_]:
+        """Whether a low body is proven to stay off what is at rest over its whole stretch, for chosen combinations.
+
+        It stays so far off that no part of the stretch can count as a contact.
+        """
+        pairs = stretches.pairs[chosen]
+        low = np.flatnonzero(self._pairs.low[pairs] >= 0)
+        stays = np.zeros(len(chosen), dtype=bool)
+        if len(low) >= WORTH_PROVING:
+            pairs, at = pairs[low], stretches.stretch[chosen[low]]
+            box = self._pairs.inner[pairs]
+            stays[low] = self._low.stay_off(
+                X_WF=X_WF[at],
+                variation=stretches.variation[at],
+                row=self._pairs.low[pairs],
+                X_WB=self._bodies.X_FB[box],
+                half=self._bodies.half[box],
+                margin=self._pairs.clearance[pairs] + resolution,
+            )
+        return stays

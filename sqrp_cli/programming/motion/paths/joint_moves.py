@@ -1,0 +1,162 @@
+"""The joint moves between the branches of neighbouring sections: how long they take, and which of them are free."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.motion.collision.contact import Contact
+from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
+from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
+from sqrp_cli.programming.motion.paths.branch_finder import near_limits
+from sqrp_cli.programming.motion.paths.branch_search import Question
+from sqrp_cli.programming.motion.paths.sections import Branch, Failures, Section, Ways
+from sqrp_cli.programming.motion.paths.way_around import find_way
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration
+from sqrp_cli.trajectory import Trajectory
+
+TRIES_PER_WAY = 250
+"""Straight pieces that the search for one way around may look at."""
+
+MOST_TRIES = 1500
+"""Those that all searches for one motion may look at together."""
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A move between two branches, with what it goes around if it does."""
+
+    trajectory: Trajectory
+    around: str | None = None
+
+
+class JointMoves:
+    """Makes and checks moves, and what is tied to where they end, when asked whether they work.
+
+    tries: straight pieces that searches for ways around have looked at.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        primitives: Sequence[GroundPrimitive],
+        scenes: Sequence[PlacedScene],
+        sections: Sequence[Section],
+        ways: Sequence[Ways],
+        q_start: Array,
+        failures: Failures,
+        seed: int,
+    ) -> None:
+        """scenes: the surroundings of each primitive. ways: those through each section."""
+        self._model, self._primitives, self._scenes, self._sections = model, primitives, scenes, sections
+        self._ways, self._failures, self._seed = ways, failures, seed
+        self._bounds = near_limits(model, np.stack([q_start, model.home]))
+        self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+        self._moves: dict[Question, Move] = {}
+        self._blocked: dict[Question, Contact] = {}
+        self._tied_is_free = cache(self._check_tied)
+        self.tries = 0
+
+    def durations(self) -> list[Array]:
+        """Durations [s] of the direct moves from each way through a section to each of the next, (k_i, k_i+1) each."""
+        return [
+            self._move_durations(section.first - 1, before.q_end[:, None], after.q_start[None])
+            for before, after, section in zip(self._ways[:-1], self._ways[1:], self._sections[1:], strict=True)
+        ]
+
+    def direct_works(self, i: int, previous: int, chosen: int) -> bool:
+        """Whether a way through section i and the direct move to it from one through the section before are free."""
+        if not self._tied_is_free(i, self._ways[i].branch(chosen)):
+            return False
+        if self._sections[i].move is None:
+            return True
+        direct = self._direct(self._sections[i].first - 1, *self._ends(i, previous, chosen))
+        contact = self._contact(self._sections[i].first - 1, direct)
+        if contact is None:
+            self._moves[i, previous, chosen] = Move(direct)
+        else:
+            self._blocked[i, previous, chosen] = contact
+        return contact is None
+
+    def way_works(self, i: int, previous: int, chosen: int) -> bool:
+        """Whether there is a way around what blocks that move; none where it has to be by home."""
+        contact = self._blocked.get((i, previous, chosen))
+        if contact is None:
+            return False  # What is tied to the branch is blocked, not the way to it.
+        index = self._sections[i].first - 1
+        tries = min(TRIES_PER_WAY, MOST_TRIES - self.tries)
+        if tries == 0 or self._primitives[index].via_home:
+            return False
+        limits, radii = self._move_limits(index), self._scenes[index].bound.radii
+        ends = self._ends(i, previous, chosen)
+        found = find_way(self._scenes[index], *ends, self._bounds, radii, limits, tries, self._seed)
+        self.tries += found.tries
+        if found.trajectory is not None:
+            self._moves[i, previous, chosen] = Move(found.trajectory, contact.second)
+        return found.trajectory is not None
+
+    def along(self, chosen: Sequence[int]) -> list[Move]:
+        """The moves of a sequence of ways through the sections that works."""
+        return [self._moves[i, chosen[i - 1], chosen[i]] for i in range(1, len(chosen))]
+
+    def _check_tied(self, i: int, branch: Branch) -> bool:
+        """Whether everything that is tied to where a branch begins is free."""
+        tied = list(enumerate(branch.trajectories, self._sections[i].first))
+        return all(
+            (self._is_known_free(k) or self._contact(k, trajectory) is None) and self._fingers_are_free(k, trajectory)
+            for k, trajectory in tied
+        )
+
+    def _is_known_free(self, index: int) -> bool:
+        """Whether the arm stands still in a primitive where the one before ended, and may touch there what it may now.
+
+        Where a joint move ends was looked at before the branch was followed, where another one ends just before.
+        """
+        before, now = self._primitives[max(index - 1, 0)], self._primitives[index]
+        stands = now.kind not in (JointMove, StraightMove) and index > 0
+        return stands and now.world is before.world and before.allowed <= now.allowed
+
+    def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:
+        """The first contact during a primitive; notes what touches, and when."""
+        contact = self._scenes[index].check_motion(trajectory)
+        if contact is not None:
+            share = trajectory.law.time_at(contact.s) / trajectory.duration if trajectory.duration > 0 else 0.0
+            self._failures.note(index, f"{contact} at {100 * share:.0f} % of {self._primitives[index].name}")
+        return contact
+
+    def _fingers_are_free(self, index: int, trajectory: Trajectory) -> bool:
+        """Whether the fingers touch nothing as they move during a primitive; notes what they do."""
+        primitive = self._primitives[index]
+        if primitive.fingers is None:
+            return True
+        contact = self._scenes[index].check_fingers(trajectory.path.end, primitive.fingers.path.end)
+        if contact is not None:
+            self._failures.note(index, f"{contact} as the fingers move in {primitive.name}")
+        return contact is None
+
+    def _ends(self, i: int, previous: int, chosen: int) -> tuple[Array, Array]:
+        return self._ways[i - 1].q_end[previous], self._ways[i].q_start[chosen]
+
+    def _move_durations(self, index: int, q0: Array, q1: Array) -> Array:
+        """Durations [s] of direct joint moves from q0 to q1, or by home, shapes (..., n) that broadcast."""
+        limits = self._move_limits(index)
+        if not self._primitives[index].via_home:
+            return joint_move_duration(q0, q1, limits)
+        home = self._model.home
+        return joint_move_duration(q0, home, limits) + joint_move_duration(home, q1, limits)
+
+    def _direct(self, index: int, q0: Array, q1: Array) -> Trajectory:
+        """The direct joint move from q0 to q1, or the one by home."""
+        limits = self._move_limits(index)
+        if not self._primitives[index].via_home:
+            return joint_move(q0, q1, limits)
+        return joint_move(q0, self._model.home, limits).followed_by(joint_move(self._model.home, q1, limits))
+
+    def _move_limits(self, index: int) -> MotionLimits:
+        return replace(self._limits, velocity=self._primitives[index].speed * self._limits.velocity)

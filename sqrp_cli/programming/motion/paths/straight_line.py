@@ -1,0 +1,311 @@
+"""The joint path that moves the tool on a straight line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, newton, pose_errors
+from sqrp_cli.programming.arm.reach import PastLimit
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_limits
+from sqrp_cli.trajectory import Path
+
+TOLERANCE = 1e-6
+"""Largest deviation of the tool from the line, in m and rad, between the points where it is met exactly."""
+
+NEWTON_TOLERANCE = 1e-11
+"""Largest error of the tool's pose where the line is met exactly, in m and rad."""
+
+LARGEST_STEP = 0.3
+"""Largest motion of a joint between neighbouring points of the line [rad or m]: beyond it, the step is halved."""
+
+SMALLEST_STEP = 1e-3
+"""Share of the line below which steps are not halved any more: the arm cannot go on from there."""
+
+FIRST_DEGREE, LAST_DEGREE = 4, 64
+"""Degrees of the polynomials that are tried first and last, doubling in between."""
+
+LIMIT_SAMPLES = 101
+"""Points along a line at which joint limits are checked, ends included."""
+
+POSE_COORDINATES = 6
+"""Coordinates of a pose: an arm with more joints can hold some of them still on a line."""
+
+
+@dataclass(frozen=True, eq=False)
+class ToolLine:
+    """A straight line of the tool frame: its origin moves evenly while it turns evenly about one fixed axis (slerp).
+
+    X_start, X_end: poses X_WT of the tool frame in the world, shape (4, 4).
+    """
+
+    X_start: Array
+    X_end: Array
+
+    @cached_property
+    def length(self) -> float:
+        """Length of the line [m]."""
+        return float(np.linalg.norm(self.X_end[:3, 3] - self.X_start[:3, 3]))
+
+    @cached_property
+    def turn(self) -> Array:
+        """Rotation vector of the whole turn, in world axes [rad], shape (3,)."""
+        return rotation_vector(self.X_end[:3, :3] @ self.X_start[:3, :3].T)
+
+    def poses(self, s: Array) -> Array:
+        """The poses X_WT at s in [0, 1], shape (m,), shape (m, 4, 4)."""
+        X_WT = np.tile(self.X_start, (len(s), 1, 1))
+        X_WT[:, :3, 3] += s[:, None] * (self.X_end[:3, 3] - self.X_start[:3, 3])
+        if self.turn.any():
+            X_WT[:, :3, :3] = [rotation_matrix(turn) @ self.X_start[:3, :3] for turn in s[:, None] * self.turn]
+        return X_WT
+
+    def progress(self, s: float) -> str:
+        """How far along the line s is, for people: `34 mm of 100 mm`, or in degrees when the tool only turns."""
+        if self.length > 1e-6:
+            return f"{1e3 * s * self.length:.0f} mm of {1e3 * self.length:.0f} mm"
+        angle = np.degrees(np.linalg.norm(self.turn))
+        return f"{s * angle:.0f} deg of {angle:.0f} deg"
+
+
+def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> Path | Infeasible:
+    """The path from q0, shape (n,), at which the tool is at the line's start, that moves the tool along the line.
+
+    The path is one polynomial per joint, met exactly at Chebyshev points and within `TOLERANCE` between them.
+    Infeasible where the arm becomes singular or a joint reaches its limit on the way, saying where.
+    """
+    (path,) = follow_within_limits(model, q0[None], line, np.zeros(len(model.arm), dtype=bool))
+    if isinstance(path, Path) and (reason := limit_reason(model, path, line)) is not None:
+        return Infeasible((reason,))
+    return path
+
+
+def follow_within_limits(
+    model: RobotModel, q0: Array, line: ToolLine, may_turn: NDArray[np.bool_]
+) -> list[Path | Infeasible]:
+    """As `follow`; of an arm with more joints than a pose needs, those that would leave their limits are held still.
+
+    may_turn: joints that may be turned wholly to where they are within their limits, shape (n,). Where holding joints
+    still does not help, the path is the one that moves the joints least, whatever their limits.
+    """
+    followed = follow(model, q0, line)
+    held = np.zeros(q0.shape, dtype=bool)
+    tried, going = list(followed), list(range(len(q0)))
+    for _ in range(len(model.arm) - POSE_COORDINATES + 1):
+        going = [row for row in going if _is_to_be_held(model, tried[row], held[row], may_turn)]
+        for mask in np.unique(held[going], axis=0) if going else ():
+            rows = [row for row in going if (held[row] == mask).all()]
+            paths = follow(HeldJoints(model, mask), q0[rows], line)
+            tried = [paths[rows.index(row)] if row in rows else path for row, path in enumerate(tried)]
+    return [
+        trial if isinstance(trial, Path) and not past_limits(model, trial, may_turn).any() else path
+        for trial, path in zip(tried, followed, strict=True)
+    ]
+
+
+def _is_to_be_held(
+    model: RobotModel, path: Path | Infeasible, held: NDArray[np.bool_], may_turn: NDArray[np.bool_]
+) -> bool:
+    """Whether a path leaves limits that further joints, held still, might keep; `held`, shape (n,), then has them."""
+    outside = past_limits(model, path, may_turn) > 0.0 if isinstance(path, Path) else np.zeros_like(held)
+    if not outside.any() or (outside & held).any() or (outside | held).sum() > len(held) - POSE_COORDINATES:
+        return False
+    held |= outside
+    return True
+
+
+@dataclass(frozen=True, eq=False)
+class HeldJoints:
+    """An arm of which some joints are held still: held, shape (n,). See `RobotModel` for what it can be asked."""
+
+    model: RobotModel
+    held: NDArray[np.bool_]
+
+    def tool_poses(self, q: Array) -> Array:
+        """As of the arm."""
+        return self.model.tool_poses(q)
+
+    def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
+        """As of the arm, but that moving the joints that are held does not move the tool."""
+        X_WT, J = self.model.tool_poses_and_jacobians(q)
+        return X_WT, np.where(self.held, 0.0, J)
+
+
+def follow(model: Kinematics, q0: Array, line: ToolLine) -> list[Path | Infeasible]:
+    """As `straight_line` from each of b joint positions, shape (b, n), whatever the joints' limits.
+
+    All branches are followed at once; the points of each degree are among those of twice the degree: those in between
+    first check the fit, then refine it.
+    """
+    return _through(model, line, _first_points(model, line, q0))
+
+
+def _through(model: Kinematics, line: ToolLine, points: Sequence[Array | Infeasible]) -> list[Path | Infeasible]:
+    """For each branch, the path through its points on the line, shape (degree + 1, n), or why it has none."""
+    met = [q for q in points if not isinstance(q, Infeasible)]
+    fitted = iter(_fitted(model, line, np.stack(met)) if met else ())
+    return [q if isinstance(q, Infeasible) else next(fitted) for q in points]
+
+
+def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[Path | Infeasible]:
+    """For each branch, the path through q (b, degree + 1, n), of that degree if it fits in between, or a higher one."""
+    degree = q.shape[1] - 1
+    between = _points(2 * degree)[1::2]
+    guesses = _refine_matrix(degree) @ q
+    X_WT = model.tool_poses(guesses.reshape(-1, q.shape[2]))
+    errors = pose_errors(X_WT, np.tile(line.poses(between), (len(q), 1, 1)))
+    deviations = np.linalg.norm(errors.reshape(len(q), degree, 2, 3), axis=-1).max(axis=-1)
+    paths: list[Path | Infeasible] = [Path(np.array([0.0, 1.0]), fit[None]) for fit in _fit_matrix(degree) @ q]
+    misfits = np.flatnonzero(deviations.max(axis=1) > TOLERANCE)
+    if degree == LAST_DEGREE:
+        for row in misfits:
+            at = line.progress(float(between[deviations[row].argmax()]))
+            paths[row] = Infeasible((f"the arm is close to singular after {at} of the straight line",))
+    elif len(misfits):
+        finer = _through(model, line, _refined_points(model, line, q[misfits], guesses[misfits]))
+        for row, path in zip(misfits, finer, strict=True):
+            paths[row] = path
+    return paths
+
+
+def _first_points(model: Kinematics, line: ToolLine, q0: Array) -> list[Array | Infeasible]:
+    """For each branch that begins at q0 (b, n), its points at the Chebyshev points of the first degree.
+
+    Newton's method starts on the tangent; where that leads too far away, the line is followed from point to point.
+    """
+    s = _points(FIRST_DEGREE)
+    twist = np.concatenate([line.X_end[:3, 3] - line.X_start[:3, 3], line.turn])
+    tangents = least_steps(model.tool_poses_and_jacobians(q0)[1], np.tile(twist, (len(q0), 1)))
+    guesses = (q0[:, None] + s[1:, None] * tangents[:, None]).reshape(-1, q0.shape[1])
+    reached, met = _meet(model, guesses, np.tile(line.poses(s[1:]), (len(q0), 1, 1)))
+    q = np.concatenate([q0[:, None], reached.reshape(len(q0), FIRST_DEGREE, -1)], axis=1)
+    near = np.abs(np.diff(q, axis=1)).max(axis=2) <= LARGEST_STEP
+    far = np.flatnonzero(~(near & met.reshape(near.shape)).all(axis=1))
+    stuck = np.full(len(q0), np.inf)
+    for k in range(FIRST_DEGREE if len(far) else 0):
+        going = far[np.isinf(stuck[far])]
+        from_to = (np.full(len(going), at) for at in s[k : k + 2])
+        q[going, k + 1], stuck[going] = _advance(model, line, q[going, k], *from_to)
+    return _unless_stuck(line, q, stuck)
+
+
+def _refined_points(model: Kinematics, line: ToolLine, q: Array, guesses: Array) -> list[Array | Infeasible]:
+    """For each branch with points q (b, degree + 1, n) and guesses in between (b, degree, n), the points of both."""
+    count, degree, n = guesses.shape
+    s, between = _points(degree), _points(2 * degree)[1::2]
+    reached, met = _meet(model, guesses.reshape(-1, n), np.tile(line.poses(between), (count, 1, 1)))
+    reached = reached.reshape(guesses.shape)
+    near = np.abs(guesses - q[:, :-1]).max(axis=2) <= LARGEST_STEP
+    rows, k = np.nonzero(~(near & met.reshape(near.shape)))
+    stuck = np.full((count, degree), np.inf)
+    reached[rows, k], stuck[rows, k] = _advance(model, line, q[rows, k], s[k], between[k])
+    refined = np.empty((count, 2 * degree + 1, n))
+    refined[:, ::2], refined[:, 1::2] = q, reached
+    return _unless_stuck(line, refined, stuck.min(axis=1))
+
+
+def _unless_stuck(line: ToolLine, points: Array, stuck: Array) -> list[Array | Infeasible]:
+    """The points of each of b branches, shape (b, k, n), or where it is stuck if that is finite, shape (b,)."""
+    reason = "the arm cannot follow the straight line beyond {}: it is singular there"
+    return [
+        q if np.isinf(at) else Infeasible((reason.format(line.progress(float(at))),))
+        for q, at in zip(points, stuck, strict=True)
+    ]
+
+
+def limit_reason(model: RobotModel, path: Path, line: ToolLine) -> str | None:
+    """Why a path along the line is outside the joints' limits, or None when it keeps them."""
+    excess = past_limits(model, path)
+    if not excess.any():
+        return None
+    s = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
+    q = path.positions(s)
+    outside = ((q < model.lower - LIMIT_SLACK) | (q > model.upper + LIMIT_SLACK)) & (excess > 0.0)
+    if not outside.any():
+        return str(PastLimit.worst(model, excess))
+    first = int(outside.any(axis=1).argmax())
+    joint = int(outside[first].argmax())
+    past = PastLimit(model.arm[joint], float(excess[joint]), bool(model.turns[joint]))
+    return f"{past}, which it reaches after {line.progress(float(s[first]))} of the straight line"
+
+
+def _advance(model: Kinematics, line: ToolLine, q: Array, s: Array, to: Array) -> tuple[Array, Array]:
+    """Joint positions that meet the line at `to`, each on the branch of a row of q that meets it at `s`.
+
+    Shapes: q (m, n), s and to (m,). Returns them, shape (m, n), and where the arm cannot go on, infinite where it can,
+    shape (m,). Steps of which the next point is not found are halved.
+    """
+    stuck = np.full(len(q), np.inf)
+    if not len(q):
+        return q, stuck
+    reached, met = _meet(model, q, line.poses(to))
+    shortest = to - s < SMALLEST_STEP
+    stuck[~met & shortest] = s[~met & shortest]
+    halved = np.flatnonzero(~met & ~shortest)
+    middle = 0.5 * (s + to)
+    reached[halved], stuck[halved] = _advance(model, line, q[halved], s[halved], middle[halved])
+    on = halved[np.isinf(stuck[halved])]
+    reached[on], stuck[on] = _advance(model, line, reached[on], middle[on], to[on])
+    return reached, stuck
+
+
+def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Joint positions near guesses (m, n) that bring the tool to poses (m, 4, 4), and which of them do, (m,)."""
+    q, errors = newton(model, X_WT, guesses, NEWTON_TOLERANCE)
+    return q, (errors <= NEWTON_TOLERANCE) & (np.abs(q - guesses).max(axis=1, initial=0.0) <= LARGEST_STEP)
+
+
+def rotation_vector(R: Array) -> Array:
+    """Axis times angle [rad] of a rotation matrix, shape (3,); for half a turn, one of both axes."""
+    skew = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    sine, cosine = float(np.sqrt(skew @ skew)), 0.5 * (R[0, 0] + R[1, 1] + R[2, 2] - 1.0)
+    if cosine > -0.9:
+        return skew * (float(np.arctan2(sine, cosine)) / sine) if sine > 1e-9 else skew
+    column = (R + R.T + (1 - np.trace(R)) * np.eye(3))[:, int(np.diag(R).argmax())]
+    angle = float(np.copysign(np.arctan2(sine, cosine), skew @ column or 1.0))
+    vector: Array = column * (angle / np.linalg.norm(column))
+    return vector
+
+
+def rotation_matrix(vector: Array) -> Array:
+    """The rotation matrix of axis times angle [rad], shape (3,) (Rodrigues' formula)."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    K: Array = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    R: Array = np.eye(3, dtype=np.float64)
+    R += float(np.sin(angle)) * K + float(1.0 - np.cos(angle)) * (K @ K)
+    return R
+
+
+@cache
+def _points(degree: int) -> Array:
+    """The Chebyshev points of a degree, ends included, on [0, 1], shape (degree + 1,)."""
+    points: Array = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
+    points.setflags(write=False)
+    return points
+
+
+@cache
+def _fit_matrix(degree: int) -> Array:
+    """Maps values at the Chebyshev points to the coefficients of the polynomial through them."""
+    matrix = np.linalg.inv(np.polynomial.chebyshev.chebvander(2 * _points(degree) - 1, degree)).astype(np.float64)
+    matrix.setflags(write=False)
+    return matrix
+
+
+@cache
+def _refine_matrix(degree: int) -> Array:
+    """Maps values at the Chebyshev points to those of the polynomial through them in between."""
+    between = np.polynomial.chebyshev.chebvander(2 * _points(2 * degree)[1::2] - 1, degree)
+    matrix: Array = between @ _fit_matrix(degree)
+    matrix.setflags(write=False)
+    return matrix

@@ -1,0 +1,173 @@
+"""A joint move that goes around what is in the way of the direct one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
+from sqrp_cli.programming.motion.paths.corner_blend import blended_path, corner_curve
+from sqrp_cli.programming.motion.paths.sampling_planner import plan_polyline
+from sqrp_cli.programming.motion.timing import MotionLimits, time_path
+from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory
+
+SPARE = 2e-3
+"""What straight pieces and curves are kept away from everything beyond the clearance, or almost [m]; saves time."""
+
+SHORTCUTS = 60
+"""Random shortcuts that are tried on a polyline."""
+
+REACHES = (1.0, 0.5, 0.25, 0.125)
+"""Shares of the longest possible reach of a corner's curve that are tried, until one is free."""
+
+SPEEDS = (1.0, 0.8, 0.6, 0.4, 0.25)
+"""Shares of the velocity limits that are tried along a curved path; the fastest motion wins."""
+
+LEAST_SCALE = 0.1
+"""Least distance from a joint's axis that counts for the size of its motions [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class WaySearch:
+    """What a search for a way around came to.
+
+    trajectory: the motion, None if none was found, which does not prove that there is none. tries: straight pieces
+    that the planner looked at.
+    """
+
+    trajectory: Trajectory | None
+    tries: int
+
+
+def find_way(
+    scene: PlacedScene,
+    q0: Array,
+    q1: Array,
+    bounds: tuple[Array, Array],
+    radii: Array,
+    limits: MotionLimits,
+    tries: int,
+    seed: int,
+) -> WaySearch:
+    """A motion from q0 to q1, shape (n,), from rest to rest, that keeps every clearance at all times.
+
+    bounds: position limits of the joints. radii: sizes of the joints' motions, as of `MotionBound`. tries: straight
+    pieces that the planner may look at. The result depends on the arguments alone.
+
+    A sampled polyline is shortened at random, and its corners are cut by curves as wide as is free; where that is
+    faster, or no curve is free, the arm stops at the corner. `PlacedScene.check_path` proves the whole result free.
+    """
+    asked = 0
+
+    def is_free(first: Array, second: Array) -> bool:
+        nonlocal asked
+        asked += 1
+        return scene.is_free(Path.line(first, second), SPARE)
+
+    corners = plan_polyline(q0, q1, bounds, np.maximum(radii, LEAST_SCALE), is_free, tries, seed)
+    found_after = asked
+    if corners is None:
+        return WaySearch(None, found_after)
+    trajectory = _fastest(scene, _shortened(corners, limits.velocity, is_free, seed), limits)
+    return WaySearch(trajectory if scene.check_path(trajectory.path) is None else None, found_after)
+
+
+def _shortened(corners: Array, velocity: Array, is_free: Callable[[Array, Array], bool], seed: int) -> Array:
+    """A polyline with the same ends and free pieces that is no longer, shape (k, n)."""
+    rng = np.random.default_rng(seed)
+    corners = _without_needless(corners, is_free)
+    for _ in range(SHORTCUTS):
+        if len(corners) < 3:
+            break
+        ends = np.concatenate([[0.0], np.cumsum(_lengths(corners, velocity))])
+        at = np.sort(rng.uniform(0.0, ends[-1], 2))
+        first, last = (np.searchsorted(ends, at, side="right") - 1).clip(0, len(corners) - 2).tolist()
+        if first == last:
+            continue
+        share = (at - ends[[first, last]]) / np.diff(ends)[[first, last]]
+        cut = corners[[first, last]] + share[:, None] * (corners[[first + 1, last + 1]] - corners[[first, last]])
+        shorter = np.concatenate([corners[: first + 1], cut, corners[last + 1 :]])
+        if _lengths(shorter, velocity).sum() < ends[-1] - 1e-3 and is_free(*cut):
+            corners = _without_needless(shorter, is_free)
+    return corners
+
+
+def _without_needless(corners: Array, is_free: Callable[[Array, Array], bool]) -> Array:
+    """The polyline without the corners that a straight piece can leave out."""
+    kept = [corners[0]]
+    for before, corner in pairwise(range(1, len(corners))):
+        if not is_free(kept[-1], corners[corner]):
+            kept.append(corners[before])
+    return np.stack([*kept, corners[-1]])
+
+
+def _lengths(corners: Array, velocity: Array) -> Array:
+    """How long each piece takes at the velocity limits [s], shape (k - 1,)."""
+    lengths: Array = (np.abs(np.diff(corners, axis=0)) / velocity).max(axis=1)
+    return lengths
+
+
+def _fastest(scene: PlacedScene, corners: Array, limits: MotionLimits) -> Trajectory:
+    """The fastest motion along a free polyline that stops at some corners and cuts the others."""
+    lengths = _lengths(corners, limits.velocity)
+    reaches = _free_reaches(scene, corners, lengths)
+    stops = [0, *(i for i, reach in enumerate(reaches, 1) if reach == 0.0), len(corners) - 1]
+
+    def motion(stops: Sequence[int]) -> Trajectory:
+        legs = [_leg(corners[i : j + 1], lengths[i:j], reaches[i : j - 1], limits) for i, j in pairwise(stops)]
+        return _joined(legs)
+
+    best = motion(stops)
+    for corner in range(1, len(corners) - 1):
+        if corner not in stops:
+            other = motion(sorted([*stops, corner]))
+            if other.duration < best.duration:
+                best, stops = other, sorted([*stops, corner])
+    return best
+
+
+def _free_reaches(scene: PlacedScene, corners: Array, lengths: Array) -> list[float]:
+    """How far the curve around each inner corner reaches, 0 where none is free; two of them share the piece between."""
+    slopes = np.diff(corners, axis=0) / lengths[:, None]
+    room = 0.5 * lengths
+    room[[0, -1]] = lengths[[0, -1]]  # the ends are for one corner alone
+    whole = np.array([0.0, 1.0])
+    reaches = []
+    for i in range(len(lengths) - 1):
+        longest = float(min(room[i], room[i + 1]))
+        curves = ((s * longest, corner_curve(corners[i + 1], slopes[i], slopes[i + 1], s * longest)) for s in REACHES)
+        free = (reach for reach, curve in curves if scene.check_path(Path(whole, curve[None])) is None)
+        reaches.append(next(free, 0.0))
+    return reaches
+
+
+def _leg(corners: Array, lengths: Array, reaches: Sequence[float], limits: MotionLimits) -> Trajectory:
+    """The fastest motion, from rest to rest, along a polyline with curves at all its inner corners."""
+    path = blended_path(corners, lengths, reaches)
+    # A curve's slope lies between those of the pieces that it joins, so these bound all velocities.
+    along = limits.along(np.diff(corners, axis=0) / lengths[:, None] * lengths.sum())
+    slowest = MotionLimits(along.velocity.min(), along.acceleration.min(), along.jerk.min())
+    motions = [
+        time_path(path, limits, MotionLimits(share * slowest.velocity, slowest.acceleration, slowest.jerk))
+        for share in (SPEEDS if len(corners) > 2 else SPEEDS[:1])
+    ]
+    return min(motions, key=lambda trajectory: trajectory.duration)
+
+
+def _joined(legs: Sequence[Trajectory]) -> Trajectory:
+    """One motion after the other; each takes the share of the parameter that it takes of the time."""
+    ends = np.concatenate([[0.0], np.cumsum([leg.duration for leg in legs])])
+    shares = ends / ends[-1]
+    path_breaks, law_breaks = [np.zeros(1)], [np.zeros(1)]
+    laws = []
+    for leg, start, (low, high) in zip(legs, ends[:-1], pairwise(shares), strict=True):
+        path_breaks.append(low + (high - low) * leg.path.breaks[1:])
+        law_breaks.append(start + leg.law.breaks[1:])
+        laws.append((high - low) * leg.law.coefficients + np.array([low, 0.0, 0.0, 0.0]))
+    path_breaks[-1][-1] = 1.0
+    path = Path(np.concatenate(path_breaks), np.concatenate([leg.path.coefficients for leg in legs]))
+    return Trajectory(path, PiecewiseCubic(np.concatenate(law_breaks), np.concatenate(laws)))

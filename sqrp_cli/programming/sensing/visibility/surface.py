@@ -1,0 +1,98 @@
+"""How the triangles of a solid hang together: what its outline in an image is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, cross, norms
+from sqrp_cli.programming.sensing.solids import Solid
+
+Indices = NDArray[np.int64]
+
+_MOST_TRIED = 1_000_000
+"""Most products of numbers of vertices and triangles for which it is tried whether a surface is convex."""
+
+_FLAT = 1e-9
+"""How far vertices may lie in front of triangles of a convex surface [m]: so far places are rounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """V vertices, F triangles and E edges.
+
+    vertices: shape (V, 3) [m]. triangles: shape (F, 3). planes: of each triangle, n . p + d > 0 for points p in
+    front of it, the normal n before d, shape (F, 4), in single precision.
+    start, end: vertices of each edge, shape (E,). left, right: the triangle that runs along it in its direction and the
+    one that runs against it, shape (E,). An edge that does not join just two triangles of like orientation is there
+    once for each of its triangles, with F, no triangle, on its right.
+    """
+
+    vertices: Array
+    triangles: Indices
+    planes: NDArray[np.float32]
+    start: Indices
+    end: Indices
+    left: Indices
+    right: Indices
+
+    @cached_property
+    def ends(self) -> Indices:
+        """The vertices of each edge, shape (2, E)."""
+        return np.stack([self.start, self.end])
+
+    @cached_property
+    def is_convex(self) -> bool:
+        """Whether no vertex lies in front of any triangle; no for surfaces too large to try that."""
+        if len(self.vertices) * len(self.triangles) > _MOST_TRIED or np.any(self.right == len(self.triangles)):
+            return False
+        a, b, c = self.vertices[self.triangles].swapaxes(0, 1)
+        normals = cross(b - a, c - a)
+        beyond = normals @ self.vertices.T - np.einsum("fi,fi->f", normals, a)[:, None]
+        return bool((beyond <= _FLAT * norms(normals)[:, None]).all())
+
+    @cached_property
+    def coordinates(self) -> Array:
+        """The vertices, coordinate first, shape (3, V) [m]."""
+        return np.ascontiguousarray(self.vertices.T)
+
+    @cached_property
+    def homogeneous(self) -> NDArray[np.float32]:
+        """The vertices with a one as fourth coordinate, shape (V, 4)."""
+        return np.column_stack([self.vertices, np.ones(len(self.vertices))]).astype(np.float32)
+
+    @staticmethod
+    def of(solid: Solid) -> Surface:
+        """The surface of a solid, in its parent's frame; made once."""
+        if solid not in _surfaces:
+            _surfaces[solid] = Surface.of_triangles(solid.vertices, solid.triangles)
+        return _surfaces[solid]
+
+    @staticmethod
+    def of_triangles(vertices: Array, triangles: Indices) -> Surface:
+        """The surface of triangles (F, 3) over vertices (V, 3); vertices in the same place become one."""
+        _, first, place = np.unique(np.round(vertices, 9), axis=0, return_index=True, return_inverse=True)
+        vertices, triangles = vertices[first], place.reshape(-1)[triangles]
+        p = [vertices[triangles[:, k]] for k in range(3)]
+        normals = cross(p[1] - p[0], p[2] - p[0])
+        planes = np.column_stack([normals, -np.einsum("fi,fi->f", normals, p[0])]).astype(np.float32)
+
+        start, end = triangles.reshape(-1), np.roll(triangles, -1, axis=1).reshape(-1)
+        key = np.minimum(start, end) * len(vertices) + np.maximum(start, end)
+        order = np.argsort(key, kind="stable")
+        _, begin, count = np.unique(key[order], return_index=True, return_counts=True)
+        one, other = order[begin], order[begin + count - 1]
+        joins = (count == 2) & (start[one] != start[other])
+        alone = np.ones(len(order), dtype=bool)
+        alone[one[joins]] = alone[other[joins]] = False
+        side = np.concatenate([one[joins], np.flatnonzero(alone)])
+        right = np.concatenate([other[joins] // 3, np.full(int(alone.sum()), len(triangles))])
+        return Surface(vertices, triangles, planes, start[side], end[side], side // 3, right)
+
+
+_surfaces: WeakKeyDictionary[Solid, Surface] = WeakKeyDictionary()
+"""What was made of solids that are still in use."""

@@ -1,0 +1,257 @@
+"""How much of a box a camera sees: the share of its silhouette, by area in the undistorted image.
+
+Rays run on a grid over the silhouette (`ray_grid`). A ray is blocked if a triangle lies on it before it leaves the box.
+Triangles that lie wholly before the box's far side block what their common outline winds around: layers of triangles
+that hang together need not be looked at one by one, and what is left of a closed mesh is the edges at which it turns
+away from the camera. Only triangles that reach through the far side are compared with single rays.
+
+The error is that of counting rays: at most half a row, 0.8 points, for an edge that runs along the rows all across the
+silhouette; far less for others, of which every row measures another place.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import BOX_SIGNS, Array, cross, inverse, transform
+from sqrp_cli.programming.ranges import begins_run
+from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs, SightLines, SolidPoses
+from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES
+from sqrp_cli.programming.sensing.visibility.outline import AHEAD, Bends, Outline, beyond_sides, facing, signs
+from sqrp_cli.programming.sensing.visibility.ray_grid import RayGrid, turns
+from sqrp_cli.programming.sensing.visibility.surface import Surface
+
+_CHUNK = 1024
+"""Sight lines that are sampled together at most."""
+
+_MEMORY = 2_000_000
+"""Triangles, each counted for each sight line, that are looked at together at most, to bound the memory."""
+
+_BOX = Surface.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
+
+Mask = NDArray[np.bool_]
+
+
+def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> tuple[Indices, Array]:
+    """The sight lines that the pairs name, by index, and the visible shares of their boxes; shape (n,) each.
+
+    pairs: (sight line, solid) that may reach into the view hulls; nothing else can block. All corners of the boxes must
+    lie in front of the camera. Of a box or from a camera whose place is not finite nothing is seen.
+    """
+    line, solid = pairs
+    named = line[begins_run(line)]
+    finite, shares = lines.finite[lines.hull[named]], np.zeros(len(named))
+    kept = lines.finite[lines.hull[line]]
+    shares[finite] = _measured(lines, poses, (line[kept], solid[kept]))
+    return named, shares
+
+
+def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
+    """The visible shares of the boxes of those sight lines that the pairs name, shape (n,)."""
+    line, solid = pairs
+    begins = begins_run(line)
+    named, number = line[begins], np.cumsum(begins) - 1
+    shares = np.empty(len(named))
+    largest = max((len(poses.solids[index].triangles) for index in set(solid.tolist())), default=0)
+    size = max(1, min(_CHUNK, _MEMORY // max(1, largest)))
+    for start in range(0, len(named), size):
+        chunk = slice(start, start + size)
+        within = slice(*np.searchsorted(number, (start, start + size)).tolist())
+        hull, state = lines.hull[named[chunk]], lines.state[named[chunk]]
+        begins = begins_run(hull)
+        view = _View.of(lines, hull[begins])
+        here = (number[within] - start, solid[within])
+        shares[chunk] = _shares(view, np.cumsum(begins) - 1, state, poses, here)
+    return shares
+
+
+def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs: Pairs) -> Array:
+    """Visible shares of l sight lines; hull: which of the views each has, state: index of its state, shape (l,)."""
+    line, which = pairs
+    hulls, lines = len(view.eyes), len(hull)
+    at = hull[line]
+    X_WP = poses.at(which, state[line])
+    X_CP = view.X_CW[at] @ X_WP
+    maps, bounds_P = view.grid.maps(at, X_CP), np.stack([solid.corners for solid in poses.solids])[which]
+    eyes_P, sides = inverse(X_CP)[:, :, 3].T.astype(np.float32), beyond_sides(maps, np.abs(bounds_P).max())
+    depth = (bounds_P @ X_CP[:, 2, :3, None])[..., 0] + X_CP[:, 2, 3, None]
+    reaching: Mask = np.any((depth <= AHEAD) | (depth >= view.nearest[at, None]), axis=1)
+    if reaching.any():
+        rows = np.flatnonzero(reaching)
+        bounds_B = transform(view.X_BW[at[rows]] @ X_WP[rows], bounds_P[rows])
+        reaching[rows] = ~view.places(at[rows], bounds_B).all_before()
+
+    # One layer for each silhouette, then one for what hides each line.
+    bends, marked, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
+    for index in np.flatnonzero(np.bincount(which)).tolist():
+        rows = np.flatnonzero(which == index)
+        surface = Surface.of(poses.solids[index])
+        turned = facing(surface, eyes_P.take(rows, axis=1))
+        doubtful = np.flatnonzero(reaching[rows])
+        if len(doubtful):
+            of = rows[doubtful]
+            points_B = transform(view.X_BW[at[of]] @ X_WP[of], surface.vertices)
+            before, beyond = view.places(at[of], points_B).of(surface.triangles)
+            through = ~before & ~beyond
+            if surface.is_convex:  # what is met at its back was met at its front, unless the camera is inside
+                front = turned[:-1, doubtful].T > 0
+                through &= front | ~front.any(axis=1, keepdims=True)
+            turned[:-1, doubtful] *= before.T
+            row, triangle = np.nonzero(through)
+            corners_B = np.moveaxis(points_B[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
+            column, hit, grid_row = view.blocked(at[of[row]], corners_B)
+            marked.append((column, line[of[row[hit]]], grid_row))
+        bends.append(Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
+    inside = Outline.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
+    silhouette, blocked = inside[:, :hulls], inside[:, hulls:]
+    for rays in marked:
+        blocked[rays] = True
+    seen, all_rays = _count(silhouette[:, hull] & ~blocked), _count(silhouette)[hull]
+    return np.where(all_rays > 0, seen / np.maximum(all_rays, 1), 1.0)  # nothing hides what has no area in the image
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """Boxes as cameras see them, one for each of h view hulls.
+
+    X_CW: world in the (turned) optical frame, shape (h, 4, 4). X_BW: world in the box's frame, shape (h, 4, 4).
+    X_CB: box in the optical frame, shape (h, 4, 4). eyes: camera centres in the boxes' frames, shape (h, 3). nearest:
+    least depth of each box, shape (h,). low, high: least and greatest coordinates of each box, shape (h, 3).
+    """
+
+    X_CW: Array
+    X_BW: Array
+    X_CB: Array
+    eyes: Array
+    nearest: Array
+    low: Array
+    high: Array
+    grid: RayGrid
+
+    @classmethod
+    def of(cls, lines: SightLines, hulls: Indices) -> _View:
+        """The views of some of the hulls of sight lines."""
+        X_WC, corners_W = lines.X_WC[hulls], lines.corners[hulls]
+        X_CW = inverse(X_WC)
+        corners_C = transform(X_CW, corners_W).transpose(2, 0, 1)
+        X_CW = turns(corners_C[:2] / corners_C[2]) @ X_CW
+        corners_C = transform(X_CW, corners_W).transpose(2, 0, 1)
+        image = corners_C[:2] / corners_C[2]
+        X_BW = inverse(lines.X_WB[hulls])
+        half, middle = lines.half_size[hulls], lines.offset[hulls]
+        return cls(
+            X_CW=X_CW,
+            X_BW=X_BW,
+            X_CB=X_CW @ lines.X_WB[hulls],
+            eyes=transform(X_BW, X_WC[:, None, :3, 3])[:, 0],
+            nearest=corners_C[2].min(axis=-1),
+            low=middle - half,
+            high=middle + half,
+            grid=RayGrid.over(image.min(axis=-1), image.max(axis=-1)),
+        )
+
+    @cached_property
+    def maps(self) -> Array:
+        """From the frames of the boxes, stretched to be from -1 to 1, into the grids, shape (3, 4, h)."""
+        half, middle = 0.5 * (self.high - self.low), 0.5 * (self.high + self.low)
+        X_BU = np.zeros_like(self.X_CB)
+        X_BU[:, range(3), range(3)], X_BU[:, :3, 3], X_BU[:, 3, 3] = half, middle, 1.0
+        return self.grid.maps(np.arange(len(half)), self.X_CB @ X_BU)
+
+    def bends(self) -> Bends:
+        """The silhouettes of the boxes, each stretched to be from -1 to 1."""
+        sides = np.stack([self.eyes < self.low, self.eyes > self.high], axis=-1).reshape(-1, 6).T
+        turned = signs(np.repeat(sides, 2, axis=0))
+        return Bends.of(_BOX, turned, beyond_sides(self.maps, 1.0), np.arange(len(self.eyes)))
+
+    def places(self, hull: Indices, points_B: Array) -> _Places:
+        """Where points (k, n, 3) lie that are seen in k of the views."""
+        X_CB = self.X_CB[hull]
+        depth = (points_B @ X_CB[:, 2, :3, None])[..., 0] + X_CB[:, 2, 3, None]
+        ahead = depth > AHEAD
+        low, high = self._far_sides(hull)
+        beyond = [
+            side
+            for axis in range(3)
+            for side in (points_B[..., axis] <= low[:, axis, None], points_B[..., axis] >= high[:, axis, None])
+        ]
+        nearer = ahead & (depth < self.nearest[hull, None])
+        return _Places((nearer, ahead & ~np.logical_or.reduce(beyond)), (~ahead, *beyond))
+
+    def blocked(self, hull: Indices, corners_B: Array) -> tuple[Indices, Indices, Indices]:
+        """The rays that n triangles block before the far sides: column, index of the triangle and row of each.
+
+        By homogeneous edge functions a u + b v + c, all positive inside (Olano and Greer 1997).
+
+        hull: in which view each triangle is looked at, shape (n,). corners_B: shape (3, 3, n), coordinate first.
+        """
+        R, t = self.X_CB[hull, :3, :3], self.X_CB[hull, :3, 3]
+        corners = np.einsum("nij,jkn->ikn", R, corners_B) + t.T[:, None]
+        touching = np.flatnonzero(self.grid.may_hold(hull, corners))
+        hull, corners = hull[touching], corners[:, :, touching]
+        edges = np.stack([cross(corners[:, k].T, corners[:, (k + 1) % 3].T).T for k in range(3)])
+        volume = np.einsum("in,in->n", corners[:, 2], edges[0])
+        edges, volume = edges * np.where(volume < 0, -1.0, 1.0), np.abs(volume)
+        ahead = (corners[2] > 0).all(axis=0)
+        v = corners[1] / np.where(ahead, corners[2], 1.0)
+        v = np.where(ahead, (v.min(axis=0), v.max(axis=0)), [[-np.inf], [np.inf]])
+        v = np.where(volume > 0, v, 0.0)  # what is seen edge-on blocks nothing
+        column, hit, row = self.grid.inside(hull, v, np.concatenate([edges, self._before(hull, edges, volume)]))
+        return column, touching[hit], row
+
+    def _before(self, hull: Indices, edges: Array, volume: Array) -> Array:
+        """Where the planes of n triangles are met before the far sides: functions a u + b v + c, positive there.
+
+        The depth at which a ray meets a plane is `volume`, shape (n,), divided by the sum of the edge functions, shape
+        (3, 3, n). Shape (6, 3, n); the functions of sides that are no far ones are positive everywhere.
+        """
+        eyes, low, high = self.eyes[hull].T[:, None], self.low[hull].T[:, None], self.high[hull].T[:, None]
+        total, along = edges.sum(axis=0), volume * self.X_CB[hull, :3, :3].transpose(2, 1, 0)
+        everywhere = np.array([[0.0], [0.0], [1.0]])
+        before_low = np.where(eyes > low, (eyes - low) * total + along, everywhere)
+        return np.concatenate([before_low, np.where(eyes < high, (high - eyes) * total - along, everywhere)])
+
+    def _far_sides(self, hull: Indices) -> tuple[Array, Array]:
+        """Where the boxes' far faces lie on their axes, shape (k, 3) each.
+
+        They are infinite where the face on that side looks to the camera.
+        """
+        eyes, low, high = self.eyes[hull], self.low[hull], self.high[hull]
+        return np.where(eyes > low, low, -np.inf), np.where(eyes < high, high, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where points lie that cameras see, each mask of shape (k, n).
+
+    What lies wholly in one of the convex regions `before` blocks the rays that it meets; what lies wholly in one of the
+    convex regions `beyond` blocks none.
+    """
+
+    before: tuple[Mask, ...]
+    beyond: tuple[Mask, ...]
+
+    def all_before(self) -> Mask:
+        """Whether all points of a row lie in one of the regions before, shape (k,)."""
+        before: Mask = np.logical_or.reduce([mask.all(axis=1) for mask in self.before])
+        return before
+
+    def of(self, triangles: NDArray[np.int64]) -> tuple[Mask, Mask]:
+        """Which triangles (F, 3) over the points lie wholly in one region before, or beyond, shape (k, F) each."""
+        a, b, c = triangles.T
+        whole, none = (
+            np.logical_or.reduce([mask[:, a] & mask[:, b] & mask[:, c] for mask in masks])
+            for masks in (self.before, self.beyond)
+        )
+        return whole, none
+
+
+def _count(rays: Mask) -> Array:
+    """How many rays of each sight line are marked, shape (l,)."""
+    # First over the columns, in small numbers: an ordinary sum is several times slower.
+    count: Array = np.add.reduce(rays.view(np.uint8), axis=0, dtype=np.uint8).sum(axis=1, dtype=float)
+    return count

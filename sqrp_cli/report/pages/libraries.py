@@ -1,0 +1,66 @@
+"""What comes from trimesh: the three.js viewer library that it ships, and simpler meshes."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.geometry import Array
+from sqrp_cli.platform.interrupts import interrupts_later
+
+MOST_TRIANGLES = 3000
+"""Triangles of a part in a page; a larger mesh is simplified to this many."""
+
+_VIEWER = ("templates/viewer.zip", "viewer.html.template")
+"""Where trimesh keeps the page that it shows scenes with: an archive among its resources, and the file in it."""
+
+
+def check_libraries() -> None:
+    """Raises InputError, with the command that installs them, where the libraries that a page needs are missing."""
+    _trimesh()
+
+
+def viewer_library() -> str:
+    """The text of three.js (MIT licence), a classic script that defines `THREE`.
+
+    Raises InputError where trimesh is missing or does not carry it.
+    """
+    trimesh = _trimesh()
+    archive, name = _VIEWER
+    files = trimesh.util.decompress(trimesh.resources.get_bytes(archive), file_type="zip")
+    template = files[name].read().decode() if name in files else ""
+    _, _, script = template.partition("<script>")
+    notice, found, rest = script.partition("*/\n")
+    # After the licence comes the library as one line; what follows is the application of trimesh.
+    library, _, _ = rest.partition("\n")
+    if not found or "THREE={}" not in library or "</script" in library:
+        message = f"trimesh {trimesh.__version__} does not carry three.js where it was expected"
+        raise InputError(Problem("no-viewer", message, mend="pip install 'trimesh==5.2.0'"))
+    return f"{notice}*/\n{library}\n"
+
+
+def simplified(vertices: Array, triangles: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """A mesh with its equal vertices merged, and with at most about `MOST_TRIANGLES` triangles.
+
+    vertices: shape (V, 3) [m]; triangles: shape (F, 3), indices into `vertices`; the result likewise.
+    """
+    mesh = _trimesh().Trimesh(vertices, triangles, process=True)
+    if len(mesh.faces) > MOST_TRIANGLES:
+        mesh = mesh.simplify_quadric_decimation(face_count=MOST_TRIANGLES)
+    return np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+
+
+def _trimesh() -> ModuleType:
+    try:
+        with interrupts_later():
+            import fast_simplification  # noqa: F401 # trimesh imports it only when it simplifies
+            import trimesh
+            import trimesh.resources
+    except ImportError as error:
+        message = f"a report needs the Python package `{error.name}`, which is not installed"
+        raise InputError(Problem("missing-extra", message, mend="pip install trimesh fast-simplification")) from error
+    module: ModuleType = trimesh
+    return module

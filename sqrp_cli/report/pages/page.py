@@ -1,0 +1,129 @@
+"""One self-contained page about candidates: it opens in any browser and asks no network for anything."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import html
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.report.documents.scene import ShowDocument
+from sqrp_cli.report.pages.libraries import viewer_library
+from sqrp_cli.report.pages.packing import packed, visible
+
+SCRIPTS = ("data", "motion", "table", "plot", "timeline", "shape", "orbit", "camera", "sight", "scene", "main")
+"""The page's own scripts in the order in which they need each other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A row of the page's table, with what is shown where it is chosen.
+
+    name: of the whole. mark: what the row begins with, such as a rank; labels: what tells it from the others, by title.
+    candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of the cell
+    that it belongs to. detail: a `packed` `playback` of it; None without a motion.
+    figures: what is told instead of the candidate's figures, as pairs of a term and its value. retried: names of the
+    candidate's faults after which the robot tries again; after any other nothing is done, so no time for it is told.
+    """
+
+    name: str
+    mark: str
+    labels: Mapping[str, float | str]
+    candidate: CandidateFigures | None
+    reasons: Sequence[str]
+    scene: int | None
+    detail: str | None
+    figures: Sequence[tuple[str, str]] = ()
+    retried: Collection[str] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class CellScene:
+    """A cell. scene: the document of `show --json`. model: see `model_document`, `packed`."""
+
+    scene: ShowDocument
+    model: str
+
+
+@dataclass(frozen=True, eq=False)
+class PageContent:
+    """What a page tells.
+
+    heading: of the table. about: what was computed, as pairs of a term and its value, such as version and command.
+    of_images: whether the details tell what images showed, and not what is predicted.
+    """
+
+    title: str
+    summary: str
+    heading: str
+    about: Sequence[tuple[str, str]]
+    entries: Sequence[Entry]
+    scenes: Sequence[CellScene]
+    of_images: bool = False
+
+
+def write_page(content: PageContent, path: Path) -> None:
+    """Write the page, all or nothing. Raises InputError where it cannot be written or a library is missing."""
+    write_atomically(path, page(content))
+
+
+def page(content: PageContent) -> str:
+    """The text of the page."""
+    library = viewer_library()
+    code = "'use strict';\n(() => {\n" + "\n".join(_asset(f"{name}.js") for name in SCRIPTS) + "})();\n"
+    overview = {
+        "title": content.title,
+        "summary": content.summary,
+        "heading": content.heading,
+        "about": content.about,
+        "entries": [_row(entry) for entry in content.entries],
+        "scenes": [scene.scene for scene in content.scenes],
+        "of_images": content.of_images,
+    }
+    data = {"overview": packed(overview)}
+    data |= {f"model-{index}": scene.model for index, scene in enumerate(content.scenes)}
+    details = enumerate(entry.detail for entry in content.entries)
+    data |= {f"detail-{index}": detail for index, detail in details if detail is not None}
+    carriers = "\n".join(f'<script type="text/plain" id="{name}">{text}</script>' for name, text in data.items())
+    parts = {
+        "TITLE": html.escape(visible(content.title)),
+        "POLICY": f"default-src 'none'; style-src 'unsafe-inline'; script-src {_digest(library)} {_digest(code)}",
+        "STYLE": _asset("style.css"),
+        "DATA": carriers,
+        "LIBRARY": f"<script>{library}</script>",
+        "CODE": f"<script>{code}</script>",
+    }
+    text = _asset("page.html")
+    for name, part in parts.items():
+        before, _, after = text.partition(f"<!--{name}-->")
+        text = before + part + after
+    return text
+
+
+def _row(entry: Entry) -> dict[str, Any]:
+    return {
+        "name": entry.name,
+        "mark": entry.mark,
+        "labels": dict(entry.labels),
+        "candidate": entry.candidate,
+        "reasons": list(entry.reasons),
+        "scene": entry.scene,
+        "moves": entry.detail is not None,
+        "figures": [list(pair) for pair in entry.figures],
+        "retried": sorted(entry.retried),
+    }
+
+
+def _digest(script: str) -> str:
+    """How the page's policy names a script that may run; any other one may not."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
+
+
+def _asset(name: str) -> str:
+    return resources.files("sqrp_cli.report.pages").joinpath("browser", name).read_text(encoding="utf-8")

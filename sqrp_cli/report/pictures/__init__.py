@@ -1,0 +1,1 @@
+"""Pictures of what a camera sees, drawn without a graphics card."""

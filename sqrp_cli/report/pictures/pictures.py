@@ -1,0 +1,169 @@
+"""What every camera sees in the middle of every blind interval, as picture files."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from math import ceil, sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.geometry import box_corners, inverse, transform
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.platform.files import make_folder, write_atomically
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study
+from sqrp_cli.programming.coverage.explanation import Failure, by_name, first_failures
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.coverage.verdict import stretches
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.targets import Target
+from sqrp_cli.report.pages.paint import COVERED, CULPRIT, HIDDEN, solid_colors
+from sqrp_cli.report.pictures.camera_image import Photographer
+from sqrp_cli.report.pictures.drawing import (
+    Caption,
+    Outline,
+    Picture,
+    captioned,
+    check_drawing,
+    contact_sheet,
+    outlined,
+    png,
+)
+from sqrp_cli.report.pictures.rays import check_rays
+
+SHEET = "contact-sheet.png"
+
+MOST_PIXELS = 4_000_000
+"""Most pixels of a picture; that of a camera with more is drawn smaller."""
+
+
+@dataclass(frozen=True)
+class BlindInterval:
+    """A stretch in which a state is not covered [s], and the sample that is nearest to its middle."""
+
+    start: float
+    end: float
+    row: int
+    t: float
+
+    def __str__(self) -> str:
+        return f"{self.start:.1f} s to {self.end:.1f} s"
+
+
+def check_pictures(folder: Path) -> None:
+    """Raises InputError, before anything is computed, where a library is missing or `folder` cannot be one."""
+    check_rays()
+    check_drawing()
+    if folder.exists() and not folder.is_dir():
+        raise InputError(Problem("cannot-write", "this is a file; expected the name of a folder", Place(folder)))
+
+
+def blind_intervals(study: Study) -> Iterator[BlindInterval]:
+    """The stretches of a candidate's motion in which a state is not covered."""
+    timeline = study.timeline
+    t = timeline.samples.t
+    for rows in stretches(timeline.monitored & ~timeline.covered):
+        start, end = float(t[rows[0]]), float(t[rows[-1]])
+        row = int(rows[np.abs(t[rows] - 0.5 * (start + end)).argmin()])
+        yield BlindInterval(start, end, row, float(t[row]))
+
+
+def write_pictures(cell: Cell, study: Study, folder: Path) -> int:
+    """Write a picture per blind interval and camera, and all of them on one sheet; returns the number of intervals.
+
+    Raises InputError where a file cannot be written or a library is missing.
+    """
+    sheet = []
+    for number, interval in enumerate(blind_intervals(study), 1):
+        samples = Samples(study.timeline.samples.piece[[interval.row]], study.timeline.samples.t[[interval.row]])
+        states = study.stage.states(samples)
+        photographer = Photographer(cell, states)
+        pictures = []
+        for camera in range(len(cell.observer.cameras)):
+            made = _picture(cell, study, interval, states, photographer, camera)
+            when = f"{interval.start:.1f}s-{interval.end:.1f}s"
+            name = f"{number:02d}_{when}_{cell.observer.cameras[camera].name}"
+            _write(folder / f"{_file_name(name)}.png", captioned(made))
+            pictures.append(made)
+        if pictures:
+            sheet.append((f"blind from {interval}; seen at {interval.t:.1f} s", pictures))
+    if sheet:
+        _write(folder / SHEET, contact_sheet(f"{study.candidate.name} in {cell.workspace.name}", sheet))
+    return len(sheet)
+
+
+def folder_of(study: Study, folder: Path) -> Path:
+    """Where the pictures of a candidate go if there are several."""
+    return folder / _file_name(study.candidate.name)
+
+
+def _picture(
+    cell: Cell, study: Study, interval: BlindInterval, states: SceneStates, photographer: Photographer, index: int
+) -> Picture:
+    """The picture of one camera."""
+    camera, step = _drawable(cell.observer.cameras[index])
+    colors = solid_colors(cell)
+    smaller = f", 1/{step} of its size" if step > 1 else ""
+    captions = [Caption(f"{camera.name} at {interval.t:.2f} s{smaller}")]
+    outlines = []
+    X_CW = inverse(states.camera_poses(camera)[0])
+    for target, failure, failures in _asked(study, interval.row, index):
+        seen = failure.cause is Cause.NONE
+        captions.append(Caption(f"{target.atom}: {_because(cell, failure)}", COVERED if seen else HIDDEN))
+        for box, cause in zip(target.boxes, failures, strict=True):
+            corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
+            outlines.append(Outline(corners, COVERED if cause is Cause.NONE else HIDDEN))
+        if failure.cause is Cause.HIDDEN:
+            culprit = cell.solid_name(failure.by)
+            colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
+    return outlined(photographer.image(camera, colors), Projection.of(camera), outlines, captions)
+
+
+def _drawable(camera: Camera) -> tuple[Camera, int]:
+    """A camera with the same view and at most `MOST_PIXELS`, and how many of its pixels in a row become one."""
+    step = ceil(sqrt(camera.width * camera.height / MOST_PIXELS))
+    width, height = max(1, camera.width // step), max(1, camera.height // step)
+    if step == 1:
+        return camera, 1
+    matrix = np.diag([1 / step, 1 / step, 1.0]) @ camera.matrix
+    matrix[:2, 2] -= 0.5 - 0.5 / step  # the centre of the first pixel is (0, 0)
+    return replace(camera, width=width, height=height, matrix=matrix), step
+
+
+def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[Target, Failure, list[Cause]]]:
+    """The targets that must be seen at a sample, with how the camera fails them first and the cause of every box."""
+    observation = study.timeline.observation
+    for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
+        if observation.required[row, column]:
+            (failure,) = first_failures(boxes, np.array([row]), camera)
+            yield target, failure, [Cause(int(box.cause[row, camera])) for box in boxes]
+
+
+def _because(cell: Cell, failure: Failure) -> str:
+    by = by_name(cell, failure.cause, failure.by)
+    match failure.cause:
+        case Cause.NONE:
+            return "covered"
+        case Cause.HIDDEN:
+            return f"{failure.cause.words} by {by}"
+        case Cause.OUT_OF_IMAGE:
+            return f"{failure.cause.words} ({by})"
+        case _:
+            return failure.cause.words
+
+
+def _write(path: Path, image: Any) -> None:  # noqa: ANN401
+    make_folder(path.parent)
+    write_atomically(path, png(image))
+
+
+def _file_name(name: str) -> str:
+    """A name that every file system takes."""
+    return re.sub(r"[^\w.=+-]+", "_", name).strip("_.") or "unnamed"

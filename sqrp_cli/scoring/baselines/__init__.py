@@ -1,0 +1,1 @@
+"""What scores are held against: thresholds, baselines and other cells."""

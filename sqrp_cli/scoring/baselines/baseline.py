@@ -1,0 +1,225 @@
+"""The baseline file: scores to compare later ones with, and what is needed to explain how they changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PlainSerializer, PlainValidator, ValidationError
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.text.entries import Entry
+from sqrp_cli.knowledge.text.input_file import missing_file, read_text
+from sqrp_cli.knowledge.text.json_file import json_document, parse_json
+from sqrp_cli.knowledge.text.source import Scalar, describe
+from sqrp_cli.knowledge.text.validation import problems_of
+from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.platform.paths_as_text import json_line
+from sqrp_cli.programming.coverage.coverage import Coverage
+from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
+from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.scoring.baselines.source_fields import fields_of
+from sqrp_cli.scoring.cells import ScoredCell
+from sqrp_cli.scoring.score import TaskScore
+from sqrp_cli.scoring.work.outcome import CoverageRecord, Seconds
+
+MAX_BYTES = 100_000_000
+"""Largest baseline that is read, and written."""
+
+MOST_PROBLEMS = 10
+"""Problems of a baseline that are told."""
+
+_Share = Annotated[float, Field(ge=0, le=1)]
+
+
+def _sampling(value: object) -> Sampling:
+    """What `_sampling_text` wrote; a sampling stays as it is."""
+    if isinstance(value, Adaptive | FixedCount | FixedStep):
+        return value
+    kind, _, number = str(value).removesuffix(")").partition("=")
+    try:
+        match kind:
+            case "Adaptive(tolerance":
+                return Adaptive(float(number))
+            case "FixedCount(samples":
+                return FixedCount(int(number))
+            case "FixedStep(dt":
+                return FixedStep(float(number))
+    except ValueError:
+        pass
+    message = f"found {describe(value)}, expected how motions were sampled, such as `{_sampling_text(Adaptive())}`"
+    raise PydanticCustomError("wrong-value", "{message}", {"message": message})
+
+
+def _sampling_text(sampling: Sampling) -> str:
+    match sampling:
+        case Adaptive():
+            return f"Adaptive(tolerance={sampling.tolerance!r})"
+        case FixedCount():
+            return f"FixedCount(samples={sampling.samples!r})"
+        case FixedStep():
+            return f"FixedStep(dt={sampling.dt!r})"
+
+
+def _scalar(value: object) -> Scalar:
+    if isinstance(value, Scalar):
+        return value
+    raise PydanticCustomError("wrong-type", "{message}", {"message": f"found {describe(value)}, expected one value"})
+
+
+class WayRecord(Entry):
+    """The best candidate for a choice of objects. delay: the longest time that a fault may remain unnoticed [s]."""
+
+    candidate: str
+    feasible: bool
+    reasons: tuple[str, ...] = ()
+    time: Seconds | None = None
+    q_avg: _Share | None = None
+    q_eoi: _Share | None = None
+    delay: Seconds | None = None
+    coverage: CoverageRecord | None = None
+
+    @property
+    def seen(self) -> Coverage | None:
+        """The coverage over time, if it is known."""
+        return None if self.coverage is None else self.coverage.coverage()
+
+    @staticmethod
+    def of(ranked: Ranked, coverage: Coverage | None) -> WayRecord:
+        """The record of a candidate."""
+        assessment = ranked.assessment
+        return WayRecord(
+            candidate=assessment.candidate.name,
+            feasible=assessment.feasible,
+            reasons=assessment.reasons,
+            time=assessment.time,
+            q_avg=assessment.q_avg,
+            q_eoi=assessment.q_eoi,
+            delay=assessment.delay_worst,
+            coverage=None if coverage is None else CoverageRecord.of(coverage),
+        )
+
+
+class TaskRecord(Entry):
+    """A task: how its best candidate is called (None: none is feasible), and every way of doing it."""
+
+    best: str | None
+    ways: dict[str, WayRecord]
+
+
+class WorkspaceRecord(Entry):
+    """A workspace: its digest, the digest of each of its files by role, and its tasks."""
+
+    digest: str
+    files: dict[str, str]
+    tasks: dict[str, TaskRecord]
+
+
+class Baseline(Entry):
+    """Scores of workspaces by name. sampling: how motions were sampled. fields: what files say, by their digest."""
+
+    format: Literal["sqrp baseline 1"] = "sqrp baseline 1"
+    sampling: Annotated[Any, PlainValidator(_sampling), PlainSerializer(_sampling_text)]
+    workspaces: dict[str, WorkspaceRecord]
+    fields: dict[str, dict[str, Annotated[Any, PlainValidator(_scalar)]]] = Field(default={})
+
+
+def baseline_of(
+    cells: Sequence[ScoredCell],
+    scores: Sequence[TaskScore],
+    coverage: Callable[[TaskScore, Ranked], Coverage | None],
+    sampling: Sampling,
+) -> Baseline:
+    """The baseline that these scores make; workspaces and tasks with errors are left out."""
+    workspaces: dict[str, WorkspaceRecord] = {}
+    fields: dict[str, dict[str, Scalar]] = {}
+    for cell in cells:
+        if cell.workspace is None:
+            continue
+        files = {role: file.digest for role, file in sorted(cell.workspace.files.items())}
+        for role, digest in files.items():
+            if digest not in fields:
+                fields[digest] = fields_of(cell.workspace, role)
+        tasks = {
+            result.task: TaskRecord(
+                best=None if result.best is None else result.best.assessment.candidate.name,
+                ways={name: WayRecord.of(way, coverage(result, way)) for name, way in result.ways.items()},
+            )
+            for result in scores
+            if result.workspace == cell.name and result.task is not None and result.status != "error"
+        }
+        workspaces[cell.name] = WorkspaceRecord(digest=cell.workspace.digest, files=files, tasks=tasks)
+    known = {digest: found for digest, found in fields.items() if found}
+    return Baseline(sampling=sampling, workspaces=workspaces, fields=known)
+
+
+def save_baseline(baseline: Baseline, path: Path) -> None:
+    """Write a baseline, the same bytes for the same scores.
+
+    Raises InputError where it cannot be written, or would be too large to be read again.
+    """
+    text = json_line(baseline.model_dump(mode="json"), indent=1) + "\n"
+    if len(text.encode()) > MAX_BYTES:
+        message = f"this baseline would have more than {MAX_BYTES:,} bytes, the limit"
+        raise InputError(Problem("file-too-large", message, Place(path), mend="make several, of fewer workspaces each"))
+    write_atomically(path, text)
+
+
+def load_baseline(path: Path, sampling: Sampling) -> Baseline:
+    """Read a baseline. Raises InputError for a file that `save_baseline` did not write, or from another sampling.
+
+    What is wrong with a file is told with line and key, such as `workspaces.cell.tasks["pickup green"].ways.g1.q_avg`.
+    """
+    if not path.is_file():
+        mend = None if path.is_dir() else f"make it with: sqrp score ... --save-baseline {path}"
+        raise InputError(replace(missing_file(path), mend=mend))
+    try:
+        baseline = _parsed(path)
+    except InputError as error:
+        # Whatever it is, it is not for a mend to replace.
+        mend = f"make one with: sqrp score ... --save-baseline {path.with_name(f'{path.stem}-new.json')}"
+        raise InputError(*(_no_baseline(one, mend) for one in error.problems[:MOST_PROBLEMS])) from error
+    if baseline.sampling != sampling:
+        made, asked = _option(baseline.sampling), _option(sampling)
+        message = f"the baseline was made with {made}, but this run samples with {asked}"
+        mend = "give the options --samples, --dt or --tolerance that it was made with, or make it again"
+        raise InputError(Problem("other-sampling", message, Place(path), mend=mend))
+    return baseline
+
+
+def _parsed(path: Path) -> Baseline:
+    text = read_text(path, MAX_BYTES)
+    data = parse_json(path, text)
+    try:
+        return Baseline.model_validate(data)
+    except ValidationError as error:
+        raise InputError(*problems_of(json_document(path, text, data), error)) from error
+
+
+def _no_baseline(problem: Problem, mend: str) -> Problem:
+    message = f"this is no baseline, or a damaged one: {problem.message}"
+    return replace(problem, code="bad-baseline", message=message, mend=mend)
+
+
+def _option(sampling: Sampling) -> str:
+    """The option that stands for a sampling."""
+    match sampling:
+        case Adaptive(tolerance):
+            return f"--tolerance {100 * tolerance:g}{' (the default)' if tolerance == DEFAULT_TOLERANCE else ''}"
+        case FixedCount(samples):
+            return f"--samples {samples}"
+        case FixedStep(dt):
+            return f"--dt {dt:g}"
+
+
+def vanished(baseline: Baseline, names: Mapping[str, Sequence[str]]) -> tuple[tuple[str, str], ...]:
+    """Workspace and text of every task that a baseline has and that is no longer there; names: tasks by workspace."""
+    return tuple(
+        (workspace, task)
+        for workspace, record in baseline.workspaces.items()
+        for task in record.tasks
+        if task not in names.get(workspace, ())
+    )

@@ -1,0 +1,216 @@
+"""How a task compares with its baseline, and why: what is no longer seen, by which camera, when."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.programming.coverage.coverage import BlindSpan, Coverage, TargetCoverage, difference, intersection
+from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.scoring.baselines.baseline import TaskRecord, WayRecord
+from sqrp_cli.scoring.score import TaskScore
+
+SHORTEST_LOSS = 0.01
+"""Shorter losses are not worth a word [s]."""
+
+Verdict = Literal["regressed", "improved", "unchanged", "new"]
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A stretch of time in which a literal was covered and no longer is, though a camera used to see it.
+
+    stretch: of the motion as it is now. why: the commonest cause in a few words.
+    """
+
+    literal: str
+    camera: str
+    stretch: Stretch
+    why: str
+
+    def __str__(self) -> str:
+        start, end = self.stretch.start, self.stretch.end
+        return f"{self.camera} no longer sees {self.literal} from {start:.1f} s to {end:.1f} s: {self.why}"
+
+
+@dataclass(frozen=True)
+class Shift:
+    """A figure that got better or worse; values in 0..1 or s, None where undefined or infeasible."""
+
+    metric: Literal["feasible", "q_eoi", "q_avg", "time", "delay"]
+    before: float | None
+    now: float | None
+    worse: bool
+
+    @property
+    def size(self) -> float:
+        """How far the figure moved: a difference of Q, or the share by which a time changed."""
+        if self.before is None or self.now is None:
+            return 0.0
+        moved = abs(self.now - self.before)
+        return moved / self.before if self.metric in ("time", "delay") and self.before > 0 else moved
+
+    def __str__(self) -> str:
+        match self.metric:
+            case "feasible":
+                return "can no longer be done" if self.worse else "can be done now"
+            case "q_eoi" | "q_avg":
+                verb = "fell" if self.worse else "rose"
+                return f"{self.metric.replace('q_', 'Q_')} {verb} from {_points(self.before)} to {_points(self.now)}"
+            case _:
+                what = "its time" if self.metric == "time" else "the worst delay of a fault"
+                verb = "rose" if self.worse else "fell"
+                return f"{what} {verb} from {_seconds(self.before)} to {_seconds(self.now)}"
+
+
+@dataclass(frozen=True)
+class WayChange:
+    """How the best candidate for a choice of objects changed.
+
+    before, now: names of the candidates. losses: the longest first. reason: why it cannot be done any more.
+    """
+
+    way: str
+    before: str
+    now: str
+    shifts: tuple[Shift, ...]
+    losses: tuple[Loss, ...] = ()
+    reason: str = ""
+
+    @property
+    def worse(self) -> bool:
+        """Whether anything got worse."""
+        return any(shift.worse for shift in self.shifts)
+
+    @property
+    def severity(self) -> float:
+        """How much worse it got at most: a difference of Q, or the share by which a time grew; 0 where it did not."""
+        return max((shift.size for shift in self.shifts if shift.worse), default=0.0)
+
+    def __str__(self) -> str:
+        shown = [shift for shift in self.shifts if shift.worse] or list(self.shifts)
+        figures = ", ".join(str(shift) for shift in shown)
+        parts = [f"{figures}{f' ({self.now}, before {self.before})' if self.now != self.before else ''}"]
+        if self.reason:
+            parts.append(self.reason)
+        if self.losses:
+            more = len(self.losses) - 1
+            parts.append(
+                f"{self.losses[0]}" + (f" ({more} more such stretch{'es' if more > 1 else ''})" if more else "")
+            )
+        return f"{self.way}: {'; '.join(parts)}"
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """How a task compares with its baseline. gone: ways of doing it that are no longer there."""
+
+    verdict: Verdict
+    ways: tuple[WayChange, ...] = ()
+    gone: tuple[str, ...] = ()
+
+
+def changed_ways(before: TaskRecord, now: TaskScore, allowance: float) -> tuple[WayChange, ...]:
+    """The ways of doing a task whose figures changed by more than is allowed, without their losses.
+
+    allowance: points of Q, percent of times.
+    """
+    found = []
+    for name, way in now.ways.items():
+        old = before.ways.get(name)
+        if old is None:
+            continue
+        new = WayRecord.of(way, None)
+        shifts = tuple(_shifts(old, new, allowance))
+        if shifts:
+            reason = new.reasons[0] if old.feasible and not new.feasible else ""
+            found.append(WayChange(name, old.candidate, new.candidate, shifts, reason=reason))
+    return tuple(found)
+
+
+def compare(
+    before: TaskRecord | None,
+    now: TaskScore,
+    allowance: float,
+    coverage: Callable[[TaskScore, Ranked], Coverage | None],
+) -> Comparison:
+    """Compare a task with its baseline, the worst change first; None: it has none. coverage: of a way as it is now."""
+    if before is None:
+        return Comparison("new")
+    changes = []
+    for change in changed_ways(before, now, allowance):
+        seen, sees = before.ways[change.way].seen, coverage(now, now.ways[change.way]) if change.worse else None
+        changes.append(change if seen is None or sees is None else replace(change, losses=lost(seen, sees)))
+    verdict: Verdict = "unchanged"
+    if changes:
+        verdict = "regressed" if any(change.worse for change in changes) else "improved"
+    gone = tuple(name for name in before.ways if name not in now.ways)
+    return Comparison(verdict, tuple(sorted(changes, key=lambda change: (not change.worse, -change.severity))), gone)
+
+
+def lost(before: Coverage, now: Coverage) -> tuple[Loss, ...]:
+    """What was covered and no longer is, for every camera that used to see it; the longest first.
+
+    Where the motion became faster or slower, times before stand for the same share of the same primitive now.
+    """
+    losses: list[Loss] = []
+    for atom, target in now.targets.items():
+        old = before.targets.get(atom)
+        if old is None:
+            continue
+        was_covered = _on_motion(old.covered, before, now)
+        missing = difference(intersection(was_covered, target.required), target.covered)
+        for camera in old.blind:
+            gone = intersection(missing, _on_motion(old.seen_by(camera), before, now))
+            losses += [
+                Loss(atom, camera, stretch, _why(target, camera, stretch))
+                for stretch in difference(gone, target.seen_by(camera))
+                if stretch.length >= SHORTEST_LOSS
+            ]
+    return tuple(sorted(losses, key=lambda loss: -loss.stretch.length))
+
+
+def _why(target: TargetCoverage, camera: str, stretch: Stretch) -> str:
+    if camera not in target.blind:
+        return "there is no such camera any more"
+
+    def within(span: BlindSpan) -> float:
+        return min(span.stretch.end, stretch.end) - max(span.stretch.start, stretch.start)
+
+    return max(target.blind[camera], key=within).words
+
+
+def _on_motion(stretches: Sequence[Stretch], before: Coverage, now: Coverage) -> tuple[Stretch, ...]:
+    """Stretches of an earlier motion on the present one."""
+    if list(before.primitives) != list(now.primitives):
+        return tuple(stretches)
+    old, new = [0.0, *before.primitives.values()], [0.0, *now.primitives.values()]
+    return tuple(
+        Stretch(float(np.interp(stretch.start, old, new)), float(np.interp(stretch.end, old, new)))
+        for stretch in stretches
+    )
+
+
+def _shifts(old: WayRecord, new: WayRecord, allowance: float) -> Iterator[Shift]:
+    if old.feasible != new.feasible:
+        yield Shift("feasible", float(old.feasible), float(new.feasible), worse=old.feasible)
+        return
+    share = allowance / 100
+    for metric, before, now in (("q_eoi", old.q_eoi, new.q_eoi), ("q_avg", old.q_avg, new.q_avg)):
+        if before is not None and now is not None and abs(now - before) > share:
+            yield Shift(metric, before, now, worse=now < before)  # type: ignore[arg-type]
+    for metric, before, now in (("time", old.time, new.time), ("delay", old.delay, new.delay)):
+        if before is not None and now is not None and abs(now - before) > share * before + 1e-6:
+            yield Shift(metric, before, now, worse=now > before)  # type: ignore[arg-type]
+
+
+def _points(quality: float | None) -> str:
+    return "-" if quality is None else f"{100 * quality:.1f} %"
+
+
+def _seconds(time: float | None) -> str:
+    return "-" if time is None else f"{time:.2f} s"

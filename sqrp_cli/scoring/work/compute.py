@@ -1,0 +1,152 @@
+"""Computing what is asked of candidates, each once: what is kept already is not computed again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from sqrp_cli.errors import Problem
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.task import Candidate
+from sqrp_cli.scoring.work.dask_client import Cluster
+from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done
+from sqrp_cli.scoring.work.identity import candidate_key
+from sqrp_cli.scoring.work.job import Job, PackedWorkspace
+from sqrp_cli.scoring.work.outcome import Outcome
+from sqrp_cli.scoring.work.results_folder import Results, results_in
+from sqrp_cli.scoring.work.workers import Workers, open_workers
+
+
+@dataclass(frozen=True)
+class Means:
+    """How to compute: how, with what, and where results are kept; None: in memory only.
+
+    jobs: processes of this machine; cluster: what computes instead of them. seed: of what planning draws.
+    """
+
+    sampling: Sampling
+    jobs: int = 1
+    cluster: Cluster | None = None
+    out: Path | None = None
+    seed: int = 0
+
+
+@contextmanager
+def open_computer(means: Means) -> Iterator[Computer]:
+    """What computes candidates by these means; at Ctrl-C what is under way is finished and kept before it goes on.
+
+    Raises InputError for a folder that cannot be used.
+    """
+    with results_in(means.out) as results, open_workers(means.jobs, means.cluster) as workers:
+        computer = Computer(workers, results, means.sampling, means.seed)
+        try:
+            yield computer
+        except KeyboardInterrupt:
+            computer.give_up()
+            raise
+
+
+@dataclass(frozen=True, eq=False)
+class Wanted:
+    """A candidate whose figures are wanted; content: digest of its workspace, see `identity.content_digest`."""
+
+    workspace: Workspace
+    content: str
+    candidate: Candidate
+
+
+class Computer:
+    """Gets outcomes of candidates, from where results are kept or from workers.
+
+    seed: of what planning draws at random. computed, failed: how many had to be computed, and how
+    many could not be.
+    """
+
+    def __init__(self, workers: Workers, results: Results, sampling: Sampling, seed: int = 0) -> None:
+        self.sampling = sampling
+        self.computed = self.failed = 0
+        self._seed = seed
+        self._results = results
+        self._dispatcher = Dispatcher(workers, self._keep)
+        self._awaited: set[str] = set()  # keys of what is begun
+        self._problems: dict[str, tuple[Problem, ...]] = {}  # of what cannot be computed, by key
+        self._advance: Callable[[int], None] | None = None
+
+    def begin(self, wanted: Sequence[Wanted], *, coverage: bool = False) -> None:
+        """Let workers that are other processes begin with candidates of which there is no outcome; see `compute`."""
+        missing: dict[str, Wanted] = {}
+        for want in wanted:
+            key = self._key(want.content, want.candidate, coverage=coverage)
+            known = key in self._awaited or key in self._problems
+            if not known and self._outcome(key, want.candidate) is None:
+                missing[key] = want
+        self._awaited.update(missing)
+        by_workspace: dict[str, list[Wanted]] = {}
+        for want in missing.values():
+            by_workspace.setdefault(want.workspace.digest, []).append(want)
+        for members in by_workspace.values():
+            self._dispatcher.add(list(self._jobs(members, coverage=coverage)))
+
+    def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None], *, coverage: bool = False) -> None:
+        """See to it that `outcome` finds every candidate; `advance` is told how many more are done.
+
+        coverage: with their coverage. At Ctrl-C what is under way is finished and kept before KeyboardInterrupt goes
+        on. Raises InputError where results cannot be kept.
+        """
+        self.begin(wanted, coverage=coverage)
+        advance(len(wanted) - len(self._awaited))
+        self._advance = advance
+        try:
+            self._dispatcher.finish()
+        except KeyboardInterrupt:
+            self.give_up()
+            raise
+        finally:
+            self._advance = None
+
+    def give_up(self) -> None:
+        """Begin nothing more, and keep what is under way."""
+        self._dispatcher.give_up()
+        self._awaited.clear()
+
+    def outcome(self, wanted: Wanted, *, coverage: bool = False) -> Outcome | None:
+        """The outcome of a candidate, if there is one."""
+        return self._outcome(self._key(wanted.content, wanted.candidate, coverage=coverage), wanted.candidate)
+
+    def why_not(self, wanted: Wanted) -> tuple[Problem, ...]:
+        """Why a candidate cannot be computed; empty where nothing is known to prevent it."""
+        return self._problems.get(self._key(wanted.content, wanted.candidate, coverage=False), ())
+
+    def _outcome(self, key: str, candidate: Candidate) -> Outcome | None:
+        text = self._results.get(key)
+        if text is None:
+            return None
+        try:
+            return Outcome.from_text(text, candidate)
+        except ValueError:  # a damaged file is as good as none
+            return None
+
+    def _keep(self, done: Done) -> None:
+        job = done.job
+        keys = [self._key(job.content, candidate, coverage=job.coverage) for candidate in job.candidates]
+        for key, text in zip(keys, done.outcomes, strict=False):
+            self._results.keep(key, text)
+            self.computed += 1
+        if done.problems:
+            self.failed += len(keys)
+            self._problems.update(dict.fromkeys(keys, done.problems))
+        self._awaited.difference_update(keys)
+        if self._advance is not None:
+            self._advance(len(keys))
+
+    def _key(self, content: str, candidate: Candidate, *, coverage: bool) -> str:
+        return candidate_key(content, candidate, self.sampling, self._seed, coverage=coverage)
+
+    def _jobs(self, wanted: Sequence[Wanted], *, coverage: bool) -> Iterator[Job]:
+        """One for each candidate of a workspace."""
+        packed = PackedWorkspace.of(wanted[0].workspace)
+        for want in wanted:
+            yield Job(packed, want.content, (want.candidate,), self.sampling, self._seed, coverage)

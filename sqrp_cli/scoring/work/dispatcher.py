@@ -1,0 +1,179 @@
+"""Keeping workers busy with jobs until all are done, whatever happens to the workers."""
+
+from __future__ import annotations
+
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from dataclasses import dataclass
+from itertools import islice
+from math import ceil
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.scoring.work.job import Job, joined
+from sqrp_cli.scoring.work.workers import Workers
+
+SHARES = 2
+"""A worker gets at most one in so many of its part of the jobs that are left, so that all of them end together."""
+
+Running = tuple[tuple[Job, ...], int]
+"""Jobs that a worker does as one, and which worker that is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Done:
+    """A job with the outcome of each of its candidates, or with why there is none."""
+
+    job: Job
+    outcomes: tuple[str, ...] = ()
+    problems: tuple[Problem, ...] = ()
+
+
+class Dispatcher:
+    """Hands jobs to workers, and every job to `keep` as it is done, in whatever order that is.
+
+    The jobs of one workspace go to one worker, which loads it once. A worker that has none left takes over the later
+    half of what another one still has to begin, so that all of them work to the end. Where sending a job costs much a
+    worker gets several at once, fewer as the end comes near; if they fail each is done again, since one of them may be
+    the cause. When a worker dies, what it was doing is done again after all the rest, one job at a time; a job whose
+    worker dies again is given up.
+    """
+
+    def __init__(self, workers: Workers, keep: Callable[[Done], None]) -> None:
+        self._workers = workers
+        self._keep = keep
+        self._unclaimed: deque[deque[Job]] = deque()  # by workspace
+        self._claimed: list[deque[Job]] = [deque() for _ in range(workers.count)]  # by worker
+        self._running: dict[Future[tuple[str, ...]], Running] = {}
+        self._apart: deque[Job] = deque()  # failed together with others
+        self._lost: deque[Job] = deque()  # with their worker
+
+    def add(self, jobs: Sequence[Job]) -> None:
+        """Take on the jobs of a workspace; workers that are other processes begin with them at once."""
+        if jobs:
+            self._unclaimed.append(deque(jobs))
+        if self._workers.aside:
+            self._hand_out()
+            self._collect(wait_for_one=False)
+
+    def finish(self) -> None:
+        """Return when every job is done."""
+        while True:
+            self._hand_out()
+            if not self._running:
+                break
+            self._collect()
+        while self._lost:
+            self._again(self._lost.popleft())
+
+    def give_up(self) -> None:
+        """Begin nothing more, and keep what is under way as soon as it is done."""
+        self._unclaimed.clear()
+        for waiting in (self._apart, *self._claimed):
+            waiting.clear()
+        for future in self._running:
+            future.cancel()
+        wait(self._running)
+        for future, (jobs, _) in self._running.items():
+            for done in _results(future, jobs) or ():
+                if done.outcomes:
+                    self._keep(done)
+        self._running.clear()
+
+    def _hand_out(self) -> None:
+        """Give every worker something to do, and then something to go on with."""
+        under_way = Counter(worker for _, worker in self._running.values())
+        for ahead in range(self._workers.ahead):
+            for worker in range(self._workers.count):
+                if under_way[worker] == ahead and (jobs := self._next_for(worker)):
+                    self._running[self._submit(jobs, worker)] = (jobs, worker)
+                    under_way[worker] += 1
+
+    def _next_for(self, worker: int) -> tuple[Job, ...]:
+        """What a worker should do next: more of what it has loaded, a workspace of its own, or half of another one."""
+        if self._apart:
+            return (self._apart.popleft(),)
+        most = self._most_at_once()
+        claimed = self._claimed[worker]
+        if not claimed and self._unclaimed:
+            claimed.extend(self._unclaimed.popleft())
+        if not claimed:
+            longest = max(self._claimed, key=len)
+            taken = [longest.pop() for _ in range((len(longest) + 1) // 2)]
+            claimed.extend(reversed(taken))
+        jobs: list[Job] = []
+        while claimed and len(jobs) < most and (not jobs or claimed[0].goes_with(jobs[0])):
+            jobs.append(claimed.popleft())
+        return tuple(jobs)
+
+    def _most_at_once(self) -> int:
+        left = sum(map(len, (*self._unclaimed, *self._claimed)))
+        return min(self._workers.portion, ceil(left / (SHARES * self._workers.count)))
+
+    def _submit(self, jobs: tuple[Job, ...], worker: int) -> Future[tuple[str, ...]]:
+        job = joined(jobs)
+        try:
+            return self._workers.submit(job, worker)
+        except BrokenExecutor:
+            if self._is_busy(worker):
+                while self._is_busy(worker):
+                    self._collect()  # finds what it was doing lost, and replaces it
+            else:
+                self._workers.restart(worker)
+            return self._workers.submit(job, worker)
+
+    def _is_busy(self, worker: int) -> bool:
+        return any(other == worker for _, other in self._running.values())
+
+    def _collect(self, *, wait_for_one: bool = True) -> None:
+        """Keep what is done, and replace workers that died."""
+        wait(self._running, timeout=None if wait_for_one else 0, return_when=FIRST_COMPLETED)
+        lost: dict[int, list[tuple[Job, ...]]] = {}
+        for future in [future for future in self._running if future.done()]:
+            jobs, worker = self._running.pop(future)
+            results = _results(future, jobs)
+            if results is None:
+                lost.setdefault(worker, []).append(jobs)
+            elif len(jobs) > 1 and results[0].problems:
+                self._apart.extend(jobs)
+            else:
+                for done in results:
+                    self._keep(done)
+        for worker, (first, *others) in lost.items():
+            self._workers.restart(worker)
+            self._lost.extend(first)  # what it was doing; it had not begun with the others
+            self._claimed[worker].extendleft(job for jobs in reversed(others) for job in reversed(jobs))
+
+    def _again(self, job: Job) -> None:
+        """Do a job whose worker died with nothing else under way, in case there was too little memory for both."""
+        future = self._submit((job,), 0)
+        self._running[future] = ((job,), 0)
+        wait([future])
+        results = _results(future, (job,))
+        if results is None:
+            self._workers.restart(0)
+            results = [Done(job, problems=(_died(job),))]
+        del self._running[future]
+        for done in results:
+            self._keep(done)
+
+
+def _results(future: Future[tuple[str, ...]], jobs: Sequence[Job]) -> list[Done] | None:
+    """What jobs that were done as one came to; None where their worker died."""
+    try:
+        outcomes = iter(future.result())
+        return [Done(job, outcomes=tuple(islice(outcomes, len(job.candidates)))) for job in jobs]
+    except InputError as error:
+        problems = error.problems
+    except (BrokenExecutor, CancelledError):
+        return None
+    except Exception as error:
+        message = " ".join(f"{type(error).__name__}: {error}".split())
+        problems = (Problem("internal-error", message),)
+    return [Done(job, problems=problems) for job in jobs]
+
+
+def _died(job: Job) -> Problem:
+    names = ", ".join(candidate.name for candidate in job.candidates)
+    message = f"the process that computed {names} died twice; is there enough memory?"
+    return Problem("worker-died", message)

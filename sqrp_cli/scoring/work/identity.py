@@ -1,0 +1,79 @@
+"""When two computations are the same: digests of everything that a candidate's figures depend on."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from functools import cache
+from importlib import metadata, resources
+from pathlib import Path
+
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.task import Candidate
+from sqrp_cli.version import __version__
+
+_LIBRARIES = ("numpy", "pin", "coal", "ruckig", "ompl", "eaik")
+"""Libraries that figures depend on."""
+
+_FILE_KEYS = frozenset({"urdf", "srdf", "mesh", "calibration", "hand_eye"})
+"""Keys of a workspace file that name other files, whose content counts and not where they are."""
+
+
+@cache
+def program_digest() -> str:
+    """Digest of the code and the libraries that compute: results of different ones are never mixed."""
+    hashed = hashlib.sha256(__version__.encode())
+    hashed.update(code_digest(Path(str(resources.files("sqrp_cli")))).encode())
+    for library in _LIBRARIES:
+        try:
+            version = metadata.version(library)
+        except metadata.PackageNotFoundError:
+            version = "none"
+        hashed.update(f"{library} {version}\n".encode())
+    return hashed.hexdigest()
+
+
+def code_digest(root: Path) -> str:
+    """Digest of all code and grammars of a package, whatever its folders are called.
+
+    What only prints counts too: which part figures depend on is nobody's to list.
+    """
+    hashed = hashlib.sha256()
+    for file in sorted(path for path in root.rglob("*") if path.suffix in (".py", ".lark")):
+        hashed.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes())
+    return hashed.hexdigest()
+
+
+def content_digest(workspace: Workspace, skill: str) -> str:
+    """Digest of all in a workspace that the figures of a skill's candidates depend on.
+
+    That is what the workspace file says, except for its tasks with their thresholds, comments and layout; and the
+    content of every file that it names, except for other skills.
+    """
+    values = [(path, value) for path, value in workspace.values.items() if says_something(path)]
+    files = [
+        (role, file.digest)
+        for role, file in sorted(workspace.files.items())
+        if role != "workspace" and (not role.startswith("skills.") or role.startswith(f"skills.{skill}."))
+    ]
+    return _digest([values, files])
+
+
+def says_something(path: str) -> bool:
+    """Whether a value of a workspace file matters by itself.
+
+    It does not where it belongs to a task, or names a file, whose content is what matters.
+    """
+    lists = ("tasks.", "skills.", "robot.package_roots.")
+    return not path.startswith(lists) and path.rpartition(".")[-1] not in _FILE_KEYS
+
+
+def candidate_key(content: str, candidate: Candidate, sampling: Sampling, seed: int, *, coverage: bool) -> str:
+    """Names what is computed of one candidate; content: see `content_digest`. coverage: its `Coverage`, too."""
+    parameters = list(candidate.parameters.items())
+    return _digest([program_digest(), content, candidate.skill.name, parameters, repr(sampling), seed, coverage])
+
+
+def _digest(value: object) -> str:
+    return hashlib.sha256(json.dumps(value, ensure_ascii=True).encode()).hexdigest()

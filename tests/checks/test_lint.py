@@ -1,0 +1,111 @@
+"""The lint: one case after the other from tests/cases/lint.yaml, and what it must leave alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from sqrp_cli.checks.lint import lint
+from sqrp_cli.knowledge.workspace.load import load_workspace
+
+CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "lint.yaml").read_text(encoding="utf-8"))
+Damage = Callable[[dict[str, Any]], Path]
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case["case"] for case in CASES])
+def test_finding_is_reported_once_with_place_and_remedy(
+    case: dict[str, Any], damaged: Damage, position_of: Callable[[str, Path], tuple[int, int]]
+) -> None:
+    findings = lint(load_workspace(damaged(case)))
+    assert [finding.code for finding in findings] == [case["code"]]
+    (finding,) = findings
+    assert finding.severity == case.get("severity", "error")
+    assert finding.place is not None
+    assert finding.place.line is not None
+    if "at" in case:
+        assert (finding.place.line, finding.place.column) == position_of(case["at"], finding.place.file)
+    for piece in case.get("says", []):
+        assert str(piece) in finding.message
+    assert finding.mend
+    assert "\n" not in finding.mend
+    assert case.get("mend", "") in finding.mend
+
+
+def test_the_undamaged_cell_has_no_findings(cell: Path) -> None:
+    assert lint(load_workspace(cell)) == ()
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        {"a2.end] (not": "a4.start] (not"},  # touching instants
+        {"a2.end] (not": "a3.end] (not"},
+        {"a2.end] (not": "a3.start + 0.5] (not"},  # not decided by the order of the primitive actions
+        {"(hold and not on_table)": "(hold or not on_table)", "[a4.start, a5.end]": "[a1.start, a5.end]"},
+        {"(hold and not on_table)": "(not hold and on_table)", "[a4.start, a5.end]": "[a1.start, a5.end]"},
+    ],
+)
+def test_formulas_that_can_all_hold_are_no_contradiction(edit: dict[str, str], damaged: Damage) -> None:
+    findings = lint(load_workspace(damaged({"file": "pickup/skill.yaml", "replace": edit})))
+    assert "contradictory-formulas" not in [finding.code for finding in findings]
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        "eventually[a3.start, a3.end] (hold)",  # nothing is demanded there
+        "eventually[a3.start, a4.start + 0.1] (hold)",  # not decided by the order of the primitive actions
+        "always[a3.start, a5.end] (hold)",
+        "eventually[a4.start, a4.end] (hold and on_table)",
+        "eventually[a4.start, a4.end] (hold -> on_table)",
+        "always[a4.start, a4.end] (not hold)",
+    ],
+)
+def test_faults_that_a_motion_as_planned_does_not_show_are_none_of_the_plan(fault: str, damaged: Damage) -> None:
+    edit = {"eventually[a4.start, a4.end] (not hold and on_table)": fault}
+    assert lint(load_workspace(damaged({"file": "pickup/skill.yaml", "replace": edit}))) == ()
+
+
+def test_objects_that_touch_or_sink_by_less_than_a_millimetre_are_apart(damaged: Damage) -> None:
+    edit = {"position: [0.4, 0, 2 cm]": "position: [0.4, 0, 1.95 cm]"}
+    assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
+
+
+def test_objects_that_float_by_less_than_five_millimetres_stand(damaged: Damage) -> None:
+    edit = {"position: [0.4, 0, 2 cm]": "position: [0.4, 0, 2.4 cm]"}
+    assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
+
+
+def test_an_object_inside_a_hollow_one_does_not_overlap_it(damaged: Damage) -> None:
+    edit = {"position: [0.4, 0, 2 cm]": "position: [0.7, -0.2, 3 cm]"}
+    assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients"),
+    [
+        ("plumb_bob", [-0.41, 0.19, 0.001, 0.0002, -0.04]),  # a webcam
+        ("rational_polynomial", [8.2, 4.9, 0.0, 0.0, 0.2, 8.5, 7.6, 1.3]),  # a wide lens
+        ("equidistant", [-0.02, 0.003, -0.002, 0.0003]),  # a fisheye
+        ("plumb_bob", [0.09, -0.27, -0.0006, -0.0011, 0.1]),  # a depth camera
+        ("plumb_bob", [0.26, -0.92, 0.002, 0.0006, 1.16]),  # another, with a lens that bends out
+        ("plumb_bob", [-0.05, 0.06, -0.0003, -0.0157, 0.0]),  # a sensor that was mounted askew
+        ("rational_polynomial", [0.5158, -2.6649, 0.0006, -0.0003, 1.5525, 0.3965, -2.4878, 1.4793]),
+        ("rational_polynomial", [0.0, 0.0, 0.0, -0.001, 0.0, 0.0, 0.0, 0.0]),
+    ],
+)
+@pytest.mark.parametrize("signs", [(1, 1), (1, -1), (-1, 1), (-1, -1)])
+@pytest.mark.parametrize("focal", [150, 300, 1200])
+def test_lenses_as_calibrations_find_them_are_plausible(
+    model: str, coefficients: list[float], signs: tuple[int, int], focal: int, damaged: Damage
+) -> None:
+    """Tangential terms, the third and fourth coefficient, of both signs."""
+    if model != "equidistant":
+        coefficients = [*coefficients[:2], signs[0] * coefficients[2], signs[1] * coefficients[3], *coefficients[4:]]
+    edit = {"fx: 300": f"fx: {focal}, distortion: {{model: {model}, coefficients: {coefficients}}}"}
+    found = lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit})))
+    assert [problem for problem in found if problem.code == "implausible-lens"] == []

@@ -1,0 +1,68 @@
+"""Parts that reach outside the size of their object."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.checks.part_extents import parts_outside_size
+from sqrp_cli.errors import Place, Problem
+from sqrp_cli.geometry import Array, pose, rpy_to_matrix
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from tests.checks.test_mesh_sizes import written_stl
+
+LYING = rpy_to_matrix((0.0, np.pi / 2, 0.0))
+SIZE = (0.06, 0.06, 0.08)
+
+
+def told(tabletop: Workspace, *placed: tuple[Shape, Array]) -> list[Problem]:
+    """What is said of `g1` with this size and these parts."""
+    parts = tuple(Part(f"g1/{index}", "g1", *one) for index, one in enumerate(placed))
+    thing = replace(tabletop.objects["g1"], size=SIZE, parts=parts)
+    places = {f"objects.g1.parts.{index}": Place(Path("w.yaml"), index + 1, 9) for index in range(len(parts))}
+    return list(parts_outside_size(replace(tabletop, objects={"g1": thing}, places=places)))
+
+
+@pytest.mark.parametrize(
+    ("shape", "X_PG", "outside", "size"),
+    [
+        (Cylinder(0.06, 0.08), pose(), "a cylinder, reaches 30.0 mm outside the object's `size`", "0.12, 0.12, 0.08"),
+        (Cylinder(0.03, 0.08), pose(LYING), "10.0 mm outside the object's `size` along x", "0.08, 0.06, 0.08"),
+        (Capsule(0.03, 0.08), pose(), "30.0 mm outside the object's `size` along z", "0.06, 0.06, 0.14"),
+        (Sphere(0.03), pose(position=(0, -0.01, 0)), "10.0 mm outside the object's `size` along y", "0.06, 0.08, 0.08"),
+        (Box((0.06, 0.06, 0.083)), pose(), "1.5 mm outside the object's `size` along z", "0.06, 0.06, 0.083"),
+    ],
+)  # fmt: skip
+def test_a_part_outside_the_size_is_told_with_the_size_that_holds_it(
+    tabletop: Workspace, shape: Shape, X_PG: Array, outside: str, size: str
+) -> None:
+    (problem,) = told(tabletop, (Sphere(0.02), pose()), (shape, X_PG))
+    assert (problem.code, problem.severity) == ("part-outside-size", "warning")
+    assert problem.message.startswith("part `g1/1` of `g1`")
+    assert outside in problem.message
+    assert f"`size: [{size}]`" in (problem.mend or "")
+    assert str(problem.place) == "w.yaml:2:9"
+
+
+def test_a_mesh_that_its_pose_moves_out_of_the_box_is_told(tabletop: Workspace, tmp_path: Path) -> None:
+    mesh = Mesh(written_stl(tmp_path / "cube.stl", 0.03))
+    assert told(tabletop, (mesh, pose())) == []
+    (problem,) = told(tabletop, (mesh, pose(position=(0.0, 0.0, 0.3))))
+    assert "a mesh, reaches 290.0 mm outside the object's `size` along z" in problem.message
+    assert "[0.06, 0.06, 0.66]" in (problem.mend or "")
+    in_millimetres = Mesh(mesh.path, (1e3, 1e3, 1e3))
+    assert told(tabletop, (in_millimetres, pose())) == [], "its scale is doubted, and that is told elsewhere"
+
+
+def test_one_warning_counts_the_other_parts_outside(tabletop: Workspace) -> None:
+    (problem,) = told(tabletop, *((Sphere(radius), pose()) for radius in (0.04, 0.05, 0.02, 0.035)))
+    assert problem.message.startswith("part `g1/1`")
+    assert problem.message.endswith("and 2 other parts outside it too")
+
+
+def test_a_millimetre_is_allowed(tabletop: Workspace) -> None:
+    assert told(tabletop, (Cylinder(0.031, 0.082), pose()), (Box(SIZE), pose())) == []

@@ -1,0 +1,173 @@
+"""Loading a workspace as a whole."""
+
+from __future__ import annotations
+
+import math
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sqrp_cli.checks.lint import lint
+from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.skill.settings import Reference
+from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.shapes import Box
+
+Damage = Callable[[dict[str, Any]], Path]
+SHIPPED = sorted((Path(__file__).parents[3] / "workspaces").glob("*/workspace.yaml"))
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=[path.parent.name for path in SHIPPED])
+def test_shipped_workspaces_load_without_errors(path: Path) -> None:
+    workspace = load_workspace(path.parent)
+    assert workspace.name == path.parent.name
+    assert [finding for finding in lint(workspace) if finding.severity == "error"] == []
+
+
+def test_a_folder_and_its_file_are_the_same_workspace(cell: Path) -> None:
+    assert load_workspace(cell).digest == load_workspace(cell / "workspace.yaml").digest
+
+
+def test_a_workspace_has_one_path_however_it_is_reached(cell: Path) -> None:
+    around = cell / ".." / cell.name
+    assert load_workspace(around).path == load_workspace(cell.resolve()).path
+
+
+def test_values_are_in_si_units(cell: Path) -> None:
+    workspace = load_workspace(cell)
+    robot = workspace.robot
+    assert robot.home == pytest.approx({"shoulder": math.radians(10), "elbow": math.radians(-20), "slide": 0.05})
+    assert robot.limits["shoulder"].velocity == pytest.approx(math.pi / 2)
+    assert (robot.limits["slide"].velocity, robot.limits["slide"].acceleration) == (0.5, 3.0)
+    assert workspace.detectors["color"].min_visible == 0.5
+    assert workspace.padding == 0.005
+    assert robot.X_WB[:3, 3].tolist() == [0, 0, 0.1]
+    assert robot.tool is not None
+    assert robot.tool.X_LT[2, 3] == 0.005
+
+
+def test_missing_limits_are_assumed_as_stated(cell: Path) -> None:
+    workspace = load_workspace(cell)
+    assert workspace.robot.limits["elbow"].velocity == 1.0
+    assert workspace.robot.limits["elbow"].jerk == 50.0
+    assert [warning.code for warning in workspace.warnings] == ["assumed-limit"]
+    assert "elbow" in workspace.warnings[0].message
+
+
+def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged: Damage) -> None:
+    boxes = "tool: {boxes: [{size: [6 cm, 6 cm, 4 cm]}], frame: {position: [0, 0, 2 cm]}, link: wrist}"
+    urdf = "tool: {urdf: cup.urdf, link: wrist, pose: {position: [0, 0, 5 mm]}}\n  tool_frame: tip"
+    robot = load_workspace(damaged({"file": "workspace.yaml", "replace": {urdf: boxes}})).robot
+    assert robot.tool is not None
+    assert robot.tool.urdf is None
+    assert robot.tool_frame == "tool_tip"
+    assert robot.tool.model.links["tool_body"].collision[0].shape == Box((0.06, 0.06, 0.04))
+    assert robot.tool.model.joints["tool_tip_joint"].X_PJ[2, 3] == 0.02
+
+
+def test_home_may_be_a_named_state_of_the_srdf(damaged: Damage) -> None:
+    home = "home: {shoulder: 10 deg, elbow: -20 deg, slide: 5 cm}"
+    robot = load_workspace(damaged({"file": "workspace.yaml", "replace": {home: "home: folded"}})).robot
+    assert robot.home == {"shoulder": 0.0, "elbow": 1.5, "slide": 0.1}
+    assert robot.disabled_pairs == {("base", "upper")}
+
+
+def test_objects_keep_their_parts_types_and_places(cell: Path) -> None:
+    workspace = load_workspace(cell)
+    tray, lost = workspace.objects["tray"], workspace.objects["lost"]
+    assert [part.name for part in tray.parts] == ["tray/floor", "tray/1", "tray/2"]
+    assert tray.types == ("tray", "movable")
+    assert workspace.objects["table"].types == ("table", "fixture")
+    assert lost.X_WO is None
+    assert "lost" not in workspace.stated_world.X_WO
+    assert workspace.objects["blue"].X_WO is not None
+    assert np.allclose(workspace.objects["blue"].X_WO[:2, :2], np.array([[1, -1], [1, 1]]) / math.sqrt(2))
+    assert workspace.state == {Atom("hand_empty"), Atom("on_table", ("red",)), Atom("on_table", ("blue",))}
+
+
+def test_a_skill_keeps_parameters_settings_and_responses(cell: Path) -> None:
+    skill = load_workspace(cell).skills["pickup"]
+    values = {parameter.name: parameter.values for parameter in skill.motion_parameters}
+    assert values["yaw"] == (0.0, pytest.approx(math.pi / 2))
+    assert values["lift"] == pytest.approx((0.05, 0.10, 0.15))
+    first, second, *_, last = skill.primitives
+    assert isinstance(first, JointMove)
+    assert first.speed == Reference("speed")
+    assert isinstance(second, StraightMove)
+    assert (second.speed, second.acceleration, second.jerk) == (0.05, 0.5, 5.0)
+    assert isinstance(last, JointMove)
+    assert last.speed == 1.0
+    settle = [requirement.settle for requirement in skill.requirements]
+    assert settle == [0.5, 0.2, 0.5]
+    slip = skill.requirements[-1]
+    assert (slip.name, slip.response.action, slip.response.retries) == ("slip", "retry", 2)
+    assert str(slip.response.condition) == "on_table"
+
+
+def test_objects_may_be_named_with_words_that_yaml_1_1_takes_for_booleans(damaged: Damage) -> None:
+    edits = {"  lost: {": "  off: {", "  - hand_empty": "  - hand_empty\n  - on_table(off)"}
+    workspace = load_workspace(damaged({"file": "workspace.yaml", "replace": edits}))
+    assert Atom("on_table", ("off",)) in workspace.state
+
+
+def test_the_digest_depends_on_contents_and_not_on_places(cell: Path, tmp_path: Path) -> None:
+    elsewhere = shutil.copytree(cell, tmp_path / "elsewhere" / "cell")
+    assert load_workspace(cell).digest == load_workspace(elsewhere).digest
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new"),
+    [
+        ("workspace.yaml", "# A small cell", "# The small cell"),
+        ("arm.urdf", 'upper="2"', 'upper="1.9"'),
+        ("arm.srdf", 'value="1.5"', 'value="1.4"'),
+        ("cup.urdf", "0.04", "0.05"),
+        ("side.yaml", "617.20", "617.21"),
+        ("cube.stl", "vertex 0.5 0.5 0.5", "vertex 0.5 0.5 0.6"),
+        ("pickup/skill.yaml", "retreat: 2 cm", "retreat: 3 cm"),
+        ("pickup/pickup.pddl", "(:requirements", "; changed\n (:requirements"),
+    ],
+)
+def test_the_digest_changes_with_every_file_that_is_read(cell: Path, file: str, old: str, new: str) -> None:
+    before = load_workspace(cell).digest
+    path = cell / file
+    path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
+    assert load_workspace(cell).digest != before
+
+
+@pytest.mark.parametrize(
+    ("asked", "entries", "meant"),
+    [
+        ("nosuch", ["env.sh", "such.txt", "such/readme.md"], None),
+        ("nosuch", ["such/workspace.yaml"], "such"),
+        ("tabeltop", ["tabletop.sh", "tabletop.yaml"], "tabletop.yaml"),
+        ("tabeltop.yaml", ["tray.yaml", "bin.yaml"], None),
+        ("cels/left", ["cells/readme.md", "cell/left/workspace.yaml"], "cell"),
+    ],
+)
+def test_only_what_can_be_a_workspace_of_a_near_name_is_suggested(
+    tmp_path: Path, asked: str, entries: list[str], meant: str | None
+) -> None:
+    for entry in entries:
+        (tmp_path / entry).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / entry).touch()
+    with pytest.raises(InputError) as caught:
+        load_workspace(tmp_path / asked)
+    hint = f"did you mean `{tmp_path / meant}`?" if meant else f"{tmp_path} has no `{Path(asked).parts[0]}`"
+    assert caught.value.problems[0].message == f"no such file or folder; {hint}"
+
+
+def test_a_folder_of_workspaces_says_which_it_has(tmp_path: Path, cell: Path) -> None:
+    with pytest.raises(InputError, match="it has the workspaces `cell`"):
+        load_workspace(tmp_path)
+    with pytest.raises(InputError, match=f"did you mean `{cell}`"):
+        load_workspace(tmp_path / "cel")
+    (tmp_path / "nothing").mkdir()
+    with pytest.raises(InputError, match="the folder is empty"):
+        load_workspace(tmp_path / "nothing")

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import dataclasses
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study, study
+from sqrp_cli.programming.coverage.explanation import cause_totals, sample_weights
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.verdict import explain_stretch, stretches, verdict
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.task import read_task
+
+CANDIDATES = ("g1", "g2", "g3", "g4", "g5")
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop: Workspace) -> Cell:
+    return Cell.load(tabletop)
+
+
+@pytest.fixture(scope="module")
+def studies(cell: Cell) -> dict[str, Study]:
+    found = {}
+    for name in CANDIDATES:
+        candidate = read_task(f"pickup {name}", cell.workspace).candidates[0]
+        result = study(cell, candidate, cell.initial_world, Adaptive(), full=True)
+        assert isinstance(result, Study)
+        found[name] = result
+    return found
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_what_the_verdict_says_is_true(name: str, cell: Cell, studies: dict[str, Study]) -> None:
+    found = studies[name]
+    timeline = found.timeline
+    blind = timeline.monitored & ~timeline.covered
+    text = verdict(cell, found)
+    if not blind.any():
+        assert text == "Every literal is covered all the time."
+        return
+    times = re.search(r"from (\d+\.\d) s to (\d+\.\d) s", text)
+    assert times is not None
+    start, end = (float(time) for time in times.groups())
+    t = timeline.samples.t
+    inside = (t > start + 0.06) & (t < end - 0.06)
+    assert blind[inside].all(), "every sample of the stretch is blind"
+    if (blind & timeline.interesting).any():
+        assert timeline.interesting[inside].all(), "events of interest come first"
+    assert text.split()[0] in cell.workspace.cameras
+
+
+@pytest.mark.parametrize("name", CANDIDATES)
+def test_the_totals_of_a_camera_and_the_time_it_sees_add_up_to_what_was_asked(
+    name: str, cell: Cell, studies: dict[str, Study]
+) -> None:
+    found = studies[name]
+    weights, observation = sample_weights(found), found.timeline.observation
+    totals = cause_totals(cell, found)
+    for column, target in enumerate(found.targets):
+        required = observation.required[:, column]
+        for index, camera in enumerate(cell.observer.cameras):
+            sees = np.all([box.cause[:, index] == Cause.NONE for box in observation.full_matrix[column]], axis=0)
+            lost = sum(t.duration for t in totals if (t.atom, t.camera) == (target.atom, camera.name))
+            assert lost + weights[required & sees].sum() == pytest.approx(weights[required].sum(), abs=1e-9)
+
+
+def test_the_weights_of_all_samples_add_up_to_the_time_of_the_motion(studies: dict[str, Study]) -> None:
+    for found in studies.values():
+        assert sample_weights(found).sum() == pytest.approx(found.motion.time, abs=1e-9)
+
+
+def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studies: dict[str, Study]) -> None:
+    found = studies["g1"]
+    timeline = found.timeline
+    hidden = [
+        (row, index)
+        for boxes in timeline.observation.full_matrix
+        for row, index in np.argwhere(boxes[0].cause == Cause.HIDDEN)
+        if timeline.monitored[row] and not timeline.covered[row]
+    ]
+    row, index = hidden[0]
+    alone = dataclasses.replace(cell, observer=Observer((cell.observer.cameras[index],), cell.observer.solids))
+    stretch = explain_stretch(alone, found, np.array([row]))
+    assert stretch.causes[0].cause is Cause.HIDDEN
+    assert stretch.causes[0].by in {*cell.model.links, *cell.workspace.objects}
+    assert f"behind {stretch.causes[0].by}" in str(stretch)
+
+
+@pytest.mark.parametrize("name", ["g1", "g4"])
+def test_where_two_cameras_are_needed_each_is_told_with_whether_it_sees_for_a_while(
+    name: str, cell: Cell, studies: dict[str, Study]
+) -> None:
+    found = studies[name]
+    observation = found.timeline.observation
+    sees = np.all([box.cause == Cause.NONE for box in observation.full_matrix[0]], axis=0)
+    runs = list(stretches(observation.required[:, 0] & (sees.sum(axis=1) < 2)))
+    longest = max(runs, key=len)
+    rows = longest[:: 1 + len(longest) // 25]  # so few that all of them are looked at
+    part = SimpleNamespace(required=observation.required[:, :1], covered=sees.sum(axis=1)[:, None] >= 2)
+    asked = SimpleNamespace(
+        timeline=SimpleNamespace(samples=found.timeline.samples, observation=part),
+        stage=found.stage,
+        targets=[dataclasses.replace(found.targets[0], cameras=2)],
+    )
+    stretch = explain_stretch(cell, asked, rows)
+    share = dict(zip(cell.workspace.cameras, sees[rows].mean(axis=0), strict=True))
+    partly = {camera for camera, seen in share.items() if 0.0 < seen < 1.0}
+    assert partly
+    assert {cause.camera: cause.partly for cause in stretch.causes} == {
+        camera: camera in partly for camera, seen in share.items() if seen < 1.0
+    }
+    assert stretch.seeing == tuple(camera for camera, seen in share.items() if seen == 1.0)
+    assert not stretch.causes[0].partly
+    assert str(stretch).startswith(f"Fewer than 2 cameras see {found.targets[0].atom} from ")
+    told = " ".join(part for part in re.split(r"[(;)]", str(stretch)) if "for a part of that time" in part)
+    assert {camera for camera in share if camera in told} == partly

@@ -1,0 +1,54 @@
+"""What is taken from trimesh."""
+
+from __future__ import annotations
+
+import builtins
+
+import numpy as np
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.report.pages.libraries import MOST_TRIANGLES, simplified, viewer_library
+from sqrp_cli.shapes import Part, Sphere
+
+
+def test_the_viewer_library_is_three_js_alone():
+    library = viewer_library()
+    assert "Three.js Authors" in library.splitlines()[2]
+    assert "t.PerspectiveCamera=" in library
+    assert "GLTFLoader" not in library
+    assert "</" not in library
+
+
+def test_a_small_mesh_is_kept_and_its_double_vertices_merged():
+    solid = load_solid(Part("ball", "world", Sphere(0.1), np.eye(4)))
+    vertices, triangles = simplified(
+        solid.vertices[solid.triangles.reshape(-1)], np.arange(solid.triangles.size).reshape(-1, 3)
+    )
+    assert len(vertices) < len(solid.vertices)
+    assert np.linalg.norm(vertices[triangles], axis=-1).max() == pytest.approx(0.1, rel=0.01)
+
+
+def test_a_large_mesh_is_simplified_and_keeps_its_shape():
+    u, v = (axis.reshape(-1) for axis in np.meshgrid(np.linspace(0, 1, 101), np.linspace(0, 1, 101)))
+    vertices = np.column_stack([u, v, 0.1 * np.sin(6 * u) * np.cos(6 * v)])
+    corner = np.arange(101 * 101).reshape(101, 101)
+    a, b, c, d = (block.reshape(-1) for block in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]))
+    fewer, triangles = simplified(vertices, np.concatenate([np.column_stack([a, b, c]), np.column_stack([b, d, c])]))
+    assert len(triangles) <= MOST_TRIANGLES
+    assert np.abs(fewer[:, 2] - 0.1 * np.sin(6 * fewer[:, 0]) * np.cos(6 * fewer[:, 1])).max() < 2e-3
+
+
+def test_without_the_library_the_command_that_installs_it_is_named(monkeypatch):
+    real = builtins.__import__
+
+    def refuse(name, *arguments, **keywords):
+        if name == "trimesh":
+            raise ModuleNotFoundError("no such module", name=name)
+        return real(name, *arguments, **keywords)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(InputError) as error:
+        viewer_library()
+    assert error.value.problems[0].mend == "pip install trimesh fast-simplification"
