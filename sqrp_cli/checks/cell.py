@@ -32,4 +32,4 @@ def _assumed_contacts(cell: Cell) -> Iterator[Problem]:
         names = ", ".join(f"{a}-{b}" for a, b in sorted(cell.self_contacts.unchecked))
         message = f"there is no SRDF, and these links touch at home or wherever the arm is: {names}; not checked"
         mend = "state the pairs that may touch in an SRDF, `robot.srdf`"
-        yield Problem("assumed-contact", message, Place(cell.workspace.robot.urdf), severity="warning", mend=mend)
+        yield Problem("assumed-contact", message, Place(cell.workspace.robot.urdf.path), severity="warning", mend=mend)

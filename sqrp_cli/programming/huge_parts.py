@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import chain
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.robot.urdf import UrdfModel, read_urdf
+from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.solids import load_solid
@@ -35,7 +36,6 @@ def check_cell_size(workspace: Workspace, model: RobotModel) -> None:
     for joint, parent, X_PJ in zip(tree.joints, tree.parents, tree.still, strict=True):
         if parent >= 0 and (away := float(np.linalg.norm(X_PJ[:3, 3]))) > LARGEST_LINK:
             raise _refusal(f"joint `{joint.name}` is {away:.3g} m from the one that carries it", joint.place)
-    urdfs = [read_urdf(robot.urdf), *([robot.tool.model] if robot.tool else [])]
     for part in model.parts:
         if tree.mounts[part.parent].joint >= 0:
             away = float(np.linalg.norm(load_solid(part).vertices, axis=1).max())
@@ -43,7 +43,7 @@ def check_cell_size(workspace: Workspace, model: RobotModel) -> None:
                 message = (
                     f"link `{part.parent}` moves, and part `{part.name}` of it reaches {away:.3g} m from its origin"
                 )
-                raise _refusal(message, _place(urdfs, part.parent))
+                raise _refusal(message, _place(robot.urdfs, part.parent))
 
 
 def _refusal(message: str, place: Place | None) -> InputError:
@@ -51,6 +51,6 @@ def _refusal(message: str, place: Place | None) -> InputError:
     return InputError(Problem("link-too-large", f"{message}, expected at most {LARGEST_LINK:g} m", place, mend=mend))
 
 
-def _place(urdfs: list[UrdfModel], name: str) -> Place | None:
+def _place(urdfs: Sequence[UrdfModel], name: str) -> Place | None:
     links = chain.from_iterable(urdf.links.values() for urdf in urdfs)
     return next((link.place for link in links if link.name == name), None)

@@ -12,7 +12,7 @@ from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.joint_tree import JointTree
 from sqrp_cli.knowledge.robot.robot import Fingers, Robot
-from sqrp_cli.knowledge.robot.urdf import UrdfModel, link_parts, read_urdf
+from sqrp_cli.knowledge.robot.urdf import UrdfModel, link_parts
 from sqrp_cli.knowledge.text.packages import resolve
 from sqrp_cli.runtime.surface import Surface
 
@@ -35,12 +35,11 @@ class Twin:
 
     @classmethod
     def load(cls, robot: Robot) -> Twin:
-        """Read the URDFs and meshes. Raises InputError for those that cannot be used."""
-        urdf = read_urdf(robot.urdf)
-        tool = robot.tool.model if robot.tool else None
+        """Read the meshes. Raises InputError for those that cannot be used."""
+        tool = robot.tool.urdf if robot.tool else None
         mount = (robot.tool.link, robot.tool.X_LT) if robot.tool else (None, None)
-        tree = JointTree.of(urdf, robot.X_WB, tool, *mount)
-        surfaces = tuple(surface for model in (urdf, tool) if model for surface in _surfaces(model, robot))
+        tree = JointTree.of(robot.urdf, robot.X_WB, tool, *mount)
+        surfaces = tuple(surface for model in robot.urdfs for surface in _surfaces(model, robot))
         home = {joint.name: float(np.clip(0.0, joint.lower, joint.upper)) for joint in tree.joints}
         fingers = robot.fingers.open if robot.fingers else {}
         return cls(tree, surfaces, robot.tool_frame, {**home, **robot.home, **fingers}, robot.fingers)

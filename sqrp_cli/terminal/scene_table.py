@@ -15,7 +15,8 @@ def print_scene(cell: Cell) -> None:
     workspace, model = cell.workspace, cell.model
     robot = workspace.robot
     say(
-        f"{workspace.name}: {robot.urdf.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}\n", "bold"
+        f"{workspace.name}: {robot.urdf.path.name} with {len(model.arm)} arm joints, tool frame {robot.tool_frame}\n",
+        "bold",
     )
     joints = [
         (name, *(f"{np.degrees(value):.0f}" if turns else f"{1000 * value:.0f} mm" for value in values))

@@ -45,16 +45,14 @@ def robot(
     limits: Mapping[str, tuple[float, float]] | None = None,
 ) -> Robot:
     """A robot with the position limits of its URDFs unless `limits` has others."""
-    models = [read_urdf(urdf), *([tool.model] if tool else [])]
+    models = [read_urdf(urdf), *([tool.urdf] if tool else [])]
     joints = [joint for model in models for joint in model.movable_joints]
     positions = {joint.name: (joint.lower, joint.upper) for joint in joints} | dict(limits or {})
     parts = [
-        part
-        for path in (urdf, *([tool.urdf] if tool else []))
-        for part in link_parts(read_urdf(path), "collision", partial(resolve_mesh, package_roots()))
+        part for model in models for part in link_parts(model, "collision", partial(resolve_mesh, package_roots()))
     ]
     return Robot(
-        urdf=urdf,
+        urdf=models[0],
         srdf=None,
         package_roots=package_roots(),
         X_WB=np.eye(4) if X_WB is None else X_WB,

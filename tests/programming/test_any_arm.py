@@ -170,10 +170,10 @@ class IndependentArm:
     def __init__(self, cell: Cell, arm: Arm) -> None:
         robot = cell.workspace.robot
         self.cell = cell
-        self.model = pin.buildModelFromUrdf(str(robot.urdf))
+        self.model = pin.buildModelFromUrdf(str(robot.urdf.path))
         folders = [str(root) for root in robot.package_roots]
         kind = pin.GeometryType.COLLISION
-        self.geometry = pin.buildGeomFromUrdf(self.model, str(robot.urdf), kind, package_dirs=folders)
+        self.geometry = pin.buildGeomFromUrdf(self.model, str(robot.urdf.path), kind, package_dirs=folders)
         frame = self.model.frames[self.model.getFrameId(arm.link, pin.FrameType.BODY)]
         position, rpy = arm.tool
         X_JR = frame.placement * pin.SE3(pose(rpy_to_matrix(np.radians(rpy)), position))

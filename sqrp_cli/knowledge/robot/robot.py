@@ -32,16 +32,15 @@ class StopLimits:
 
 @dataclass(frozen=True, eq=False)
 class Tool:
-    """A tool, whose root link is fixed to a link of the robot.
+    """A tool, whose root link is fixed to a link of the robot."""
 
-    model: its links and joints. X_LT: pose of its root link in `link`, shape (4, 4). urdf: the file that describes it,
-    None for a tool of boxes.
-    """
-
-    model: UrdfModel
+    urdf: UrdfModel
+    """Its links and joints."""
     link: str
     X_LT: Array
-    urdf: Path | None
+    """Pose of its root link in `link`, shape (4, 4)."""
+    file: Path | None
+    """The URDF that describes it; None for a tool of boxes."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if `X_LT` is no pose."""
@@ -69,36 +68,42 @@ class Marker:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """The robot of a cell.
+    """The robot of a cell."""
 
-    urdf, srdf: resolved paths. package_roots: folders that `package://NAME/` is looked up in, first hit wins.
-    X_WB: pose of the robot's root link in the world, shape (4, 4).
-    tool_frame: the link of robot or tool that grasps: its z axis points out of the tool, into the object.
-    home: position of each arm joint at the start of a program [rad or m]. Other joints rest at 0, or at the nearest
-    limit.
-    limits: of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say).
-    stop_limits: of the same joints while the robot stops to protect itself and others.
-    geometry: which geometry of the links is solid and opaque; a link without collision geometry uses its visual one.
-    parts: that geometry, of the robot's links and then of the tool's.
-    disabled_pairs: pairs of links whose contact is not checked, each pair in alphabetical order.
-    fingers: of its gripper, None if it has none that move. markers: on links, by the link's name.
-    """
-
-    urdf: Path
+    urdf: UrdfModel
+    """Its links and joints, without those of the tool."""
     srdf: Path | None
+    """Resolved path."""
     package_roots: tuple[Path, ...]
+    """Folders that `package://NAME/` is looked up in, first hit wins."""
     X_WB: Array
+    """Pose of the robot's root link in the world, shape (4, 4)."""
     tool: Tool | None
     tool_frame: str
+    """The link of robot or tool that grasps: its z axis points out of the tool, into the object."""
     home: Mapping[str, float]
+    """Position of each arm joint at the start of a program [rad or m]; other joints rest at 0, or at the nearest
+    limit."""
     limits: Mapping[str, JointLimits]
+    """Of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say)."""
     stop_limits: Mapping[str, StopLimits]
+    """Of the same joints while the robot stops to protect itself and others."""
     geometry: Geometry
+    """Which geometry of the links is solid and opaque; a link without collision geometry uses its visual one."""
     parts: tuple[Part, ...]
+    """That geometry, of the robot's links and then of the tool's."""
     disabled_pairs: frozenset[tuple[str, str]]
+    """Pairs of links whose contact is not checked, each pair in alphabetical order."""
     fingers: Fingers | None = None
+    """Of its gripper; None if it has none that move."""
     markers: Mapping[str, Marker] = field(default_factory=dict)
+    """On links, by the link's name."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if `X_WB` is no pose."""
         check_poses("the robot's base", self.X_WB)
+
+    @property
+    def urdfs(self) -> tuple[UrdfModel, ...]:
+        """The robot's description, and its tool's if it has one."""
+        return (self.urdf,) if self.tool is None else (self.urdf, self.tool.urdf)

@@ -7,7 +7,7 @@ The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and 
 from __future__ import annotations
 
 import math
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,8 +19,7 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
 from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
-from sqrp_cli.knowledge.text.input_file import read_input
-from sqrp_cli.knowledge.text.xml_file import MAX_BYTES, Element, parse_xml
+from sqrp_cli.knowledge.text.xml_file import Element, read_xml
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
@@ -38,8 +37,6 @@ MAX_SHAPES = 500
 """Most shapes of a robot, collision and visual ones together."""
 MOST_TURNS = 100
 """Position limits of a turning joint beyond so many turns are meant as none, and taken as so many."""
-MODELS_KEPT = 8
-"""Robots that are not read again."""
 
 LONGEST_SLIDE = 100.0
 """Largest position limit of a joint that slides [m]."""
@@ -178,39 +175,7 @@ def read_urdf(path: Path) -> UrdfModel:
     supported (floating, planar), a mass or moment of inertia below 0, more links, joints or shapes than can be computed
     with, and links that do not form one tree.
     """
-    content = read_input(path, MAX_BYTES)
-    key = (content, path.stem)
-    model = _known.pop(key, None)
-    if model is None:
-        model = _model(path, parse_xml(path, content, "robot"))
-    elif model.path != path:
-        model = _copied(model, path)
-    _known[key] = model
-    if len(_known) > MODELS_KEPT:
-        _known.popitem(last=False)
-    return model
-
-
-_known: OrderedDict[tuple[bytes, str], UrdfModel] = OrderedDict()
-"""The robots read last, by content and name of their file: cells often have copies of the same ones."""
-
-
-def _copied(model: UrdfModel, path: Path) -> UrdfModel:
-    """A robot as it is read from a copy of its file."""
-
-    def at(place: Place) -> Place:
-        return Place(path, place.line, place.column)
-
-    def pieces(found: tuple[LinkGeometry, ...]) -> tuple[LinkGeometry, ...]:
-        return tuple(replace(piece, place=at(piece.place)) for piece in found)
-
-    links = {
-        name: replace(link, collision=pieces(link.collision), visual=pieces(link.visual), place=at(link.place))
-        for name, link in model.links.items()
-    }
-    joints = {name: replace(joint, place=at(joint.place)) for name, joint in model.joints.items()}
-    warnings = tuple(replace(warning, place=at(warning.place)) for warning in model.warnings if warning.place)
-    return replace(model, path=path, links=links, joints=joints, warnings=warnings)
+    return _model(path, read_xml(path, "robot"))
 
 
 def _model(path: Path, robot: Element) -> UrdfModel:

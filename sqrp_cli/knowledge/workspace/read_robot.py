@@ -89,7 +89,7 @@ class RobotReader:
         joints = [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())]
         limits = self._limits(joints)
         return Robot(
-            urdf=self.urdf.path,
+            urdf=self.urdf,
             srdf=self.srdf_path if self.srdf is not None else None,
             package_roots=self.roots,
             X_WB=read_only(self.entry.base.matrix()),
@@ -143,8 +143,8 @@ class RobotReader:
                 message = f"robot and tool both have a link `{name}`"
                 path = ("robot", "tool", "urdf" if self.entry.tool.urdf else "boxes")
                 self._report("ambiguous-name", path, message, "rename one of them")
-        urdf = None if self.entry.tool.urdf is None else self.tool.path
-        return Tool(self.tool, link, read_only(self.entry.tool.pose.matrix()), urdf)
+        file = None if self.entry.tool.urdf is None else self.tool.path
+        return Tool(self.tool, link, read_only(self.entry.tool.pose.matrix()), file)
 
     def _arm(self) -> list[UrdfJoint]:
         """The joints that move by themselves on the way from the root to the tool frame, in order."""

@@ -12,10 +12,8 @@ from sqrp_cli.shapes import Mesh, Part
 
 def files_to_load(workspace: Workspace) -> Mapping[Path, str]:
     """The files that are read again when a workspace is loaded for computing, with the digests of their content."""
-    robot = workspace.robot
-    parts = [*robot.parts, *(part for thing in workspace.objects.values() for part in thing.parts)]
-    paths = {robot.urdf, *([robot.tool.urdf] if robot.tool and robot.tool.urdf else [])}
-    paths |= {part.shape.path for part in parts if isinstance(part.shape, Mesh)}
+    parts = [*workspace.robot.parts, *(part for thing in workspace.objects.values() for part in thing.parts)]
+    paths = {part.shape.path for part in parts if isinstance(part.shape, Mesh)}
     return {file.path: file.digest for file in workspace.files.values() if file.path in paths}
 
 
@@ -30,12 +28,8 @@ def relocated(workspace: Workspace, moved: Callable[[Path], Path]) -> Workspace:
             for part in old
         )
 
-    robot = workspace.robot
-    tool = robot.tool
-    if tool is not None and tool.urdf is not None:
-        tool = replace(tool, urdf=moved(tool.urdf))
     return replace(
         workspace,
-        robot=replace(robot, urdf=moved(robot.urdf), tool=tool, parts=parts(robot.parts)),
+        robot=replace(workspace.robot, parts=parts(workspace.robot.parts)),
         objects={name: replace(thing, parts=parts(thing.parts)) for name, thing in workspace.objects.items()},
     )

@@ -16,7 +16,7 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, cross, read_only
 from sqrp_cli.knowledge.robot.joint_tree import JointTree, Mount
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot
-from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel, read_urdf
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 from sqrp_cli.shapes import Part
 
 
@@ -78,13 +78,13 @@ class RobotModel:
 
     @staticmethod
     def load(robot: Robot) -> RobotModel:
-        """Read the URDFs of robot and tool and put them together.
+        """Put robot and tool together.
 
-        Raises InputError for a URDF that cannot be used, a name that robot and tool share, an unknown
-        link, a joint without limits, or a tool frame that no joint moves.
+        Raises InputError for a name that robot and tool share, an unknown link, a joint without limits, or a tool
+        frame that no joint moves.
         """
-        urdf = read_urdf(robot.urdf)
-        tool = robot.tool.model if robot.tool else None
+        urdf = robot.urdf
+        tool = robot.tool.urdf if robot.tool else None
         _check_names(robot, urdf, tool)
         if robot.tool is None or tool is None:
             tree = JointTree.of(urdf, robot.X_WB, None, None, None)
@@ -94,7 +94,7 @@ class RobotModel:
         arm = [index for index in chain if tree.joints[index].mimic is None]
         if not arm:
             message = f"no joint moves the tool frame `{robot.tool_frame}`"
-            raise InputError(Problem("no-arm", message, Place(robot.urdf)))
+            raise InputError(Problem("no-arm", message, Place(robot.urdf.path)))
         fingers = _fingers(robot, tree)
         index_of = {joint.name: index for index, joint in enumerate(tree.joints)}
         rest = {**robot.home, **dict(zip(fingers.joints, fingers.open.tolist(), strict=True))}
@@ -318,7 +318,7 @@ def _check_names(robot: Robot, urdf: UrdfModel, tool: UrdfModel | None) -> None:
     if robot.tool is not None and tool is not None:
         if robot.tool.link not in urdf.links:
             message = f"unknown link `{robot.tool.link}` for the tool; {expected_names(robot.tool.link, urdf.links)}"
-            raise InputError(Problem("unknown-link", message, Place(robot.urdf)))
+            raise InputError(Problem("unknown-link", message, Place(robot.urdf.path)))
         places = [(link.name, link.place) for link in tool.links.values() if link.name in urdf.links]
         places += [(joint.name, joint.place) for joint in tool.joints.values() if joint.name in urdf.joints]
         for name, place in places:
@@ -326,7 +326,7 @@ def _check_names(robot: Robot, urdf: UrdfModel, tool: UrdfModel | None) -> None:
             raise InputError(Problem("duplicate-name", message, place, mend="rename it in the tool's URDF"))
     if robot.tool_frame not in links:
         message = f"unknown tool frame `{robot.tool_frame}`; {expected_names(robot.tool_frame, links)}"
-        raise InputError(Problem("unknown-link", message, Place(robot.urdf)))
+        raise InputError(Problem("unknown-link", message, Place(robot.urdf.path)))
 
 
 def _fingers(robot: Robot, tree: JointTree) -> FingerModel:

@@ -56,7 +56,7 @@ class Tool(Record):
     @classmethod
     def of(cls, tool: robot.Tool) -> Tool:
         """The tool of a robot."""
-        return cls(urdf=None if tool.urdf is None else str(tool.urdf), link=tool.link, pose=tool.X_LT.tolist())
+        return cls(urdf=None if tool.file is None else str(tool.file), link=tool.link, pose=tool.X_LT.tolist())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +111,7 @@ class RobotScene(Record):
         """The robot of a cell."""
         own, model = cell.workspace.robot, cell.model
         return cls(
-            urdf=str(own.urdf),
+            urdf=str(own.urdf.path),
             srdf=None if own.srdf is None else str(own.srdf),
             package_roots=[str(root) for root in own.package_roots],
             base=own.X_WB.tolist(),

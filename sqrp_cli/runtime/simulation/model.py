@@ -10,7 +10,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.marker import MODULES, printed_side
 from sqrp_cli.knowledge.robot.robot import Robot
-from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel, link_parts, read_urdf
+from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel, link_parts
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.read_robot import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -103,10 +103,9 @@ class _Builder:
 
     def add_robot(self, robot: Robot) -> None:
         """Robot and tool, at rest."""
-        urdf = read_urdf(robot.urdf)
-        self._add_urdf(urdf, robot, self._spec.worldbody, robot.X_WB)
+        self._add_urdf(robot.urdf, robot, self._spec.worldbody, robot.X_WB)
         if robot.tool is not None:
-            self._add_urdf(robot.tool.model, robot, self._spec.body(robot.tool.link), robot.tool.X_LT)
+            self._add_urdf(robot.tool.urdf, robot, self._spec.body(robot.tool.link), robot.tool.X_LT)
         for link, marker in robot.markers.items():
             self._add_marker(self._spec.body(link), marker.id, marker.side, pose())
         tip = self._spec.body(robot.tool_frame).add_geom(name=TIP, type=mujoco.mjtGeom.mjGEOM_SPHERE)

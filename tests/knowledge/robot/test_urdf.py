@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.robot import urdf
 from sqrp_cli.knowledge.robot.srdf import read_srdf
 from sqrp_cli.knowledge.robot.urdf import link_parts, read_urdf
 from sqrp_cli.knowledge.text.packages import package_roots
@@ -68,19 +66,6 @@ def test_a_urdf_is_read_with_its_links_joints_and_root(tmp_path):
     np.testing.assert_array_equal(turn.X_PJ[:3, 3], [1.0, 0.0, 0.0])
     assert turn.place.line == 12
     assert [joint.name for joint in model.movable_joints] == ["turn"]
-
-
-def test_a_copy_of_a_file_is_read_as_if_by_itself(tmp_path, monkeypatch):
-    (tmp_path / "here").mkdir()
-    (tmp_path / "there").mkdir()
-    read_urdf(written(tmp_path / "here", ARM))
-    copy = read_urdf(written(tmp_path / "there", ARM))
-    monkeypatch.setattr(urdf, "_known", OrderedDict())
-    alone = read_urdf(copy.path)
-    assert copy is not alone
-    assert repr(copy) == repr(alone)
-    assert str(tmp_path / "there") in repr(copy)
-    assert str(tmp_path / "here") not in repr(copy)
 
 
 def test_joints_come_parents_first_whatever_their_order_in_the_file(tmp_path):

@@ -65,10 +65,10 @@ def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged: Damage) -> None:
     urdf = "tool: {urdf: cup.urdf, link: wrist, pose: {position: [0, 0, 5 mm]}}\n  tool_frame: tip"
     robot = load_workspace(damaged({"file": "workspace.yaml", "replace": {urdf: boxes}})).robot
     assert robot.tool is not None
-    assert robot.tool.urdf is None
+    assert robot.tool.file is None
     assert robot.tool_frame == "tool_tip"
-    assert robot.tool.model.links["tool_body"].collision[0].shape == Box((0.06, 0.06, 0.04))
-    assert robot.tool.model.joints["tool_tip_joint"].X_PJ[2, 3] == 0.02
+    assert robot.tool.urdf.links["tool_body"].collision[0].shape == Box((0.06, 0.06, 0.04))
+    assert robot.tool.urdf.joints["tool_tip_joint"].X_PJ[2, 3] == 0.02
 
 
 def test_home_may_be_a_named_state_of_the_srdf(damaged: Damage) -> None:

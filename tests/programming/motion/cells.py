@@ -68,10 +68,10 @@ class PinocchioCell:
 
     def __init__(self, cell: Cell, margin: float) -> None:
         robot = cell.robot
-        self.model = pin.buildModelFromUrdf(str(robot.urdf))
+        self.model = pin.buildModelFromUrdf(str(robot.urdf.path))
         folders = [str(root) for root in robot.package_roots]
         kind = pin.GeometryType.COLLISION
-        self.geometry = pin.buildGeomFromUrdf(self.model, str(robot.urdf), kind, package_dirs=folders)
+        self.geometry = pin.buildGeomFromUrdf(self.model, str(robot.urdf.path), kind, package_dirs=folders)
         flange = self.model.getFrameId("tool0")
         joint, X_JF = self.model.frames[flange].parentJoint, self.model.frames[flange].placement
         self.tool = [

@@ -161,7 +161,7 @@ class MujocoScene:
 
 
 def _root(robot: Robot) -> str:
-    tree = ElementTree.parse(robot.urdf).getroot()  # noqa: S314
+    tree = ElementTree.parse(robot.urdf.path).getroot()  # noqa: S314
     children = {joint.find("child").get("link") for joint in tree.iter("joint") if joint.find("child") is not None}
     links = [link.get("name") for link in tree.iter("link") if link.find("collision") is not None]
     return next(link for link in links if link not in children or link == "base_link")
@@ -169,9 +169,9 @@ def _root(robot: Robot) -> str:
 
 def _urdf(robot: Robot) -> str:
     """Robot and tool as one URDF that MuJoCo reads, with absolute paths of meshes."""
-    tree = ElementTree.parse(robot.urdf).getroot()  # noqa: S314
+    tree = ElementTree.parse(robot.urdf.path).getroot()  # noqa: S314
     if robot.tool is not None:
-        tool = ElementTree.parse(robot.tool.urdf).getroot()  # noqa: S314
+        tool = ElementTree.parse(robot.tool.file).getroot()  # noqa: S314
         carried = {joint.find("child").get("link") for joint in tool.iter("joint")}
         mount = next(link.get("name") for link in tool.iter("link") if link.get("name") not in carried)
         tree.extend([*tool.iter("link"), *tool.iter("joint")])
