@@ -142,7 +142,7 @@ class OpenCell:
         """
         from sqrp_cli.api.choice import check_choice, choose_candidate
         from sqrp_cli.api.results import Explanation
-        from sqrp_cli.api.session import assess, explain
+        from sqrp_cli.api.session import assess
         from sqrp_cli.programming.ranking import rank
 
         session = self.begin(task, sampling=sampling, after=after)
@@ -152,7 +152,7 @@ class OpenCell:
         explained = []
         with progress("Looking up causes", len(chosen)) as advance:
             for ranked in chosen:
-                explained.append(explain(session.assignment, ranked))
+                explained.append(session.assignment.explain(ranked))
                 advance(1)
         return Explanation(session, task, ranking, explained, several=choose is None)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -13,14 +13,12 @@ from sqrp_cli.program.check import flaws
 from sqrp_cli.program.file import check_program, load_program, new_program, save_program
 from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.robustness import Calibration
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import make_step
-from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.scoring.baselines.findings import Progress
@@ -69,17 +67,6 @@ def assess(session: Session, jobs: int, progress: Progress) -> Iterator[Assessme
         for assessment in assess_all(session.assignment, session.task.candidates, jobs):
             yield assessment
             advance(1)
-
-
-def explain(assignment: Assignment, ranked: Ranked) -> tuple[Ranked, Study | None]:
-    """A candidate with the study of every camera's verdicts and the figures of that; no study if it is infeasible."""
-    if ranked.rank is None:
-        return ranked, None
-    cell = assignment.cell
-    found = study(cell, ranked.assessment.candidate, assignment.world, assignment.sampling, full=True)
-    if isinstance(found, Infeasible):
-        raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
-    return replace(ranked, assessment=found.assessment(verdict(cell, found))), found
 
 
 def world_before(after: Path | None, program: Path | None) -> Path | None:

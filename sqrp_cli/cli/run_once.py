@@ -42,9 +42,9 @@ def run_once(
     """
     import numpy as np
 
-    from sqrp_cli.cli.run_page import EventRecorder, RunCell, write_run
     from sqrp_cli.cli.run_result import show_run
     from sqrp_cli.platform.files import check_writable
+    from sqrp_cli.report.pages.run_page import RunCell, write_run
     from sqrp_cli.runtime.faults import parse_fault
     from sqrp_cli.runtime.log import LogWriter
     from sqrp_cli.runtime.simulated_run import header
@@ -58,7 +58,11 @@ def run_once(
         if path is not None:
             check_writable(path)
     gallery = _gallery(workspace, kept)
-    recorder = EventRecorder()
+    events: list[Event] = []
+
+    def keep(event: Event) -> None:
+        events.append(event)
+
     with ExitStack() as closing:  # one that cannot be closed keeps no other from being
         if gallery is not None:
             closing.callback(gallery.close)
@@ -67,17 +71,18 @@ def run_once(
             writer = LogWriter(kept.log, header(program, workspace, simulation.seed, faults))
             closing.callback(writer.close)
         with LiveView(list(workspace.cameras)) as view:
-            listeners = [listener for listener in (writer, view, recorder) if listener is not None]
+            listeners = [listener for listener in (writer, view, keep) if listener is not None]
             # Without a page or a log nobody wants to know where everything really is.
             report = simulation.run(faults, listeners, gallery, witnessed=page is not None or writer is not None)
         if writer is not None:
             writer.finish(report)
     if page is not None:
         cell = RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace)
-        write_run(cell, report, recorder.events, page, arguments)
+        write_run(cell, report, events, page, arguments)
+        note(f"open {page} in a browser")
     if not as_json:
         note(wall_time(report))
-    for fault in _never_happened(faults, recorder.events):
+    for fault in _never_happened(faults, events):
         note(f"--fault {fault.text} never happened: the run ended before, at {report.time:.2f} s")
     period = max(1.0 / camera.rate for camera in workspace.cameras.values())
     return show_run(report, workspace.name, period, as_json=as_json)

@@ -10,22 +10,22 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from sqrp_cli.cli.run_page import RunCell
     from sqrp_cli.errors import ExitCode
     from sqrp_cli.knowledge.workspace.workspace import Workspace
-    from sqrp_cli.runtime.events import RunBegan
+    from sqrp_cli.report.pages.run_page import RunCell
+    from sqrp_cli.runtime.events import Event, RunBegan
 
 
 def run_replay(
     path: Path, program: Path | None, page: Path | None, arguments: Sequence[str], *, as_json: bool
 ) -> ExitCode:
     """Show a run again. program: tells where its workspace is, for a page that plays it in three dimensions."""
-    from sqrp_cli.cli.run_page import EventRecorder, write_run
     from sqrp_cli.cli.run_result import show_run
     from sqrp_cli.platform.files import check_not_read
+    from sqrp_cli.report.pages.run_page import write_run
     from sqrp_cli.runtime.events import RunBegan, RunReported
     from sqrp_cli.runtime.log import read_log
-    from sqrp_cli.terminal.console import print_problems
+    from sqrp_cli.terminal.console import note, print_problems
     from sqrp_cli.terminal.run_view import LiveView
 
     events = read_log(path)
@@ -35,18 +35,19 @@ def run_replay(
     read = [] if workspace is None else [file.path for file in workspace.files.values()]
     check_not_read([page], [path, *read, *([] if program is None else [program])])
     report = None
-    recorder = EventRecorder()
+    kept: list[Event] = []
     with LiveView(header.cameras, pace=not as_json) as view:
         for event in events:
             if isinstance(event, RunReported):
                 report = event.report
             else:
                 view(event)
-                recorder(event)
+                kept.append(event)
     if report is None:
         raise InputError(Problem("no-log", "this log has no report at its end: the run was interrupted", Place(path)))
     if page is not None:
-        write_run(_cell_then(header, workspace), report, recorder.events, page, arguments)
+        write_run(_cell_then(header, workspace), report, kept, page, arguments)
+        note(f"open {page} in a browser")
     rates = _rates_then(header, workspace)
     if not rates and not as_json and any(fault.predicted_delay is not None for fault in report.faults):
         print_problems([_rates_missing(path, program)])
@@ -86,7 +87,7 @@ def _rates_missing(path: Path, program: Path | None) -> Problem:
 
 def _cell_then(header: RunBegan, workspace: Workspace | None) -> RunCell:
     """The cell of a run that its log is about; a workspace that is not as it was then is not used."""
-    from sqrp_cli.cli.run_page import RunCell
+    from sqrp_cli.report.pages.run_page import RunCell
 
     name, cameras, digest = header.workspace, header.cameras, header.digest
     if workspace is None:

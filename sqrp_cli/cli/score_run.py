@@ -52,9 +52,10 @@ def run_score(request: ScoreRequest, means: Means, arguments: Sequence[str], *, 
             if not findings.interrupted:
                 run.write(findings, outputs)
         if outputs.report is not None and findings.results and not findings.interrupted:
-            from sqrp_cli.cli.report_page import write_scores
+            from sqrp_cli.report.pages.candidate_page import write_scores
 
-            write_scores(run.cells, findings, means, outputs.report, arguments)
+            write_scores(run.cells, findings, means, outputs.report, arguments=arguments, progress=progress)
+            note(f"open {outputs.report} in a browser")
     except KeyboardInterrupt:
         if findings is None:
             raise

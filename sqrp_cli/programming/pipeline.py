@@ -11,11 +11,12 @@ from typing import Any, TypeVar
 
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, study
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
 
 Item = TypeVar("Item")
@@ -47,6 +48,15 @@ class Assignment:
             return assessment
         recalibrated = under_calibration_errors(self.cell, result, self.sampling, self.calibration)
         return replace(assessment, recalibrated=recalibrated)
+
+    def explain(self, ranked: Ranked) -> tuple[Ranked, Study | None]:
+        """A candidate with the study of every camera's verdicts and the figures of that; no study if infeasible."""
+        if ranked.rank is None:
+            return ranked, None
+        found = study(self.cell, ranked.assessment.candidate, self.world, self.sampling, full=True)
+        if isinstance(found, Infeasible):
+            raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
+        return replace(ranked, assessment=found.assessment(verdict(self.cell, found))), found
 
 
 def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[Assessment]:

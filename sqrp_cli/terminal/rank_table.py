@@ -12,9 +12,9 @@ from sqrp_cli.programming.coverage.robustness import DRAWS
 from sqrp_cli.programming.coverage.verdict import NOTHING_MISSING
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
-from sqrp_cli.programming.task import Candidate, in_words
+from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
-from sqrp_cli.terminal.accuracy import accuracy
+from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
@@ -25,14 +25,6 @@ _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "expected_time": ("all done at", 1.0, "{:.1f} s"),
 }
 """How the figure of each criterion is named, scaled and shown."""
-
-_CRITERION_WORDS: dict[Criterion, str] = {
-    "q_eoi": "best Q_eoi first",
-    "q_avg": "best Q_avg first",
-    "time": "fastest first",
-    "delay": "soonest noticed fault first",
-    "expected_time": "soonest done after a fault first",
-}
 
 
 def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked], by: Criterion) -> None:
@@ -62,13 +54,6 @@ def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked],
                 "dim",
             )
         )
-
-
-def summary(ranking: Sequence[Ranked], by: Criterion) -> str:
-    """How many candidates can be done, and how they are ordered."""
-    feasible = sum(ranked.rank is not None for ranked in ranking)
-    order = f", {_CRITERION_WORDS[by]}" if feasible > 1 else ""
-    return f"{feasible} of {len(ranking)} candidates can be done{order}"
 
 
 def _print_infeasible(assessments: Sequence[Assessment]) -> None:
@@ -147,13 +132,6 @@ def _fault_cells(faults: Mapping[str, FaultMetrics], retried: Collection[str]) -
     ]
     done = [fault.expected_time for name, fault in faults.items() if name in retried]
     return [*cells, f"{max(done):.1f}"] if done else cells
-
-
-def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
-    """Names of the parameters in which candidates differ; the first one if they are all the same."""
-    names = list(candidates[0].parameters)
-    differing = [name for name in names if len({candidate.parameters[name] for candidate in candidates}) > 1]
-    return differing or names[:1]
 
 
 def _praise(feasible: Sequence[Ranked], by: Criterion) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program
+from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.events import (
     Event,
     EvidenceSeen,
@@ -43,9 +43,6 @@ MOST_DISAGREEMENTS = 8
 """Groups of disagreements that a table lists."""
 
 _STYLES = {Truth.TRUE: "green", Truth.FALSE: "cyan", Truth.UNKNOWN: "yellow"}
-
-_INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
-_TIME = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
 
 _REPLAY_SPEED = 4.0
 """How many times as fast as it happened a replay is shown."""
@@ -197,11 +194,6 @@ def _print_late(faults: Sequence[FaultRecord], period: float | None) -> None:
                 f"The images showed {fault.name} {late:.2f} s later than predicted: before tool and object have parted "
                 "by some 2 pixels, as at the very start of a lift, no image can show that they part."
             )
-
-
-def short_times(text: str) -> str:
-    """A text with the times of the formulas in it as people read them, with two decimals."""
-    return _INTERVAL.sub(lambda interval: _TIME.sub(lambda t: f"{float(t[0]):.2f}", interval[0]), text)
 
 
 def _print_prediction(prediction: Sequence[Prediction], total: Confusion) -> None:

@@ -14,7 +14,7 @@ from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.terminal.accuracy import accuracy
+from sqrp_cli.report.sentences import accuracy
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
 
 MOST_SIGNS = 50

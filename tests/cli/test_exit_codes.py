@@ -321,7 +321,7 @@ def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(pipeline.Assignment, "assess", interrupted)
@@ -333,10 +333,10 @@ def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
 
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_while_the_page_is_written_keeps_the_ranking(sqrp, watch, tmp_path, monkeypatch):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("sqrp_cli.cli.report_page.write_ranking", interrupted)
+    monkeypatch.setattr("sqrp_cli.report.pages.candidate_page.write_ranking", interrupted)
     page = tmp_path / "page.html"
     outcome = sqrp("rank", watch, "watch cube", "--report", page)
     assert outcome.code == 130

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sqrp_cli.cli.run_page import RunCell, write_run
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.logic.truth import Truth
+from sqrp_cli.report.pages.run_page import RunCell, write_run
 from sqrp_cli.runtime.events import EvidenceSeen, PrimitiveBegan, ShownAtom
 from sqrp_cli.runtime.outcome import Confusion, FaultRecord, RunReport, StepRecord
 from tests.cli.browser import Opened, click_at_random

@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
+from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.log import read_log
 from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
 from sqrp_cli.terminal import console
 from sqrp_cli.terminal.console import Column, print_table
-from sqrp_cli.terminal.run_view import LiveView, print_run, short_times
+from sqrp_cli.terminal.run_view import LiveView, print_run
 
 FORMULA = (
     "eventually[3.0587515199468918, 4.9454181866135585] (not held(b1) and always[0, 2.5e-05] at(b2.123456, a4.98))"

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from sqrp_cli.cli.run_page import RunCell, write_run
 from sqrp_cli.errors import InputError
+from sqrp_cli.report.pages.run_page import RunCell, write_run
 from sqrp_cli.runtime.events import VERSION, PrimitiveBegan, RunBegan, RunReported
 from sqrp_cli.runtime.log import LogWriter, read_log
 from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord

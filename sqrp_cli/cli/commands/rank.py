@@ -112,7 +112,7 @@ def _checked_files(
     check_distinct({"--program": program, "--report": report})
     before = world_before(after, program)
     if report is not None:
-        from sqrp_cli.cli.report_page import check_report
+        from sqrp_cli.report.pages.candidate_page import check_report
 
         check_report(report)
     cell = open_with_warnings(workspace, seed)
@@ -138,14 +138,16 @@ def _page_is_written(
     session: Session, ranking: Sequence[Ranked], by: Criterion, file: Path, arguments: Sequence[str], jobs: int
 ) -> bool:
     """Write the page about a ranking; whether that was done before a Ctrl-C."""
-    from sqrp_cli.cli.report_page import write_ranking
-    from sqrp_cli.terminal.console import note
+    from sqrp_cli.report.pages.candidate_page import write_ranking
+    from sqrp_cli.terminal.console import note, progress
 
+    task, assignment = session.task.text, session.assignment
     try:
-        write_ranking(session, ranking, by, file, arguments, jobs)
+        write_ranking(task, assignment, ranking, by, file, arguments=arguments, jobs=jobs, progress=progress)
     except KeyboardInterrupt:
         note(f"interrupted before {file} was written")
         return False
+    note(f"open {file} in a browser")
     return True
 
 

@@ -72,7 +72,7 @@ def command(
     _check_options(replay, sweep, n, fault, kept, report)
     check_distinct({"--record": record, "--log": log, "--report": report})
     if report is not None:
-        from sqrp_cli.cli.report_page import check_report
+        from sqrp_cli.report.pages.candidate_page import check_report
 
         check_report(report)
     if replay is not None:
@@ -136,10 +136,10 @@ def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
 
 def _warn_of_contradictions(program: Program, workspace: Workspace, path: Path) -> None:
     """Tell of formulas about which monitors can say nothing, as the motion itself contradicts them."""
+    from sqrp_cli.report.sentences import short_times
     from sqrp_cli.runtime.plan_check import contradictions
     from sqrp_cli.runtime.twin import Twin
     from sqrp_cli.terminal.console import print_problems
-    from sqrp_cli.terminal.run_view import short_times
 
     mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
     print_problems(

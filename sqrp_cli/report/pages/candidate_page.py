@@ -1,4 +1,4 @@
-"""What `--report` writes: the same documents as `--json` prints, with everything that a page shows beside them."""
+"""The pages about candidates, of a ranking and of scores: the documents of `--json` with all that is shown beside."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli import __version__
-from sqrp_cli.api.session import Session, explain
 from sqrp_cli.platform.files import check_writable
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.pipeline import Assignment, in_processes
@@ -22,13 +20,12 @@ from sqrp_cli.report.pages.libraries import check_libraries
 from sqrp_cli.report.pages.model import model_document
 from sqrp_cli.report.pages.packing import packed
 from sqrp_cli.report.pages.page import CellScene, Entry, PageContent, write_page
-from sqrp_cli.terminal.accuracy import accuracy
-from sqrp_cli.terminal.console import note, progress
-from sqrp_cli.terminal.rank_table import differing_parameters, summary
+from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
+from sqrp_cli.version import __version__
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace
-    from sqrp_cli.scoring.baselines.findings import Findings
+    from sqrp_cli.scoring.baselines.findings import Findings, Progress
     from sqrp_cli.scoring.cells import ScoredCell
     from sqrp_cli.scoring.score import TaskScore
     from sqrp_cli.scoring.work.compute import Means
@@ -41,25 +38,31 @@ def check_report(path: Path) -> None:
 
 
 def write_ranking(
-    session: Session, ranking: Sequence[Ranked], by: Criterion, path: Path, arguments: Sequence[str], jobs: int
+    task: str,
+    assignment: Assignment,
+    ranking: Sequence[Ranked],
+    by: Criterion,
+    path: Path,
+    *,
+    arguments: Sequence[str],
+    jobs: int,
+    progress: Progress,
 ) -> None:
     """Write the page about a ranking. arguments: of the command. jobs: processes to use at most."""
-    workspace, assignment = session.workspace, session.assignment
+    cell = assignment.cell
+    workspace = cell.workspace
     with progress("Writing the report", len(ranking)) as advance:
         details = []
         for detail in in_processes(lambda ranked: _detail(assignment, ranked), ranking, min(jobs, len(ranking) // 2)):
             details.append(detail)
-            advance()
+            advance(1)
     differing = differing_parameters([ranked.assessment.candidate for ranked in ranking])
     entries = [_candidate(ranked, differing, detail) for ranked, detail in zip(ranking, details, strict=True)]
     about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest of its files", workspace.digest)]
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
-    title = f"{session.task.text} in {workspace.name}"
-    write_page(
-        PageContent(title, f"{summary(ranking, by)}.", "Candidates", about, entries, [cell_scene(session.cell)]), path
-    )
-    note(f"open {path} in a browser")
+    title = f"{task} in {workspace.name}"
+    write_page(PageContent(title, f"{summary(ranking, by)}.", "Candidates", about, entries, [cell_scene(cell)]), path)
 
 
 def write_scores(
@@ -67,7 +70,9 @@ def write_scores(
     findings: Findings,
     means: Means,
     path: Path,
+    *,
     arguments: Sequence[str],
+    progress: Progress,
 ) -> None:
     """Write the page about scores, with the best candidate of each task.
 
@@ -88,14 +93,13 @@ def write_scores(
         for scene, found in in_processes(shown, usable, min(means.jobs, len(usable))):
             entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
             scenes += [] if scene is None else [scene]
-            advance()
+            advance(1)
     about = [*origin(arguments)]
     about += [(f"digest of {cell.name}", cell.workspace.digest) for cell in usable if cell.workspace is not None]
     passed = (
         f"{findings.count('passed')} of {len(findings.results)} tasks passed; of each, the best candidate is shown."
     )
     write_page(PageContent("Scores", passed, "Tasks", about, entries, scenes), path)
-    note(f"open {path} in a browser")
 
 
 def _scored(workspace: Workspace, scores: Sequence[TaskScore], means: Means) -> tuple[CellScene, list[Entry]]:
@@ -155,7 +159,7 @@ def origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
 
 
 def _detail(assignment: Assignment, ranked: Ranked) -> str | None:
-    explained, found = explain(assignment, ranked)
+    explained, found = assignment.explain(ranked)
     if found is None:
         return None
     study = CandidateStudy.of_study(assignment.cell, found, explained, assignment.sampling)

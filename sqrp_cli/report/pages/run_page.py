@@ -8,7 +8,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.cli.report_page import cell_scene, origin
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.report.documents.explanation import Span
 from sqrp_cli.report.documents.playback import (
@@ -22,8 +21,10 @@ from sqrp_cli.report.documents.playback import (
     ShownInstant,
     ShownLiteral,
 )
+from sqrp_cli.report.pages.candidate_page import cell_scene, origin
 from sqrp_cli.report.pages.packing import packed
 from sqrp_cli.report.pages.page import Entry, PageContent, write_page
+from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.events import (
     AskedBox,
     Event,
@@ -37,7 +38,6 @@ from sqrp_cli.runtime.events import (
 )
 from sqrp_cli.runtime.outcome import FaultRecord, RunReport
 from sqrp_cli.runtime.witness import Track
-from sqrp_cli.terminal.console import note
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -64,21 +64,9 @@ class RunCell:
     why_flat: str = ""
 
 
-class EventRecorder:
-    """Keeps what happens in a run."""
-
-    def __init__(self) -> None:
-        self.events: list[Event] = []
-
-    def __call__(self, event: Event) -> None:
-        """Keep it."""
-        self.events.append(event)
-
-
 def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: Path, arguments: Sequence[str]) -> None:
     """Write the page about a run. arguments: of the command. Raises InputError where it cannot be written."""
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.terminal.run_view import short_times
 
     names = [step.label for step in report.steps]
     figures = [("simulated time", f"{report.time:.2f} s"), ("images", f"{report.images}")]
@@ -109,7 +97,6 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     summary = f"{', '.join(names)}: {report.outcome} at {report.time:.2f} s."
     about = [*origin(arguments), ("workspace", cell.name), ("digest of its files", cell.digest)]
     write_page(PageContent(title, summary, "Steps", about, [entry], scenes, of_images=True), path)
-    note(f"open {path} in a browser")
 
 
 def _detail(cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str) -> PlayedRun:

@@ -1,11 +1,38 @@
-"""How exact the figures of a ranking or of an explanation are, in a sentence."""
+"""Sentences that the terminal and a page have in common: what was ranked, how exactly, and why a run stopped."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.ranking import Criterion, Ranked
+from sqrp_cli.programming.task import Candidate
+
+_CRITERION_WORDS: dict[Criterion, str] = {
+    "q_eoi": "best Q_eoi first",
+    "q_avg": "best Q_avg first",
+    "time": "fastest first",
+    "delay": "soonest noticed fault first",
+    "expected_time": "soonest done after a fault first",
+}
+
+_INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
+_TIME = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
+
+
+def summary(ranking: Sequence[Ranked], by: Criterion) -> str:
+    """How many candidates can be done, and how they are ordered."""
+    feasible = sum(ranked.rank is not None for ranked in ranking)
+    order = f", {_CRITERION_WORDS[by]}" if feasible > 1 else ""
+    return f"{feasible} of {len(ranking)} candidates can be done{order}"
+
+
+def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
+    """Names of the parameters in which candidates differ; the first one if they are all the same."""
+    names = list(candidates[0].parameters)
+    differing = [name for name in names if len({candidate.parameters[name] for candidate in candidates}) > 1]
+    return differing or names[:1]
 
 
 def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
@@ -26,6 +53,11 @@ def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
             how += " where a primitive or formula begins or ends"
     # The bound is that of the changes that were found: such samples may be so far apart that others are missed.
     return f"{how}, up to {_two_digits(gap)} s apart: {within} if coverage changes at most once between two samples."
+
+
+def short_times(text: str) -> str:
+    """A text with the times of the formulas in it as people read them, with two decimals."""
+    return _INTERVAL.sub(lambda interval: _TIME.sub(lambda t: f"{float(t[0]):.2f}", interval[0]), text)
 
 
 def _two_digits(value: float) -> str:
