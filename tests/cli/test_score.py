@@ -276,9 +276,9 @@ def test_a_run_that_is_killed_goes_on_where_it_was(sqrp, tabletop, tmp_path):
 
 def test_results_on_a_dask_cluster_are_the_same_without_the_files(sqrp, own_watch, tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    mesh = shutil.copy(ROOT / "tests" / "cases" / "cell" / "cube.stl", own_watch)
+    mesh = Path(shutil.copy(ROOT / "tests" / "cases" / "cell" / "cube.stl", own_watch))
     stray = "stray: {type: cube, size: [10 cm, 10 cm, 10 cm]"
-    edit(own_watch, stray, f"{stray}, geometry: [{{mesh: cube.stl, scale: 0.01}}]")
+    edit(own_watch, stray, f"{stray}, parts: [{{mesh: cube.stl, scale: 0.01}}]")
     edit(own_watch, "watch green", "watch cube")
     here = sqrp("score", own_watch, "--out", tmp_path / "here", "--json")
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
