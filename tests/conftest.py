@@ -1,12 +1,19 @@
-"""Settings of all tests: property tests draw the same examples in every run, and none of them is timed."""
+"""Settings of all tests (examples are the same in every run, none is timed), and the cells that they share."""
 
 from __future__ import annotations
 
 import compileall
+import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
+
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.arm.kinematics import RobotModel
 
 settings.register_profile("sqrp", deadline=None, derandomize=True)
 settings.load_profile("sqrp")
@@ -16,3 +23,61 @@ def pytest_configure(config: pytest.Config) -> None:
     """Compile the package once: the tests start it in many processes, each of which may be told to keep no bytecode."""
     if not hasattr(config, "workerinput"):  # pytest-xdist gives that to its workers, which start afterwards
         compileall.compile_dir(Path(__file__).parents[1] / "sqrp_cli", quiet=2)
+
+
+TABLETOP = Path(__file__).parents[1] / "workspaces" / "tabletop"
+
+
+@pytest.fixture(scope="session")
+def tabletop() -> Workspace:
+    return load_workspace(TABLETOP)
+
+
+@pytest.fixture(scope="session")
+def ur5(tabletop: Workspace) -> RobotModel:
+    return RobotModel.load(tabletop.robot)
+
+
+Damage = Callable[[dict[str, Any]], Path]
+
+
+@pytest.fixture
+def cell(tmp_path: Path) -> Path:
+    """A fresh copy of the cell."""
+    return Path(shutil.copytree(Path(__file__).parent / "cases" / "cell", tmp_path / "cell"))
+
+
+@pytest.fixture
+def damaged(cell: Path) -> Damage:
+    """Edits the copy as a case describes (see tests/cases/bad_inputs.yaml) and gives its folder."""
+
+    def damage(case: dict[str, Any]) -> Path:
+        for edit in case.get("edits", [case]):
+            path = cell / edit["file"]
+            if edit.get("delete"):
+                path.unlink()
+            elif "bytes" in edit:
+                path.write_bytes(bytes.fromhex(edit["bytes"]))
+            elif "text" in edit:
+                path.write_text(edit["text"] * edit.get("times", 1), encoding="utf-8")
+            else:
+                text = path.read_text(encoding="utf-8") + edit.get("append", "")
+                for old, new in edit.get("replace", {}).items():
+                    assert text.count(old) == 1, f"{old!r} stands {text.count(old)} times in {edit['file']}"
+                    text = text.replace(old, new)
+                path.write_text(text, encoding="utf-8")
+        return cell
+
+    return damage
+
+
+@pytest.fixture
+def position_of() -> Callable[[str, Path], tuple[int, int]]:
+    """Line and column, from 1, at which a text first stands in a file."""
+
+    def find(text: str, path: Path) -> tuple[int, int]:
+        content = path.read_text(encoding="utf-8")
+        before = content[: content.index(text)]
+        return before.count("\n") + 1, len(before) - before.rfind("\n")
+
+    return find

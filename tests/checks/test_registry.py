@@ -39,7 +39,7 @@ OF_OTHERS = {SOURCE / "logic" / "unified_planner.py"}
 UNKNOWN = {
     "read_skill.py": ("skill-parameter", "waypoint", "predicate"),
     "srdf.py": ("link", "joint", "group"),
-    "program_check.py": ("skill", "object", "camera"),
+    "check.py": ("skill", "object", "camera"),
     "load.py": ("frame", "object", "enclosed", "detector"),
 }
 """What the codes `unknown-...` are made from that the source puts together, by file."""

@@ -14,7 +14,7 @@ ARRAYS, PAGES = 20, 512
 PROBE = """
 import resource, sys
 import numpy as np
-from sqrp_cli.memory import keep_freed_memory
+from sqrp_cli.platform.memory import keep_freed_memory
 if sys.argv[1] == "kept":
     keep_freed_memory()
 before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt

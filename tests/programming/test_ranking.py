@@ -11,7 +11,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.ranking import CRITERIA, criterion_figure, rank, winners
 from sqrp_cli.programming.task import Candidate, read_task
-from tests.programming.conftest import TABLETOP
+from tests.conftest import TABLETOP
 
 CANDIDATES: tuple[Candidate, ...] = read_task("pickup green", load_workspace(TABLETOP)).candidates
 

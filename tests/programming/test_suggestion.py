@@ -13,7 +13,7 @@ from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.suggestion import Suggester
 from sqrp_cli.programming.task import Candidate, read_task
-from tests.programming.conftest import TABLETOP
+from tests.conftest import TABLETOP
 
 DROP_PDDL = """
 (define (domain drop)

@@ -14,7 +14,7 @@ from sqrp_cli.errors import InputError
 def test_a_scheduler_reads_tasks_without_loading_the_program():
     code = """
 import pickle, sys
-from sqrp_cli.scoring.cluster_tasks import run_packed
+from sqrp_cli.scoring.work.cluster_tasks import run_packed
 pickle.loads(pickle.dumps(run_packed))
 print(*({"numpy", "coal", "pinocchio", "sqrp_cli.scoring.work.job"} & set(sys.modules)))
 """

@@ -37,7 +37,7 @@ from sqrp_cli.programming.coverage.timeline import Timeline, observe
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import read_task
-from tests.programming.conftest import TABLETOP
+from tests.conftest import TABLETOP
 from tests.programming.studies import HOLD, WatchedMotion, always, eventually, watched_motion
 
 DENSE = int(os.environ.get("SQRP_DENSE_SAMPLES", "2000"))
