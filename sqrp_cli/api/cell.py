@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.checks.cell import cell_warnings
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -172,6 +171,7 @@ class OpenCell:
         done at once. planner: that of this package by default.
         """
         from sqrp_cli.api.results import Check
+        from sqrp_cli.checks.cell import cell_warnings
         from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
         from sqrp_cli.checks.outside import intervals_outside
         from sqrp_cli.logic.planner import find_plan
@@ -201,6 +201,8 @@ class OpenCell:
 
         That is no error, because a program may have left the robot elsewhere.
         """
+        from sqrp_cli.checks.cell import cell_warnings
+
         cell = self.cell
         yield from cell_warnings(cell)
         contact = cell.collision.contact_in(cell.initial_world)

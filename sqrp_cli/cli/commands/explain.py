@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.checks.cell import cell_warnings
 from sqrp_cli.cli.options import (
     After,
     Images,
@@ -55,6 +54,7 @@ def command(
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
+    from sqrp_cli.checks.cell import cell_warnings
     from sqrp_cli.checks.outside import intervals_outside
     from sqrp_cli.terminal.console import print_problems, progress, say_raw
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.checks.cell import cell_warnings
 from sqrp_cli.cli.options import (
     After,
     Jobs,
@@ -69,6 +68,7 @@ def command(
     """
     from sqrp_cli.api.choice import check_choice
     from sqrp_cli.api.results import Ranking
+    from sqrp_cli.checks.cell import cell_warnings
     from sqrp_cli.checks.outside import intervals_outside
     from sqrp_cli.programming.ranking import rank, read_criterion
     from sqrp_cli.terminal.console import note, print_problems, say_raw

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from sqrp_cli.checks.cell import cell_warnings
 from sqrp_cli.cli.options import Json, WorkspacePath
 from sqrp_cli.errors import ExitCode
 
@@ -15,6 +14,7 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
     Robot, cameras, objects, skills and state, with every path and pose resolved.
     """
     from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.checks.cell import cell_warnings
     from sqrp_cli.terminal.console import print_problems, say_raw
 
     scene = OpenCell.read(workspace).scene()
