@@ -12,7 +12,6 @@ from sqrp_cli.programming.huge_parts import check_cell_size
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.collision.contact import Pairs
 from sqrp_cli.programming.motion.collision.self_contacts import SelfContacts, find_self_contacts
-from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.solids import load_solid
@@ -65,7 +64,7 @@ class Cell:
         world, model = self.workspace.stated_world, self.model
         if world.held is None or world.X_TO is None:
             return world
-        fingers = closed_on(self.collision, world.held, world.X_TO, finger_positions(model, world))
+        fingers = closed_on(self.collision, world.held, world.X_TO, model.finger_positions(world.joints))
         if isinstance(fingers, str):
             place = self.workspace.places.get(f"objects.{world.held}.pose")
             raise InputError(Problem("not-held", f"`{world.held}` is stated to be held, but {fingers}", place))

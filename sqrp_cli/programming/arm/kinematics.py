@@ -243,6 +243,10 @@ class RobotModel:
         """Positions of the arm's joints, shape (n,), from those of joints by name [rad or m]."""
         return np.array([values[name] for name in self.arm])
 
+    def finger_positions(self, values: Mapping[str, float]) -> Array:
+        """Positions of the joints that drive the fingers, shape (f,), from those of joints by name [rad or m]."""
+        return np.array([values[name] for name in self.fingers.joints])
+
     def joint_values(self, q: Array) -> dict[str, float]:
         """Position [rad or m] of every movable joint of robot and tool, at positions as `link_poses` takes them."""
         positions = self._couplings.positions(self.with_fingers(q)).tolist()

@@ -5,15 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.geometry import Array, transform
-from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.solids import load_solid
-
-
-def finger_positions(model: RobotModel, world: World) -> Array:
-    """Positions of the joints that drive the fingers in a world, shape (f,)."""
-    fingers = model.fingers
-    return np.array([world.joints[name] for name in fingers.joints])
 
 
 def finger_steps(model: RobotModel, start: Array, end: Array, step: float) -> int:

@@ -17,7 +17,6 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.collision.contact import Pairs, pair
-from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number, setting_value
 from sqrp_cli.trajectory import Trajectory
@@ -99,7 +98,7 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
             return changed
         world = changed
         ground = _ground(primitive, to, X_start, X_WT, use.values, during)
-        grounded.append(_with_fingers(ground, model, finger_positions(model, during), finger_positions(model, world)))
+        grounded.append(_with_fingers(ground, model, model.finger_positions(during.joints), model.finger_positions(world.joints)))
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
 
 
@@ -156,7 +155,7 @@ def _after(
             if grasped not in world.X_WO:
                 return Infeasible((f"it is not known where `{grasped}` is",))
             X_TO = inverse(X_WT) @ world.X_WO[grasped]
-            closed = closed_on(scene, grasped, X_TO, finger_positions(scene.model, world))
+            closed = closed_on(scene, grasped, X_TO, scene.model.finger_positions(world.joints))
             if isinstance(closed, str):
                 return Infeasible((f"{name}: {closed}",))
             joints = {**world.joints, **dict(zip(fingers.joints, closed.tolist(), strict=True))}

@@ -14,7 +14,6 @@ from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDA
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives
 from sqrp_cli.programming.motion.paths.branch_finder import BranchFinder
@@ -174,7 +173,7 @@ class _Planner:
         primitives, start = [], 0.0
         for primitive, move in zip(self._skill.primitives, moves, strict=True):
             world, end = primitive.world, start + move.trajectory.duration
-            resting_fingers = finger_positions(self._model, world)
+            resting_fingers = self._model.finger_positions(world.joints)
             moving = with_fingers(self._model, move.trajectory, primitive.fingers, resting_fingers)
             resting = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
             primitives.append(

@@ -21,7 +21,6 @@ from sqrp_cli.programming.motion.collision.low_bodies import LowBodies
 from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
 from sqrp_cli.programming.motion.collision.placed_bodies import PlacedBodies
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
-from sqrp_cli.programming.motion.finger_joints import finger_positions
 from sqrp_cli.programming.sensing.solids import load_solid
 
 
@@ -92,7 +91,7 @@ class CollisionScene:
             pairs.append(_crossed(range(len(places), len(places) + len(held)), partners)[:, ::-1])
             places += [(body, depth[self.model.tool_frame], carried) for body in held]
         inner, outer = np.concatenate(pairs).T.copy()
-        bodies, fingers = PlacedBodies.of(places), finger_positions(self.model, world)
+        bodies, fingers = PlacedBodies.of(places), self.model.finger_positions(world.joints)
         body_pairs = BodyPairs.of(inner, outer, np.array(clearance)[inner], bodies, self._low)
         return PlacedScene(self.model, self.bound, self._low, bodies, body_pairs, fingers)
 
