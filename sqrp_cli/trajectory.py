@@ -5,7 +5,7 @@ A program file stores trajectories and the runtime evaluates them, so this modul
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -177,6 +177,18 @@ class Path:
         coefficients = self.coefficients.copy()
         coefficients[:, 0] += np.asarray(offset, dtype=float)
         return Path(self.breaks, coefficients)
+
+
+def side_by_side(paths: Sequence[Path]) -> Iterator[tuple[NDArray[np.intp], Path]]:
+    """For each degree of polynomials: the paths that have it, by index, (b,), and one path of all their joints, b n.
+
+    The paths have the same breaks and n joints each; the joints of the first come first.
+    """
+    degrees = np.array([path.coefficients.shape[1] for path in paths])
+    for degree in sorted(set(degrees.tolist())):
+        rows = np.flatnonzero(degrees == degree)
+        joints = np.concatenate([paths[row].coefficients for row in rows.tolist()], axis=2)
+        yield rows, Path(paths[0].breaks, joints)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,8 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.huge_parts import check_cell_size
-from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.collision.contact import Pairs
-from sqrp_cli.programming.motion.collision.self_contacts import SelfContacts, find_self_contacts
+from sqrp_cli.programming.motion.collision.collision import CollisionScene, SelfContacts, find_self_contacts
+from sqrp_cli.programming.motion.collision.collision_body import Pairs
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.solids import load_solid

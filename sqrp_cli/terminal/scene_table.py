@@ -6,7 +6,7 @@ import numpy as np
 
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.motion.collision.self_contacts import SAMPLES
+from sqrp_cli.programming.motion.collision.collision import SAMPLES
 from sqrp_cli.terminal.console import Column, print_table, say
 
 

@@ -8,7 +8,7 @@ from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.programming.arm.kinematics import FingerModel, RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
-from sqrp_cli.programming.motion.finger_joints import finger_steps
+from sqrp_cli.programming.motion.collision.motion_bound import finger_steps
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.trajectory import Trajectory
 

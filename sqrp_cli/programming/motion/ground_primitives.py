@@ -16,7 +16,7 @@ from sqrp_cli.programming.arm.branches import BranchChoice
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.collision.contact import Pairs, pair
+from sqrp_cli.programming.motion.collision.collision_body import Pairs, pair
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number, setting_value
 from sqrp_cli.trajectory import Trajectory
@@ -98,7 +98,7 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
             return changed
         world = changed
         ground = _ground(primitive, to, X_start, X_WT, use.values, during)
-        grounded.append(_with_fingers(ground, model, model.finger_positions(during.joints), model.finger_positions(world.joints)))
+        grounded.append(_with_fingers(ground, model, during, world))
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
 
 
@@ -131,8 +131,9 @@ def _ground(
     )  # fmt: skip
 
 
-def _with_fingers(primitive: GroundPrimitive, model: RobotModel, start: Array, end: Array) -> GroundPrimitive:
-    """The primitive with its fingers moving from start to end, (f,), for as long as it stands still, or longer."""
+def _with_fingers(primitive: GroundPrimitive, model: RobotModel, during: World, after: World) -> GroundPrimitive:
+    """The primitive with its fingers moving from one world's to the next's as long as it stands still, or longer."""
+    start, end = model.finger_positions(during.joints), model.finger_positions(after.joints)
     if np.array_equal(start, end):
         return primitive
     fingers = move_fingers(model.fingers, start, end, primitive.hold)

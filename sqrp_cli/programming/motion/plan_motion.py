@@ -16,11 +16,10 @@ from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives
-from sqrp_cli.programming.motion.paths.branch_finder import BranchFinder
 from sqrp_cli.programming.motion.paths.branch_search import fastest_sequence
 from sqrp_cli.programming.motion.paths.joint_moves import JointMoves, Move
 from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
-from sqrp_cli.programming.motion.paths.sections import Failures, Ways, cut_into_sections
+from sqrp_cli.programming.motion.paths.sections import BranchFinder, Failures, Ways, cut_into_sections
 from sqrp_cli.trajectory import Path, Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6

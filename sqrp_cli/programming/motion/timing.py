@@ -11,9 +11,8 @@ from ruckig import InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.motion.side_by_side import side_by_side
 from sqrp_cli.programming.ranges import ranges
-from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory, chain_rule
+from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory, chain_rule, side_by_side
 
 SAMPLES_PER_DEGREE, LEAST_SAMPLES = 32, 17
 """Instants at which limits are checked: along the whole path for each of its coefficients, and more in each phase."""

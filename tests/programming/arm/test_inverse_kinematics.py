@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
-from sqrp_cli.programming.arm import analytic_ik, inverse_kinematics
+from sqrp_cli.programming.arm import inverse_kinematics
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.reach import OutOfReach
 from tests.programming.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, spherical_wrist_arm, written_urdf
 
-with_eaik = pytest.mark.skipif(not analytic_ik.is_installed(), reason="needs the extra `ik`")
+with_eaik = pytest.mark.skipif(not inverse_kinematics.is_installed(), reason="needs the extra `ik`")
 
 
 @pytest.fixture
 def without_eaik(monkeypatch):
-    monkeypatch.setattr(analytic_ik, "is_installed", lambda: False)
+    monkeypatch.setattr(inverse_kinematics, "is_installed", lambda: False)
 
 
 def angles_between(q: Array, other: Array) -> Array:
@@ -59,9 +59,9 @@ def test_solutions_are_true_and_hold_the_one_that_made_the_pose(name):
 def test_the_same_branches_are_found_without_eaik(name, count, monkeypatch):
     model = real_arm(name)
     for _, X_WT in reachable_poses(model, count, seed=1):
-        monkeypatch.setattr(analytic_ik, "is_installed", lambda: True)
+        monkeypatch.setattr(inverse_kinematics, "is_installed", lambda: True)
         expected = all_solutions(model, X_WT).solutions
-        monkeypatch.setattr(analytic_ik, "is_installed", lambda: False)
+        monkeypatch.setattr(inverse_kinematics, "is_installed", lambda: False)
         np.testing.assert_allclose(all_solutions(model, X_WT).solutions, expected, atol=1e-6)
 
 
@@ -117,11 +117,11 @@ def test_a_calibrated_arm_is_solved_from_its_nominal_one(tmp_path, monkeypatch):
     tree.write(tmp_path / "calibrated.urdf")
     model = RobotModel.load(robot(tmp_path / "calibrated.urdf", "tool0"))
     X_WT = model.tool_pose(np.array([0.3, -1.2, 1.5, -0.8, 1.1, 0.2]))
-    assert len(analytic_ik.approximate_solutions(model, X_WT)) == 8
+    assert len(inverse_kinematics.approximate_solutions(model, X_WT)) == 8
     expected = all_solutions(model, X_WT).solutions
     assert_true(model, X_WT, expected)
     assert len(expected) == 8
-    monkeypatch.setattr(analytic_ik, "is_installed", lambda: False)
+    monkeypatch.setattr(inverse_kinematics, "is_installed", lambda: False)
     np.testing.assert_allclose(all_solutions(model, X_WT).solutions, expected, atol=1e-6)
 
 

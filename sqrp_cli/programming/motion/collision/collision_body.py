@@ -1,4 +1,4 @@
-"""Solids as collision checks use them: bounds for culling, convex hulls, and distances by coal."""
+"""Solids as collision checks use them: bounds for culling, convex hulls, distances by coal, and what is too close."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ from sqrp_cli.geometry import Array, pose, transform
 from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.shapes import Mesh
 
+CLEARANCE = 1e-3
+"""Distance that the arm keeps from everything [m]; from fixed objects the workspace's padding comes on top."""
+
+Pairs = frozenset[tuple[str, str]]
+"""Pairs of names of links or objects, each in alphabetical order."""
+
 MESHES_WITHIN = 0.02
 """Motion within a stretch [m] up to which meshes themselves are asked; above it only their hulls, which is quicker."""
 
@@ -23,6 +29,34 @@ Geometry = Any
 
 Placement = Any
 """One of coal's transforms."""
+
+_REQUEST = coal.CollisionRequest()
+
+_RESULT = coal.CollisionResult()
+
+
+@dataclass(frozen=True)
+class Contact:
+    """Two things that come closer than the clearance (or could, by less than a resolution of motion).
+
+    first, second: names of links or objects, the outer one of the arm first. s: where on the path, in [0, 1].
+    clearance: distance that they have to keep [m].
+    """
+
+    first: str
+    second: str
+    s: float = 0.0
+    clearance: float = CLEARANCE
+
+    def __str__(self) -> str:
+        if self.clearance > CLEARANCE:
+            return f"{self.first} comes closer to {self.second} than {self.clearance:.3g} m"
+        return f"{self.first} hits {self.second}"
+
+
+def pair(first: str, second: str) -> tuple[str, str]:
+    """Two names in alphabetical order."""
+    return (first, second) if first < second else (second, first)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,10 +139,6 @@ def _covering_spheres(solid: Solid, X_PB: Array, half: Array) -> tuple[Array, Ar
     if radii.max() <= box_radius:
         return centers, radii
     return box_centers, np.full(SPHERES, box_radius)
-
-
-_REQUEST = coal.CollisionRequest()
-_RESULT = coal.CollisionResult()
 
 
 def placement_at(X: Array) -> Placement:

@@ -11,11 +11,11 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision.contact import Contact
+from sqrp_cli.programming.motion.collision.collision_body import Contact
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
-from sqrp_cli.programming.motion.paths.branch_finder import near_limits
 from sqrp_cli.programming.motion.paths.branch_search import Question
+from sqrp_cli.programming.motion.paths.position_limits import near_limits
 from sqrp_cli.programming.motion.paths.sections import Branch, Failures, Section, Ways
 from sqrp_cli.programming.motion.paths.way_around import find_way
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_move_duration

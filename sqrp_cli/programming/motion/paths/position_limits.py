@@ -1,4 +1,4 @@
-"""By how much motions leave the position limits of the joints, exactly: between samples too."""
+"""The position limits of the joints, and by how much motions leave them, exactly: between samples too."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from sqrp_cli.trajectory import Path
 
 LIMIT_SLACK = 1e-9
 """By how much joint positions may exceed a limit [rad or m], so that rounding does not matter at the limit."""
+
+WIDE = 4 * np.pi + 1e-6
+"""A joint that turns further than this between its limits goes no further than one without limits [rad]."""
 
 
 def past_limits(model: RobotModel, path: Path, may_turn: NDArray[np.bool_] | None = None) -> Array:
@@ -55,3 +58,11 @@ def worst_past_limit(model: RobotModel, path: Path) -> PastLimit | None:
         model.tree.joints[[other.name for other in model.tree.joints].index(model.joints[joint])].type != "prismatic"
     )
     return PastLimit(model.joints[joint], float(excess[joint]), turns)
+
+
+def near_limits(model: RobotModel, near: Array) -> tuple[Array, Array]:
+    """The joints' limits, shape (n,) each; where they are none or very wide, a turn beyond positions `near`, (m, n)."""
+    far = model.turns & (model.upper - model.lower > WIDE) | np.isinf(model.lower) | np.isinf(model.upper)
+    lower = np.where(far, np.maximum(model.lower, near.min(axis=0) - 2 * np.pi), model.lower)
+    upper = np.where(far, np.minimum(model.upper, near.max(axis=0) + 2 * np.pi), model.upper)
+    return lower, upper

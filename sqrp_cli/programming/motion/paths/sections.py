@@ -1,19 +1,36 @@
-"""The parts of a motion between its joint moves: where each may begin, and the moves that are tied to that."""
+"""The parts of a motion between its joint moves: where each may begin, and how what is tied to that goes on."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
+from math import prod
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.skill.skill import JointMove
+from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
+from sqrp_cli.programming.arm.branches import chosen_branches
+from sqrp_cli.programming.arm.inverse_kinematics import known_solutions
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.programming.motion.paths.branch_search import Station
-from sqrp_cli.trajectory import Trajectory
+from sqrp_cli.programming.motion.paths.position_limits import near_limits, whole_turns
+from sqrp_cli.programming.motion.paths.straight_line import LIMIT_SAMPLES, ToolLine, follow_within_limits, limit_reason
+from sqrp_cli.programming.motion.timing import MotionLimits, time_path, time_paths
+from sqrp_cli.trajectory import Path, Trajectory, side_by_side
+
+_LIMIT_SAMPLES = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
+
+MOST_TURNS = 4096
+"""Combinations of whole turns of the joints that are tried for each branch."""
+
+_Begun = tuple[Array, tuple[Trajectory, ...]]
+"""Where a branch begins, shape (n,), and the trajectories of its first primitives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +48,15 @@ class Section:
     def is_fixed(self) -> bool:
         """Whether it begins at given joint positions, not at any that bring the tool to a pose."""
         return self.move is None or self.move.home
+
+
+def cut_into_sections(primitives: Sequence[GroundPrimitive]) -> list[Section]:
+    """The primitives cut before each joint move; the first section has none, and may be empty."""
+    cuts = [i for i, primitive in enumerate(primitives) if primitive.kind is JointMove]
+    sections = [Section(None, 0, tuple(primitives[: cuts[0] if cuts else None]))]
+    for cut, following in pairwise([*cuts, len(primitives)]):
+        sections.append(Section(primitives[cut], cut + 1, tuple(primitives[cut + 1 : following])))
+    return sections
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +111,134 @@ class Ways(Station):
         return [Trajectory(t.path.shifted(self.turns[k]), t.law) for t in self.branch(k).trajectories]
 
 
-def cut_into_sections(primitives: Sequence[GroundPrimitive]) -> list[Section]:
-    """The primitives cut before each joint move; the first section has none, and may be empty."""
-    cuts = [i for i, primitive in enumerate(primitives) if primitive.kind is JointMove]
-    sections = [Section(None, 0, tuple(primitives[: cuts[0] if cuts else None]))]
-    for cut, following in pairwise([*cuts, len(primitives)]):
-        sections.append(Section(primitives[cut], cut + 1, tuple(primitives[cut + 1 : following])))
-    return sections
+class BranchFinder:
+    """Finds the branches of sections, and notes why there are none.
+
+    scenes: the surroundings of each primitive of the skill. seed, redundancy_samples: as of `all_solutions`.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        scenes: Sequence[PlacedScene],
+        q_start: Array,
+        failures: Failures,
+        seed: int,
+        redundancy_samples: int,
+    ) -> None:
+        self._model, self._scenes, self._q_start, self._failures = model, scenes, q_start, failures
+        self._seed, self._samples = seed, redundancy_samples
+        self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
+        self._near_limits = near_limits(model, np.stack([q_start, model.home]))
+
+    def branches(self, section: Section) -> list[Branch]:
+        """The branches of a section that can be followed, and that are free of contacts where its joint move ends."""
+        begun: list[_Begun] = [(q, ()) for q in self._clear_ends(section, self._ends(section))]
+        followed = self._followed(section, begun)
+        if begun and not followed:
+            self._note_ends_out_of_reach(section)
+        turns = self._turns(section, followed) if followed else ()
+        branches = [Branch(*branch, of_branch) for branch, of_branch in zip(followed, turns, strict=True)]
+        return [branch for branch in branches if len(branch.turns)]
+
+    def _ends(self, section: Section) -> Array:
+        """Where a section's joint move may end, or where the arm stands if it has none, shape (b, n)."""
+        move = section.move
+        if move is None:
+            return self._q_start[None]
+        if move.home:
+            return self._model.home[None]
+        solutions = known_solutions(self._model, move.X_end, self._seed, self._samples)
+        ends: Array = solutions.solutions[chosen_branches(self._model, solutions.solutions, move.branches)]
+        self._failures.out_of_reach |= not len(solutions.solutions)
+        if not len(ends):
+            reason = solutions.reason or f"cannot be reached with {move.branches}"
+            self._failures.note(section.first - 1, f"{move.name} to `{move.to}`: {reason}")
+        return ends
+
+    def _clear_ends(self, section: Section, ends: Array) -> Array:
+        """Those of the joint positions (b, n) in which a section's joint move may end without touching anything."""
+        if section.move is None or not len(ends):
+            return ends
+        contacts = self._scenes[section.first - 1].check_all(ends)
+        for contact in contacts:
+            if contact is not None:
+                self._failures.note(section.first - 1, f"{contact} at the end of {section.move.name}")
+        clear: Array = ends[[contact is None for contact in contacts]]
+        return clear
+
+    def _followed(self, section: Section, begun: list[_Begun]) -> list[_Begun]:
+        """The branches that have begun, with the trajectories of all that is tied to where; without those that fail."""
+        for index, primitive in enumerate(section.tied, section.first):
+            q = [trajectories[-1].path.end if trajectories else q for q, trajectories in begun]
+            if not q:
+                break
+            if primitive.kind is StraightMove:
+                may_turn = self._model.turns & (not section.is_fixed)
+                moves = self._straight_moves(index, primitive, np.stack(q), may_turn)
+            else:
+                moves = [Trajectory.standstill(at, primitive.hold) for at in q]
+            begun = [(q0, (*done, move)) for (q0, done), move in zip(begun, moves, strict=True) if move is not None]
+        return begun
+
+    def _straight_moves(
+        self, index: int, primitive: GroundPrimitive, q: Array, may_turn: NDArray[np.bool_]
+    ) -> list[Trajectory | None]:
+        """Straight moves from joint positions (b, n) at the primitive's speed, or slower where joints cannot keep up.
+
+        A line on which the tool only turns has no speed; the joints alone limit it.
+        """
+        line = ToolLine(primitive.X_start, primitive.X_end)
+        followed = follow_within_limits(self._model, q, line, may_turn)
+        for path in followed:
+            if isinstance(path, Infeasible):
+                for reason in path.reasons:
+                    self._failures.note(index, f"{primitive.name}: {reason}")
+        paths = [path for path in followed if isinstance(path, Path)]
+        tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
+        if line.length > 1e-9:
+            timed = time_paths(paths, self._limits, MotionLimits(*(tool / line.length)))
+        elif line.turn.any():
+            timed = [time_path(path, self._limits) for path in paths]
+        else:
+            timed = [Trajectory.standstill(path.end, 0.0) for path in paths]
+        moves = iter(timed)
+        return [next(moves) if isinstance(path, Path) else None for path in followed]
+
+    def _note_ends_out_of_reach(self, section: Section) -> None:
+        """Where a line could not be followed because its very end is out of reach, that is the most useful reason."""
+        for primitive in section.tied:
+            if primitive.kind is StraightMove:
+                solutions = known_solutions(self._model, primitive.X_end, self._seed, self._samples)
+                if not len(solutions.solutions):
+                    reason = f"{primitive.name} to `{primitive.to}`: {solutions.reason}"
+                    self._failures.note(len(self._scenes), reason)
+
+    def _turns(self, section: Section, branches: Sequence[_Begun]) -> list[Array]:
+        """Of each branch, offsets by whole turns that keep it within the joints' limits, (k, n).
+
+        Only 0 where the section's end is given, and of joints that slide.
+
+        A joint without limits goes at most one turn beyond where it is at the start and at home.
+        """
+        fewest, most = whole_turns(*_passed(branches, self._near_limits), *self._near_limits)
+        still = ~self._model.turns | section.is_fixed
+        fewest[:, still], most[:, still] = np.maximum(fewest[:, still], 0.0), np.minimum(most[:, still], 0.0)
+        turns: list[Array] = []
+        for (_, trajectories), least, greatest in zip(branches, fewest.tolist(), most.tolist(), strict=True):
+            counts = [range(int(first), int(last) + 1) for first, last in zip(least, greatest, strict=True)]
+            turns.append(2 * np.pi * _combinations(counts))
+            if not len(turns[-1]):
+                self._note_limit(section, trajectories)
+        return turns
+
+    def _note_limit(self, section: Section, trajectories: Sequence[Trajectory]) -> None:
+        """Note the first limit that a section's trajectories exceed, if they do without any turns."""
+        for k, (primitive, trajectory) in enumerate(zip(section.tied, trajectories, strict=True)):
+            reason = limit_reason(self._model, trajectory.path, ToolLine(primitive.X_start, primitive.X_end))
+            if reason is not None:
+                self._failures.note(section.first + k, f"{primitive.name}: {reason}")
+                break
 
 
 class Failures:
@@ -112,3 +259,38 @@ class Failures:
         """The different reasons, those of the branches that got furthest first, at most so many."""
         furthest_first = sorted(self._found, key=lambda failure: -failure[0])
         return tuple(dict.fromkeys(reason for _, reason in furthest_first))[:most]
+
+
+def _combinations(counts: Sequence[range]) -> Array:
+    """All combinations of whole turns of n joints, shape (k, n), k at most `MOST_TURNS`.
+
+    Of arms with so many joints that there would be more, the last of them turn the least.
+    """
+    chosen, number = [], prod(map(len, counts))
+    for turns in reversed(counts):
+        nearest = turns if number <= MOST_TURNS else sorted(turns, key=abs)[:1]
+        number = number // max(len(turns), 1) * len(nearest)
+        chosen.append(nearest)
+    return np.array(list(product(*reversed(chosen))), dtype=float).reshape(-1, len(counts))
+
+
+def _passed(branches: Sequence[_Begun], limits: tuple[Array, Array]) -> tuple[Array, Array]:
+    """The least and the greatest joint positions of each branch, shape (b, n).
+
+    Sampled, but exact where what is between samples could decide how many whole turns keep the limits, (n,) each.
+    """
+    low = np.stack([q for q, _ in branches])
+    high, unknown = low.copy(), np.zeros_like(low)
+    for trajectories in zip(*(trajectories for _, trajectories in branches), strict=True):
+        for rows, path in side_by_side([trajectory.path for trajectory in trajectories]):
+            if path.coefficients.shape[1] > 1:
+                q = path.positions(_LIMIT_SAMPLES).reshape(len(_LIMIT_SAMPLES), len(rows), -1)
+                low[rows], high[rows] = np.minimum(low[rows], q.min(axis=0)), np.maximum(high[rows], q.max(axis=0))
+                curvature = path.derivative_bounds(2).max(axis=0).reshape(len(rows), -1)
+                unknown[rows] = np.maximum(unknown[rows], curvature / (8 * (LIMIT_SAMPLES - 1) ** 2))
+    sampled, widest = whole_turns(low, high, *limits), whole_turns(low - unknown, high + unknown, *limits)
+    for row, joint in np.argwhere((sampled[0] != widest[0]) | (sampled[1] != widest[1])).tolist():
+        for trajectory in branches[row][1]:
+            least, greatest = trajectory.path.extremes(joint)
+            low[row, joint], high[row, joint] = min(low[row, joint], least), max(high[row, joint], greatest)
+    return low, high

@@ -1,17 +1,20 @@
-"""A joint move that goes around what is in the way of the direct one."""
+"""A joint move that goes around what is in the way of the direct one: sampled, shortened, its corners cut by curves.
+
+The only module that knows OMPL. The planner: J. J. Kuffner, S. M. LaValle, RRT-Connect: An efficient approach to
+single-query path planning, 2000.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
-from sqrp_cli.programming.motion.paths.corner_blend import blended_path, corner_curve
-from sqrp_cli.programming.motion.paths.sampling_planner import plan_polyline
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path
 from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory
 
@@ -29,6 +32,17 @@ SPEEDS = (1.0, 0.8, 0.6, 0.4, 0.25)
 
 LEAST_SCALE = 0.1
 """Least distance from a joint's axis that counts for the size of its motions [m]."""
+
+_LEAVING = np.array([45 / 128, 1 / 2, 5 / 32, 0.0, -1 / 128])
+
+_ARRIVING = np.array([-45 / 128, 1 / 2, -5 / 32, 0.0, 1 / 128])
+"""Chebyshev coefficients of the curve around a corner: what it takes of the directions after and before it."""
+
+MARGIN = np.pi
+"""How far beyond both ends of a way its joints may go, within their limits [rad or m]."""
+
+LONGEST_EDGE = 0.6
+"""Longest straight piece that the planner adds at once, in the units of the scaled joints [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,3 +185,125 @@ def _joined(legs: Sequence[Trajectory]) -> Trajectory:
     path_breaks[-1][-1] = 1.0
     path = Path(np.concatenate(path_breaks), np.concatenate([leg.path.coefficients for leg in legs]))
     return Trajectory(path, PiecewiseCubic(np.concatenate(law_breaks), np.concatenate(laws)))
+
+
+def blended_path(corners: Array, lengths: Array, reaches: Sequence[float]) -> Path:
+    """The path along a polyline that leaves each inner corner to one side.
+
+    corners: shape (k, n), ends included. lengths: of the k - 1 pieces, in any unit of length, shape (k - 1,); the
+    parameter grows evenly with it. reaches: how far before and after each inner corner its curve begins and ends, in
+    that unit, above 0, shape (k - 2,). Those of neighbouring corners together are at most as long as the piece between.
+
+    With a and b the directions before and after the corner c, the curve is the Bezier polynomial with the control
+    points c - r a, c - r a / 2, c, c + r b / 2, c + r b: its ends join the straight pieces in slope and, without
+    curvature there, in the second derivative. It stays in the triangle of the corner and its ends.
+    """
+    slopes = np.diff(corners, axis=0) / lengths[:, None]
+    around = np.array([0.0, *reaches, 0.0])
+    widths: list[float] = []
+    pieces: list[Array] = []
+    for i, slope in enumerate(slopes):
+        straight = float(lengths[i] - around[i] - around[i + 1])
+        if straight > 1e-9 * lengths[i]:
+            middle = corners[i] + slope * (around[i] + 0.5 * straight)
+            widths.append(straight)
+            pieces.append(np.stack([middle, 0.5 * straight * slope, *np.zeros((3, len(slope)))]))
+        if i < len(reaches):
+            widths.append(2 * around[i + 1])
+            pieces.append(corner_curve(corners[i + 1], slope, slopes[i + 1], around[i + 1]))
+    breaks = np.concatenate([[0.0], np.cumsum(widths)])
+    breaks /= breaks[-1]
+    return Path(breaks, np.stack(pieces))
+
+
+def corner_curve(corner: Array, before: Array, after: Array, reach: float) -> Array:
+    """Chebyshev coefficients of the curve around a corner, shape (5, n); before, after: slopes, shape (n,)."""
+    coefficients = reach * (_ARRIVING[:, None] * before + _LEAVING[:, None] * after)
+    coefficients[0] += corner
+    return coefficients
+
+
+def plan_polyline(
+    q0: Array,
+    q1: Array,
+    bounds: tuple[Array, Array],
+    scale: Array,
+    is_free: Callable[[Array, Array], bool],
+    tries: int,
+    seed: int,
+) -> Array | None:
+    """Corners of a polyline from q0 to q1, shape (n,), whose pieces are all free, ends included, shape (k, n).
+
+    bounds: lower and upper limits of the joints, shape (n,) each. scale: what makes joints comparable, shape (n,):
+    distances are those of q * scale. is_free: whether the straight line between two joint positions can be taken; it
+    is asked about `tries` times at most. None if no polyline was found by then, which does not prove that there is
+    none. The result depends on the arguments alone.
+    """
+    from ompl import base, geometric, util
+
+    util.noOutputHandler()
+    util.RNG.setSeed(seed + 1)  # OMPL takes 0 for no seed; what is made from here on is seeded by it
+    asked = 0
+
+    def asked_is_free(first: Array, second: Array) -> bool:
+        nonlocal asked
+        asked += 1
+        return is_free(first / scale, second / scale)
+
+    space = _space(q0 * scale, q1 * scale, bounds[0] * scale, bounds[1] * scale, MARGIN * scale)
+    information = base.SpaceInformation(space)
+    information.setStateValidityChecker(lambda _: True)
+    validator = _validator(information, lambda first, second: asked < tries and asked_is_free(first, second), len(q0))
+    information.setMotionValidator(validator)
+    information.setup()
+    problem = base.ProblemDefinition(information)
+    problem.setStartAndGoalStates(_state(space, q0 * scale), _state(space, q1 * scale))
+    planner = geometric.RRTConnect(information)
+    planner.setRange(LONGEST_EDGE)
+    planner.setProblemDefinition(problem)
+    planner.setup()
+    planner.solve(base.PlannerTerminationCondition(lambda: asked >= tries))
+    if not problem.hasExactSolution():
+        return None
+    corners = np.stack([_values(state, len(q0)) for state in problem.getSolutionPath().getStates()]) / scale
+    corners[0], corners[-1] = q0, q1
+    return corners
+
+
+def _space(start: Array, goal: Array, lower: Array, upper: Array, margin: Array) -> Any:  # noqa: ANN401
+    """The box of scaled joint positions within the limits, up to a margin around start and goal, which it contains."""
+    from ompl import base
+
+    low = np.minimum(np.maximum(lower, np.minimum(start, goal) - margin), np.minimum(start, goal))
+    high = np.maximum(np.minimum(upper, np.maximum(start, goal) + margin), np.maximum(start, goal))
+    space = base.RealVectorStateSpace(len(start))
+    limits = base.RealVectorBounds(len(start))
+    for j, (least, most) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
+        limits.setLow(j, least)
+        limits.setHigh(j, most)
+    space.setBounds(limits)
+    return space
+
+
+def _validator(information: Any, is_free: Callable[[Array, Array], bool], n: int) -> Any:  # noqa: ANN401
+    """What tells OMPL whether a straight line between two states of n values can be taken."""
+    from ompl import base
+
+    class Validator(base.MotionValidator):  # type: ignore[misc]
+        def checkMotion(self, first: base.State, second: base.State) -> bool:
+            return is_free(_values(first, n), _values(second, n))
+
+    return Validator(information)
+
+
+def _state(space: Any, values: Array) -> Any:  # noqa: ANN401
+    """A state of OMPL with these values, shape (n,)."""
+    state = space.allocState()
+    for j, value in enumerate(values.tolist()):
+        state[j] = value
+    return state
+
+
+def _values(state: Any, n: int) -> Array:  # noqa: ANN401
+    """The values of a state of OMPL, shape (n,)."""
+    return np.array([state[j] for j in range(n)])

@@ -16,9 +16,9 @@ from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
-from sqrp_cli.programming.motion.collision.contact import CLEARANCE
+from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE
 from sqrp_cli.programming.motion.paths import joint_moves
-from sqrp_cli.programming.motion.paths.corner_blend import blended_path
+from sqrp_cli.programming.motion.paths.way_around import blended_path
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.recovery import recovery_over
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move_duration, phase_samples
