@@ -84,7 +84,7 @@ class PiecewiseCubic:
 
 
 @dataclass(frozen=True, eq=False)
-class Path:
+class JointPath:
     """A path of n joints over the parameter s in [0, 1]: a Chebyshev polynomial per piece and joint.
 
     breaks: where the pieces begin, and the end of the last one, rising from 0 to 1, shape (p + 1,).
@@ -100,7 +100,7 @@ class Path:
         object.__setattr__(self, "coefficients", read_only(self.coefficients))
 
     @classmethod
-    def line(cls, q0: ArrayLike, q1: ArrayLike) -> Path:
+    def line(cls, q0: ArrayLike, q1: ArrayLike) -> JointPath:
         """The straight line in joint space from q0 to q1, shape (n,) each."""
         start, end = np.asarray(q0, dtype=float), np.asarray(q1, dtype=float)
         return cls(np.array([0.0, 1.0]), np.array([[0.5 * (end + start), 0.5 * (end - start)]]))
@@ -172,14 +172,14 @@ class Path:
         """What `_derived` has found so far, by order."""
         return [self.coefficients.swapaxes(0, 1)]
 
-    def shifted(self, offset: ArrayLike) -> Path:
+    def shifted(self, offset: ArrayLike) -> JointPath:
         """The same path moved by a constant, shape (n,), such as whole turns of some joints."""
         coefficients = self.coefficients.copy()
         coefficients[:, 0] += np.asarray(offset, dtype=float)
-        return Path(self.breaks, coefficients)
+        return JointPath(self.breaks, coefficients)
 
 
-def side_by_side(paths: Sequence[Path]) -> Iterator[tuple[NDArray[np.intp], Path]]:
+def side_by_side(paths: Sequence[JointPath]) -> Iterator[tuple[NDArray[np.intp], JointPath]]:
     """For each degree of polynomials: the paths that have it, by index, (b,), and one path of all their joints, b n.
 
     The paths have the same breaks and n joints each; the joints of the first come first.
@@ -188,21 +188,21 @@ def side_by_side(paths: Sequence[Path]) -> Iterator[tuple[NDArray[np.intp], Path
     for degree in sorted(set(degrees.tolist())):
         rows = np.flatnonzero(degrees == degree)
         joints = np.concatenate([paths[row].coefficients for row in rows.tolist()], axis=2)
-        yield rows, Path(paths[0].breaks, joints)
+        yield rows, JointPath(paths[0].breaks, joints)
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """Joint positions over time: q(t) = path(law(t)) from 0 to `duration`."""
 
-    path: Path
+    path: JointPath
     law: PiecewiseCubic
 
     @classmethod
     def standstill(cls, q: ArrayLike, duration: float) -> Trajectory:
         """Standing at q, shape (n,), for `duration` [s]."""
         law = PiecewiseCubic(np.array([0.0, duration]), np.zeros((1, 4)))
-        return cls(Path(np.array([0.0, 1.0]), np.asarray(q, dtype=float)[None, None, :]), law)
+        return cls(JointPath(np.array([0.0, 1.0]), np.asarray(q, dtype=float)[None, None, :]), law)
 
     @property
     def duration(self) -> float:
@@ -239,7 +239,7 @@ class Trajectory:
             np.pad(part.path.coefficients, ((0, 0), (0, degree - part.path.coefficients.shape[1]), (0, 0)))
             for part in (self, other)
         ]
-        path = Path(np.concatenate([self.path.breaks[:-1], 1.0 + other.path.breaks]) / 2, np.concatenate(pieces))
+        path = JointPath(np.concatenate([self.path.breaks[:-1], 1.0 + other.path.breaks]) / 2, np.concatenate(pieces))
         later = 0.5 * other.law.coefficients
         later[:, 0] += 0.5
         breaks = np.concatenate([self.law.breaks[:-1], self.duration + other.law.breaks])
@@ -257,7 +257,7 @@ class Trajectory:
         """The trajectory that `to_numbers` wrote."""
         path, law = numbers["path"], numbers["law"]
         return cls(
-            Path(np.array(path["breaks"]), np.array(path["coefficients"])),
+            JointPath(np.array(path["breaks"]), np.array(path["coefficients"])),
             PiecewiseCubic(np.array(law["breaks"]), np.array(law["coefficients"])),
         )
 

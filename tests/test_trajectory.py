@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory
+from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory
 
 
-def bumpy_path(seed: int, pieces: int = 3, degree: int = 5, joints: int = 4) -> Path:
+def bumpy_path(seed: int, pieces: int = 3, degree: int = 5, joints: int = 4) -> JointPath:
     rng = np.random.default_rng(seed)
     breaks = np.concatenate([[0.0], np.sort(rng.uniform(0.1, 0.9, pieces - 1)), [1.0]])
-    return Path(breaks, rng.normal(size=(pieces, degree + 1, joints)))
+    return JointPath(breaks, rng.normal(size=(pieces, degree + 1, joints)))
 
 
 def smooth_trajectory(seed: int) -> Trajectory:
@@ -27,7 +27,7 @@ def smooth_trajectory(seed: int) -> Trajectory:
 def test_a_line_is_straight_and_ends_where_it_should() -> None:
     q0, q1 = np.array([0.1, -2.0, 3.0]), np.array([0.4, 5.0, 3.0])
     s = np.linspace(0, 1, 11)
-    np.testing.assert_allclose(Path.line(q0, q1).positions(s), q0 + s[:, None] * (q1 - q0), atol=1e-15)
+    np.testing.assert_allclose(JointPath.line(q0, q1).positions(s), q0 + s[:, None] * (q1 - q0), atol=1e-15)
 
 
 @given(st.integers(0, 1000), st.sampled_from([1, 2, 3]))
@@ -64,7 +64,7 @@ def test_the_end_of_a_path_is_its_last_position() -> None:
 
 
 def test_the_derivative_bound_of_a_line_is_exact() -> None:
-    np.testing.assert_allclose(Path.line([0.0, 1.0], [2.0, -3.0]).derivative_bounds(), [[2.0, 4.0]])
+    np.testing.assert_allclose(JointPath.line([0.0, 1.0], [2.0, -3.0]).derivative_bounds(), [[2.0, 4.0]])
 
 
 def test_a_trajectory_holds_its_ends_outside_its_duration() -> None:
@@ -121,8 +121,8 @@ def test_an_unknown_order_is_refused() -> None:
 
 def test_one_motion_after_another_is_each_in_turn() -> None:
     law = PiecewiseCubic(np.array([0.0, 2.0]), np.array([[0.0, 0.0, 0.75, -0.25]]))  # from rest to rest
-    first = Trajectory(Path.line([0.0, 1.0], [2.0, 0.0]), law)
-    second = Trajectory(Path.line([2.0, 0.0], [2.0, 5.0]), law.stretched(1.5))
+    first = Trajectory(JointPath.line([0.0, 1.0], [2.0, 0.0]), law)
+    second = Trajectory(JointPath.line([2.0, 0.0], [2.0, 5.0]), law.stretched(1.5))
     both = first.followed_by(second)
     assert both.duration == pytest.approx(5.0)
     t = np.linspace(0.0, 2.0, 41)

@@ -20,7 +20,7 @@ from sqrp_cli.programming.motion.paths.branch_search import fastest_sequence
 from sqrp_cli.programming.motion.paths.joint_moves import JointMoves, Move
 from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
 from sqrp_cli.programming.motion.paths.sections import BranchFinder, Failures, Ways, cut_into_sections
-from sqrp_cli.trajectory import Path, Trajectory
+from sqrp_cli.trajectory import JointPath, Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
 """Arms with more axes reach a pose in infinitely many ways, of which some are tried."""
@@ -91,7 +91,7 @@ def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion |
     """
     use = replace(use, world=_at_limits(scene.model, use.world))
     begin = np.array([use.world.joints[name] for name in scene.model.joints])
-    if (past := worst_past_limit(scene.model, Path.line(begin, begin))) is not None:
+    if (past := worst_past_limit(scene.model, JointPath.line(begin, begin))) is not None:
         return Infeasible((f"{past} before anything moves",))
     grounded = ground_primitives(use, scene)
     if isinstance(grounded, Infeasible):

@@ -12,7 +12,7 @@ from ruckig import Trajectory as RuckigTrajectory
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.ranges import ranges
-from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory, chain_rule, side_by_side
+from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory, chain_rule, side_by_side
 
 SAMPLES_PER_DEGREE, LEAST_SAMPLES = 32, 17
 """Instants at which limits are checked: along the whole path for each of its coefficients, and more in each phase."""
@@ -89,7 +89,7 @@ def joint_move(q0: Array, q1: Array, limits: MotionLimits) -> Trajectory:
     """
     if np.abs(q1 - q0).max() <= STANDSTILL:
         return Trajectory.standstill(q1, 0.0)
-    return Trajectory(Path.line(q0, q1), rest_to_rest(limits.along(q1 - q0)))
+    return Trajectory(JointPath.line(q0, q1), rest_to_rest(limits.along(q1 - q0)))
 
 
 def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
@@ -122,7 +122,7 @@ def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
     return PiecewiseCubic(breaks, coefficients).stretched(ramp)
 
 
-def time_path(path: Path, limits: MotionLimits, along: MotionLimits | None = None) -> Trajectory:
+def time_path(path: JointPath, limits: MotionLimits, along: MotionLimits | None = None) -> Trajectory:
     """A motion along a curved path, from rest to rest, that keeps the limits of every joint, shape (n,).
 
     along: scalar limits of the path parameter (for a tool line: those of the tool, divided by its length). By default
@@ -137,7 +137,7 @@ def time_path(path: Path, limits: MotionLimits, along: MotionLimits | None = Non
     return trajectory
 
 
-def time_paths(paths: Sequence[Path], limits: MotionLimits, along: MotionLimits) -> list[Trajectory]:
+def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLimits) -> list[Trajectory]:
     """As `time_path` of each of several paths that have the same breaks."""
     law = rest_to_rest(along)
     factors = np.ones(len(paths))

@@ -20,7 +20,7 @@ from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, pair
 from sqrp_cli.programming.motion.paths.straight_line import ToolLine, straight_line
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, phase_samples, time_path
-from sqrp_cli.trajectory import Path
+from sqrp_cli.trajectory import JointPath
 from tests.programming.motion.cells import VALUES, Cell, PinocchioCell, read_waypoints, thing
 
 PLACED = {"position": [0.35, 0.35, 0.041], "rpy": ["180 deg", 0, 0]}
@@ -197,10 +197,10 @@ def brute_force_times(cell: Cell, values: Mapping[str, float]) -> list[float]:
             if (start < model.lower).any() or (start > model.upper).any():
                 continue
             first = straight_line(model, start, ToolLine(X_above, X_grasp))
-            if not isinstance(first, Path):
+            if not isinstance(first, JointPath):
                 continue
             second = straight_line(model, first.positions([1.0])[0], ToolLine(X_grasp, X_lifted))
-            if not isinstance(second, Path):
+            if not isinstance(second, JointPath):
                 continue
             a1 = joint_move(model.home, start, limits)
             a5 = joint_move(second.positions([1.0])[0], model.home, limits)

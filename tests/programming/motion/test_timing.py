@@ -22,7 +22,7 @@ from sqrp_cli.programming.motion.timing import (
     time_path,
     time_paths,
 )
-from sqrp_cli.trajectory import Path, Trajectory
+from sqrp_cli.trajectory import JointPath, Trajectory
 
 EXPONENT = st.floats(-2, 2)
 JOINTS = 6
@@ -32,8 +32,8 @@ def random_limits(rng: np.random.Generator) -> MotionLimits:
     return MotionLimits(*(10 ** rng.uniform(-0.5, 0.5, JOINTS) * scale for scale in (1.0, 3.0, 20.0)))
 
 
-def random_path(rng: np.random.Generator) -> Path:
-    return Path(np.array([0.0, 1.0]), rng.normal(size=(1, 7, JOINTS)) / (1 + np.arange(7))[:, None] ** 2)
+def random_path(rng: np.random.Generator) -> JointPath:
+    return JointPath(np.array([0.0, 1.0]), rng.normal(size=(1, 7, JOINTS)) / (1 + np.arange(7))[:, None] ** 2)
 
 
 def excess(trajectory: Trajectory, limits: MotionLimits, per_phase: int) -> float:
@@ -161,7 +161,7 @@ def test_many_paths_at_once_are_timed_like_each_alone() -> None:
     rng = np.random.default_rng(2)
     limits, along = random_limits(rng), MotionLimits(*(np.array(x) for x in (0.3, 0.6, 6.0)))
     paths = [random_path(rng) for _ in range(5)]
-    paths[2:2] = [Path(path.breaks, path.coefficients[:, :4]) for path in paths[:2]]
+    paths[2:2] = [JointPath(path.breaks, path.coefficients[:, :4]) for path in paths[:2]]
     durations = [trajectory.duration for trajectory in time_paths(paths, limits, along)]
     assert durations == pytest.approx([time_path(path, limits, along).duration for path in paths], rel=1e-12)
     assert len(set(durations)) > 3

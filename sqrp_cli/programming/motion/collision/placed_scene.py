@@ -17,7 +17,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import Contact, Pairs, body_distance, pair
 from sqrp_cli.programming.motion.collision.motion_bound import LowBodies, MotionBound, finger_steps
 from sqrp_cli.programming.motion.collision.placed_bodies import BodyPairs, Indices, PlacedBodies
-from sqrp_cli.trajectory import Path, Trajectory
+from sqrp_cli.trajectory import JointPath, Trajectory
 
 FIRST_STRETCH = 0.08
 """Motion of the arm's outermost point within half of each stretch that a check begins with [m]."""
@@ -71,7 +71,7 @@ class PlacedScene:
             found[near.stretch].add(pair(near.contact.first, near.contact.second))
         return tuple(map(frozenset, found))
 
-    def is_free(self, path: Path, spare: float = RESOLUTION) -> bool:
+    def is_free(self, path: JointPath, spare: float = RESOLUTION) -> bool:
         """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are told sooner.
 
         spare: what the proof may ask for beyond the clearance [m]; more is told sooner.
@@ -94,7 +94,7 @@ class PlacedScene:
         """The first contact along a motion; None proves that there is none at any time. See `check_path`."""
         return self.check_path(trajectory.path)
 
-    def check_path(self, path: Path, resolution: float = RESOLUTION) -> Contact | None:
+    def check_path(self, path: JointPath, resolution: float = RESOLUTION) -> Contact | None:
         """The first contact along a path; None proves that there is none, not only at samples.
 
         None: all pairs keep their clearance everywhere. A contact: there a pair is closer than its clearance plus
@@ -230,7 +230,7 @@ class Stretches:
         return Stretches(middles, np.zeros(len(q)), q, np.zeros_like(q), *_all_open(len(q), pairs))
 
     @staticmethod
-    def along(path: Path, slopes: Array, radii: Array, pairs: int) -> Stretches:
+    def along(path: JointPath, slopes: Array, radii: Array, pairs: int) -> Stretches:
         """The whole path, each stretch with at most twice `FIRST_STRETCH` of motion, with all pairs open.
 
         slopes: bounds of the joints' slopes over each piece of the path, (p, n). radii: sizes of their motions, (n,).
@@ -245,7 +245,7 @@ class Stretches:
         s, half = np.concatenate(middles), np.concatenate(halves)
         return Stretches(s, half, path.positions(s), _variation(path, slopes, s, half), *_all_open(len(s), pairs))
 
-    def halved(self, path: Path, slopes: Array, open_ones: Indices, until: float) -> Stretches:
+    def halved(self, path: JointPath, slopes: Array, open_ones: Indices, until: float) -> Stretches:
         """Both halves of every stretch with one of the open combinations that begins before `until`."""
         open_ones = open_ones[(self.s - self.half)[self.stretch[open_ones]] < until]
         of_open, open_pairs = self.stretch[open_ones], self.pairs[open_ones]
@@ -266,7 +266,7 @@ def _all_open(stretches: int, pairs: int) -> tuple[Indices, Indices]:
     return np.arange(stretches).repeat(pairs), np.arange(stretches * pairs) % pairs
 
 
-def _variation(path: Path, slopes: Array, s: Array, half: Array) -> Array:
+def _variation(path: JointPath, slopes: Array, s: Array, half: Array) -> Array:
     """How far each joint can be from where it is at s, within `half` of s, shape (m, n)."""
     if len(slopes) > 1:
         slopes = slopes[np.clip(np.searchsorted(path.breaks, s) - 1, 0, len(slopes) - 1)]

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.reach import PastLimit
-from sqrp_cli.trajectory import Path
+from sqrp_cli.trajectory import JointPath
 
 LIMIT_SLACK = 1e-9
 """By how much joint positions may exceed a limit [rad or m], so that rounding does not matter at the limit."""
@@ -17,7 +17,7 @@ WIDE = 4 * np.pi + 1e-6
 """A joint that turns further than this between its limits goes no further than one without limits [rad]."""
 
 
-def past_limits(model: RobotModel, path: Path, may_turn: NDArray[np.bool_] | None = None) -> Array:
+def past_limits(model: RobotModel, path: JointPath, may_turn: NDArray[np.bool_] | None = None) -> Array:
     """By how much a path of the arm's joints leaves their limits at worst [rad or m], shape (n,); 0 within the slack.
 
     may_turn: joints for which whole turns do not count that bring them within their limits, shape (n,); none by
@@ -34,7 +34,7 @@ def whole_turns(low: Array, high: Array, lower: Array, upper: Array) -> tuple[Ar
     return np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi)), np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
 
 
-def outside(path: Path, lower: Array, upper: Array, may_turn: NDArray[np.bool_] | None = None) -> Array:
+def outside(path: JointPath, lower: Array, upper: Array, may_turn: NDArray[np.bool_] | None = None) -> Array:
     """As `past_limits`, of any joints with limits of shape (n,); positions are looked at closely where it matters."""
     low, high = path.range_bounds()
     excess = np.zeros(len(lower))
@@ -48,7 +48,7 @@ def outside(path: Path, lower: Array, upper: Array, may_turn: NDArray[np.bool_] 
     return excess
 
 
-def worst_past_limit(model: RobotModel, path: Path) -> PastLimit | None:
+def worst_past_limit(model: RobotModel, path: JointPath) -> PastLimit | None:
     """The joint that leaves its limits most on a path of the driven joints, n + f of them; None if none does."""
     excess = outside(path, *model.position_limits)
     if not excess.any():

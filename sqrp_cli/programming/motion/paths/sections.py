@@ -22,7 +22,7 @@ from sqrp_cli.programming.motion.paths.branch_search import Station
 from sqrp_cli.programming.motion.paths.position_limits import near_limits, whole_turns
 from sqrp_cli.programming.motion.paths.straight_line import LIMIT_SAMPLES, ToolLine, follow_within_limits, limit_reason
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path, time_paths
-from sqrp_cli.trajectory import Path, Trajectory, side_by_side
+from sqrp_cli.trajectory import JointPath, Trajectory, side_by_side
 
 _LIMIT_SAMPLES = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
 
@@ -194,7 +194,7 @@ class BranchFinder:
             if isinstance(path, Infeasible):
                 for reason in path.reasons:
                     self._failures.note(index, f"{primitive.name}: {reason}")
-        paths = [path for path in followed if isinstance(path, Path)]
+        paths = [path for path in followed if isinstance(path, JointPath)]
         tool = np.array([primitive.speed, primitive.acceleration, primitive.jerk])
         if line.length > 1e-9:
             timed = time_paths(paths, self._limits, MotionLimits(*(tool / line.length)))
@@ -203,7 +203,7 @@ class BranchFinder:
         else:
             timed = [Trajectory.standstill(path.end, 0.0) for path in paths]
         moves = iter(timed)
-        return [next(moves) if isinstance(path, Path) else None for path in followed]
+        return [next(moves) if isinstance(path, JointPath) else None for path in followed]
 
     def _note_ends_out_of_reach(self, section: Section) -> None:
         """Where a line could not be followed because its very end is out of reach, that is the most useful reason."""

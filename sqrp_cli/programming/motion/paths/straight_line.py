@@ -15,7 +15,7 @@ from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, newton
 from sqrp_cli.programming.arm.reach import PastLimit
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_limits
-from sqrp_cli.trajectory import Path
+from sqrp_cli.trajectory import JointPath
 
 TOLERANCE = 1e-6
 """Largest deviation of the tool from the line, in m and rad, between the points where it is met exactly."""
@@ -75,21 +75,21 @@ class ToolLine:
         return f"{s * angle:.0f} deg of {angle:.0f} deg"
 
 
-def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> Path | Infeasible:
+def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> JointPath | Infeasible:
     """The path from q0, shape (n,), at which the tool is at the line's start, that moves the tool along the line.
 
     The path is one polynomial per joint, met exactly at Chebyshev points and within `TOLERANCE` between them.
     Infeasible where the arm becomes singular or a joint reaches its limit on the way, saying where.
     """
     (path,) = follow_within_limits(model, q0[None], line, np.zeros(len(model.arm), dtype=bool))
-    if isinstance(path, Path) and (reason := limit_reason(model, path, line)) is not None:
+    if isinstance(path, JointPath) and (reason := limit_reason(model, path, line)) is not None:
         return Infeasible((reason,))
     return path
 
 
 def follow_within_limits(
     model: RobotModel, q0: Array, line: ToolLine, may_turn: NDArray[np.bool_]
-) -> list[Path | Infeasible]:
+) -> list[JointPath | Infeasible]:
     """As `follow`; of an arm with more joints than a pose needs, those that would leave their limits are held still.
 
     may_turn: joints that may be turned wholly to where they are within their limits, shape (n,). Where holding joints
@@ -105,16 +105,16 @@ def follow_within_limits(
             paths = follow(HeldJoints(model, mask), q0[rows], line)
             tried = [paths[rows.index(row)] if row in rows else path for row, path in enumerate(tried)]
     return [
-        trial if isinstance(trial, Path) and not past_limits(model, trial, may_turn).any() else path
+        trial if isinstance(trial, JointPath) and not past_limits(model, trial, may_turn).any() else path
         for trial, path in zip(tried, followed, strict=True)
     ]
 
 
 def _is_to_be_held(
-    model: RobotModel, path: Path | Infeasible, held: NDArray[np.bool_], may_turn: NDArray[np.bool_]
+    model: RobotModel, path: JointPath | Infeasible, held: NDArray[np.bool_], may_turn: NDArray[np.bool_]
 ) -> bool:
     """Whether a path leaves limits that further joints, held still, might keep; `held`, shape (n,), then has them."""
-    outside = past_limits(model, path, may_turn) > 0.0 if isinstance(path, Path) else np.zeros_like(held)
+    outside = past_limits(model, path, may_turn) > 0.0 if isinstance(path, JointPath) else np.zeros_like(held)
     if not outside.any() or (outside & held).any() or (outside | held).sum() > len(held) - POSE_COORDINATES:
         return False
     held |= outside
@@ -138,7 +138,7 @@ class HeldJoints:
         return X_WT, np.where(self.held, 0.0, J)
 
 
-def follow(model: Kinematics, q0: Array, line: ToolLine) -> list[Path | Infeasible]:
+def follow(model: Kinematics, q0: Array, line: ToolLine) -> list[JointPath | Infeasible]:
     """As `straight_line` from each of b joint positions, shape (b, n), whatever the joints' limits.
 
     All branches are followed at once; the points of each degree are among those of twice the degree: those in between
@@ -147,14 +147,14 @@ def follow(model: Kinematics, q0: Array, line: ToolLine) -> list[Path | Infeasib
     return _through(model, line, _first_points(model, line, q0))
 
 
-def _through(model: Kinematics, line: ToolLine, points: Sequence[Array | Infeasible]) -> list[Path | Infeasible]:
+def _through(model: Kinematics, line: ToolLine, points: Sequence[Array | Infeasible]) -> list[JointPath | Infeasible]:
     """For each branch, the path through its points on the line, shape (degree + 1, n), or why it has none."""
     met = [q for q in points if not isinstance(q, Infeasible)]
     fitted = iter(_fitted(model, line, np.stack(met)) if met else ())
     return [q if isinstance(q, Infeasible) else next(fitted) for q in points]
 
 
-def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[Path | Infeasible]:
+def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[JointPath | Infeasible]:
     """For each branch, the path through q (b, degree + 1, n), of that degree if it fits in between, or a higher one."""
     degree = q.shape[1] - 1
     between = _points(2 * degree)[1::2]
@@ -162,7 +162,9 @@ def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[Path | Infeasib
     X_WT = model.tool_poses(guesses.reshape(-1, q.shape[2]))
     errors = pose_errors(X_WT, np.tile(line.poses(between), (len(q), 1, 1)))
     deviations = np.linalg.norm(errors.reshape(len(q), degree, 2, 3), axis=-1).max(axis=-1)
-    paths: list[Path | Infeasible] = [Path(np.array([0.0, 1.0]), fit[None]) for fit in _fit_matrix(degree) @ q]
+    paths: list[JointPath | Infeasible] = [
+        JointPath(np.array([0.0, 1.0]), fit[None]) for fit in _fit_matrix(degree) @ q
+    ]
     misfits = np.flatnonzero(deviations.max(axis=1) > TOLERANCE)
     if degree == LAST_DEGREE:
         for row in misfits:
@@ -220,7 +222,7 @@ def _unless_stuck(line: ToolLine, points: Array, stuck: Array) -> list[Array | I
     ]
 
 
-def limit_reason(model: RobotModel, path: Path, line: ToolLine) -> str | None:
+def limit_reason(model: RobotModel, path: JointPath, line: ToolLine) -> str | None:
     """Why a path along the line is outside the joints' limits, or None when it keeps them."""
     excess = past_limits(model, path)
     if not excess.any():

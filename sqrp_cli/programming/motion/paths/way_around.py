@@ -16,7 +16,7 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path
-from sqrp_cli.trajectory import Path, PiecewiseCubic, Trajectory
+from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory
 
 SPARE = 2e-3
 """What straight pieces and curves are kept away from everything beyond the clearance, or almost [m]; saves time."""
@@ -80,7 +80,7 @@ def find_way(
     def is_free(first: Array, second: Array) -> bool:
         nonlocal asked
         asked += 1
-        return scene.is_free(Path.line(first, second), SPARE)
+        return scene.is_free(JointPath.line(first, second), SPARE)
 
     corners = plan_polyline(q0, q1, bounds, np.maximum(radii, LEAST_SCALE), is_free, tries, seed)
     found_after = asked
@@ -154,7 +154,7 @@ def _free_reaches(scene: PlacedScene, corners: Array, lengths: Array) -> list[fl
     for i in range(len(lengths) - 1):
         longest = float(min(room[i], room[i + 1]))
         curves = ((s * longest, corner_curve(corners[i + 1], slopes[i], slopes[i + 1], s * longest)) for s in REACHES)
-        free = (reach for reach, curve in curves if scene.check_path(Path(whole, curve[None])) is None)
+        free = (reach for reach, curve in curves if scene.check_path(JointPath(whole, curve[None])) is None)
         reaches.append(next(free, 0.0))
     return reaches
 
@@ -183,11 +183,11 @@ def _joined(legs: Sequence[Trajectory]) -> Trajectory:
         law_breaks.append(start + leg.law.breaks[1:])
         laws.append((high - low) * leg.law.coefficients + np.array([low, 0.0, 0.0, 0.0]))
     path_breaks[-1][-1] = 1.0
-    path = Path(np.concatenate(path_breaks), np.concatenate([leg.path.coefficients for leg in legs]))
+    path = JointPath(np.concatenate(path_breaks), np.concatenate([leg.path.coefficients for leg in legs]))
     return Trajectory(path, PiecewiseCubic(np.concatenate(law_breaks), np.concatenate(laws)))
 
 
-def blended_path(corners: Array, lengths: Array, reaches: Sequence[float]) -> Path:
+def blended_path(corners: Array, lengths: Array, reaches: Sequence[float]) -> JointPath:
     """The path along a polyline that leaves each inner corner to one side.
 
     corners: shape (k, n), ends included. lengths: of the k - 1 pieces, in any unit of length, shape (k - 1,); the
@@ -213,7 +213,7 @@ def blended_path(corners: Array, lengths: Array, reaches: Sequence[float]) -> Pa
             pieces.append(corner_curve(corners[i + 1], slope, slopes[i + 1], around[i + 1]))
     breaks = np.concatenate([[0.0], np.cumsum(widths)])
     breaks /= breaks[-1]
-    return Path(breaks, np.stack(pieces))
+    return JointPath(breaks, np.stack(pieces))
 
 
 def corner_curve(corner: Array, before: Array, after: Array, reach: float) -> Array:

@@ -20,7 +20,7 @@ from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
 from sqrp_cli.programming.motion.collision.placed_scene import RESOLUTION, PlacedScene
 from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
-from sqrp_cli.trajectory import Path
+from sqrp_cli.trajectory import JointPath
 from tests.programming.robots import joint, robot
 
 READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])
@@ -110,7 +110,7 @@ def test_motions_agree_with_a_fine_step(ur5: RobotModel, scene: CollisionScene, 
     rng = np.random.default_rng(1)
     kinds = {True: 0, False: 0}
     for _ in range(25):
-        path = Path.line(READY, READY + rng.uniform(-1, 1, 6) * [1.5, 0.6, 0.8, 1, 1, 2])
+        path = JointPath.line(READY, READY + rng.uniform(-1, 1, 6) * [1.5, 0.6, 0.8, 1, 1, 2])
         contact = placed.check_path(path)
         s = np.linspace(0, 1, 200)
         before = s if contact is None else s[s < contact.s - 2e-3]
@@ -127,7 +127,7 @@ def test_curved_paths_of_several_pieces_agree_with_a_fine_step(ur5: RobotModel, 
     for _ in range(10):
         breaks, width = np.array([0.0, 0.3, 1.0]), np.array([1.2, 0.5, 0.6, 0.8, 0.8, 1])
         coefficients = rng.uniform(-0.5, 0.5, (2, 5, 6)) * width / (1 + np.arange(5))[:, None]
-        path = Path(breaks, coefficients).shifted(READY)
+        path = JointPath(breaks, coefficients).shifted(READY)
         contact = placed.check_path(path)
         s = np.linspace(0, 1, 300)
         before = s if contact is None else s[s < contact.s - 2e-3]
@@ -140,7 +140,7 @@ def test_a_plate_far_thinner_than_any_sampling_step_is_found(ur5: RobotModel) ->
     tip = ur5.tool_pose(READY + swing / 2)[:3, 3]
     across = axis_rotation(2, float(np.arctan2(tip[1], tip[0])))
     plate = thing("plate", (0.02, 0.0001, 0.02), pose(across, tip))
-    contact = CollisionScene(ur5, [plate]).placed(world([plate])).check_path(Path.line(READY, READY + swing))
+    contact = CollisionScene(ur5, [plate]).placed(world([plate])).check_path(JointPath.line(READY, READY + swing))
     assert contact is not None
     assert str(contact) == "suction_cup hits plate"
     radius = np.linalg.norm(tip[:2])

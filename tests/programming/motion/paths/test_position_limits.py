@@ -21,7 +21,7 @@ from sqrp_cli.programming.motion.paths.straight_line import ToolLine, follow, st
 from sqrp_cli.programming.motion.plan_motion import MEASURED, Motion
 from sqrp_cli.programming.motion.recovery import recovery_over
 from sqrp_cli.programming.motion.timing import phase_samples
-from sqrp_cli.trajectory import Path
+from sqrp_cli.trajectory import JointPath
 from tests.programming.motion.cells import Cell, thing
 from tests.programming.robots import joint, robot, torso_arm, written_urdf
 
@@ -42,7 +42,7 @@ def down(model: RobotModel, q: Array, length: float) -> ToolLine:
 
 @given(arrays(float, (2, 7, 3), elements=st.floats(-2, 2)))
 def test_the_extremes_of_a_path_are_those_of_all_its_positions(coefficients: Array) -> None:
-    path = Path(np.array([0.0, 0.3, 1.0]), coefficients)
+    path = JointPath(np.array([0.0, 0.3, 1.0]), coefficients)
     # At the break, the earlier piece has its end just before.
     q = path.positions(np.unique([*np.linspace(0, 1, 4001), np.nextafter(0.3, 0)]))
     low, high = path.range_bounds()
@@ -59,10 +59,10 @@ def test_an_arm_with_a_torso_holds_it_still_where_it_would_leave_its_limit(tmp_p
     q0 = np.array([0.005, *BENT])
     line = down(model, q0, 0.1)
     (free,) = follow(model, q0[None], line)
-    assert isinstance(free, Path)
+    assert isinstance(free, JointPath)
     assert past_limits(model, free)[0] > 0.01
     path = straight_line(model, q0, line)
-    assert isinstance(path, Path)
+    assert isinstance(path, JointPath)
     s = np.linspace(0, 1, 501)
     q = path.positions(s)
     assert ((q >= model.lower - 2 * LIMIT_SLACK) & (q <= model.upper + 2 * LIMIT_SLACK)).all()

@@ -18,7 +18,7 @@ from sqrp_cli.programming.motion.paths.straight_line import (
     rotation_vector,
     straight_line,
 )
-from sqrp_cli.trajectory import Path
+from sqrp_cli.trajectory import JointPath
 
 READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])
 """The UR5 with its tool about 0.4 m in front of it, far from singularities."""
@@ -42,7 +42,7 @@ def test_the_tool_follows_position_and_orientation_of_the_line_everywhere(
 ) -> None:
     line = line_from(ur5, READY, shift, turn)
     path = straight_line(ur5, READY, line)
-    assert isinstance(path, Path)
+    assert isinstance(path, JointPath)
     np.testing.assert_allclose(path.positions([0.0])[0], READY, atol=1e-12)
     s = np.linspace(0, 1, 173)
     for at, q in zip(s, path.positions(s), strict=True):
@@ -53,7 +53,7 @@ def test_the_tool_follows_position_and_orientation_of_the_line_everywhere(
 
 def test_a_line_is_one_polynomial_so_its_jerk_has_no_steps(ur5: RobotModel) -> None:
     path = straight_line(ur5, READY, line_from(ur5, READY, np.array([0.0, 0.2, 0.1]), np.zeros(3)))
-    assert isinstance(path, Path)
+    assert isinstance(path, JointPath)
     assert len(path.breaks) == 2
 
 
@@ -67,7 +67,7 @@ def test_a_line_out_of_reach_is_infeasible_and_says_where(ur5: RobotModel) -> No
     edge = line_from(ur5, READY, outward * (reached + 5) / 1500, np.zeros(3))
     assert isinstance(straight_line(ur5, READY, edge), Infeasible)
     inside = line_from(ur5, READY, outward * (reached - 15) / 1500, np.zeros(3))
-    assert isinstance(straight_line(ur5, READY, inside), Path)
+    assert isinstance(straight_line(ur5, READY, inside), JointPath)
 
 
 def test_a_joint_limit_on_the_way_is_named_with_the_distance(ur5: RobotModel) -> None:
@@ -93,12 +93,12 @@ def test_branches_followed_at_once_are_each_as_alone(ur5: RobotModel, shift: lis
     together = follow(ur5, q0, line)
     for q, path in zip(q0, together, strict=True):
         (alone,) = follow(ur5, q[None], line)
-        if isinstance(alone, Path):
-            assert isinstance(path, Path)
+        if isinstance(alone, JointPath):
+            assert isinstance(path, JointPath)
             np.testing.assert_allclose(path.coefficients, alone.coefficients, atol=1e-9)
         else:
             assert path == alone
-    assert {type(path) for path in together} == ({Path, Infeasible} if some_are_stuck else {Path})
+    assert {type(path) for path in together} == ({JointPath, Infeasible} if some_are_stuck else {JointPath})
 
 
 @given(vectors(1.7))
