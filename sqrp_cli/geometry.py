@@ -205,3 +205,8 @@ def box_corners(size: ArrayLike) -> Array:
     """The 8 corners [m] of a box of full extents `size` (..., 3) in its own frame, shape (..., 8, 3)."""
     corners: Array = 0.5 * np.asarray(size, dtype=float)[..., None, :] * BOX_SIGNS
     return corners
+
+
+Indices = NDArray[np.int64]
+
+Mask = NDArray[np.bool_]

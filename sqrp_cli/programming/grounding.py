@@ -23,7 +23,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder
 from sqrp_cli.programming.pieces import GroundFormula
-from sqrp_cli.programming.sensing.scene import WORLD
+from sqrp_cli.programming.sensing.scene_states import WORLD
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.programming.task import Candidate
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study
-from sqrp_cli.programming.coverage.explanation import CauseTotal, cause_totals, first_failures
+from sqrp_cli.programming.coverage.blind_spans import CauseTotal, cause_totals, first_failures
 from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.ranking import Ranked

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.scene import WORLD, SceneStates, fixed_frame
+from sqrp_cli.programming.sensing.scene_states import WORLD, SceneStates, fixed_frame
 from sqrp_cli.programming.sensing.sight_lines import shrink
 from sqrp_cli.programming.sensing.solids import Solid, load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target

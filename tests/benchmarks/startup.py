@@ -116,7 +116,7 @@ def print_stages(imports: float) -> None:
     watch(timeline, "first_samples", "all candidates: where to sample")
     watch(timeline, "_look", "all candidates: states and coverage")
     watch(timeline.Stage, "states", "- of this kinematics of the samples")
-    watch(observer.Look, "limits", "- of this limits")
+    watch(observer.WatchedBoxes, "limits", "- of this limits")
     watch(observer, "near_pairs", "- of this culling")
     watch(observer.HullTester, "met", "- of this view hulls in coal")
     watch(observer, "visible_shares", "- of this visible shares")

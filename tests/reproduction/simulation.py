@@ -17,7 +17,7 @@ from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, Samplin
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.scene import SceneStates, fixed_frame
+from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate, read_task
 from tests.reproduction.summary import Summary, always_in_interest, feasible_study, hidden_by_the_robot, seen_again

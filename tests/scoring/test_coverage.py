@@ -11,7 +11,7 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.formula_time import union_length
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import study
-from sqrp_cli.programming.coverage.coverage import coverage_of, difference, intersection
+from sqrp_cli.programming.coverage.blind_spans import coverage_of, difference, intersection
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
 from sqrp_cli.programming.task import read_task

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.logic.formula_time import Stretch, merge
-from sqrp_cli.programming.coverage.coverage import difference, intersection
+from sqrp_cli.programming.coverage.blind_spans import difference, intersection
 
 stretches = st.lists(
     st.tuples(st.integers(0, 20), st.integers(1, 6)).map(lambda pair: Stretch(pair[0], pair[0] + pair[1])), max_size=6

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.program.record import FaultMetrics
-from sqrp_cli.programming.coverage.timeline import Mask, Timeline
+from sqrp_cli.programming.coverage.timeline import Timeline
 from sqrp_cli.programming.motion.recovery import Recovery
 from sqrp_cli.programming.ranges import begins_run
 

@@ -12,7 +12,7 @@ from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 
 DEFAULT_TOLERANCE = 1e-3

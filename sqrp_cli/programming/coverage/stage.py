@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.skill.target_box import START
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
-from sqrp_cli.programming.sensing.scene import WORLD, SceneStates, fixed_frame
+from sqrp_cli.programming.sensing.scene_states import WORLD, SceneStates, fixed_frame
 
 
 @dataclass(frozen=True, eq=False)

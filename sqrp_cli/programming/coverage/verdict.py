@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.explanation import by_name, first_failures
+from sqrp_cli.programming.coverage.blind_spans import by_name, first_failures
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts

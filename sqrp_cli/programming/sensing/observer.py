@@ -11,28 +11,24 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
-from sqrp_cli.programming.sensing.look import Look, Views
-from sqrp_cli.programming.sensing.scene import SceneStates
-from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, WatchedBoxes
 from sqrp_cli.programming.sensing.solids import Solid
-from sqrp_cli.programming.sensing.visibility.culling import near_pairs
 from sqrp_cli.programming.sensing.visibility.culprit import find_culprits, find_largest
-from sqrp_cli.programming.sensing.visibility.occlusion import HullTester
+from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.targets import SoughtBox, Target
 
 _TOGETHER = 300
-"""Views that are tested at once even if fewer might do: below this the calls cost more than what they compute."""
+"""BoxViews that are tested at once even if fewer might do: below this the calls cost more than what they compute."""
 
 _BOXES_TOGETHER = 2000
 """Boxes that are looked at together, each counted in every state, to bound the memory."""
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +48,7 @@ class BoxVerdicts:
 
 
 @dataclass(frozen=True, eq=False)
-class TargetCoverage:
+class CoveredStates:
     """Whether a target is covered in m states, and how soon after an event the images show it.
 
     covered: shape (m,). response: [s], shape (m,): the k-th smallest response among the cameras that cover it; NaN if
@@ -93,7 +89,7 @@ class Observer:
 
     def coverage(
         self, targets: Sequence[Target], states: SceneStates, rows: Sequence[Indices]
-    ) -> tuple[TargetCoverage, ...]:
+    ) -> tuple[CoveredStates, ...]:
         """Whether each target is covered in its states `rows`, asking no more cameras than needed.
 
         Cameras are asked fastest response first, so that the response found is that of the best k cameras.
@@ -110,15 +106,15 @@ class Observer:
             reached = (count >= questions.needed) & np.isnan(response)
             response[reached] = self.cameras[tier[0]].response
         ends = np.cumsum([len(asked) for asked in rows])[:-1]
-        return tuple(map(TargetCoverage, np.split(count >= questions.needed, ends), np.split(response, ends)))
+        return tuple(map(CoveredStates, np.split(count >= questions.needed, ends), np.split(response, ends)))
 
     def _tiers(self) -> list[NDArray[np.int64]]:
         """Indices of cameras grouped by response, fastest first."""
         responses = np.array([camera.response for camera in self.cameras])
         return [np.flatnonzero(responses == response) for response in np.unique(responses)]
 
-    def _look(self, boxes: Sequence[SoughtBox], states: SceneStates) -> Look:
-        return Look(boxes, self._projections, self.solids, states)
+    def _look(self, boxes: Sequence[SoughtBox], states: SceneStates) -> WatchedBoxes:
+        return WatchedBoxes(boxes, self._projections, self.solids, states)
 
     def limits(self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Indices) -> LimitVerdicts:
         """Limits of every camera for boxes in the states `rows`: all rows of the first box, then of the next.
@@ -127,15 +123,17 @@ class Observer:
         """
         return self._look(boxes, states).limits(np.repeat(np.arange(len(boxes)), len(rows)), np.tile(rows, len(boxes)))
 
-    def _count_seeing(self, look: Look, questions: _Questions, camera: Indices, asked: Indices, count: Indices) -> None:
+    def _count_seeing(
+        self, look: WatchedBoxes, questions: _Questions, camera: Indices, asked: Indices, count: Indices
+    ) -> None:
         """Add to `count` of each question how many of the cameras see its target, at least up to the number it needs.
 
-        camera, asked: views by index of camera and question, shape (v,). Views whose hulls nothing is near see it
+        camera, asked: views by index of camera and question, shape (v,). BoxViews whose hulls nothing is near see it
         without further tests. The others of a question are tested one after the other, those with the fewest solids
         near first, until enough of them see it.
         """
         view, box, number = questions.boxes_of(asked)
-        views = Views(box, camera[view], questions.state[asked][view])
+        views = BoxViews(box, camera[view], questions.state[asked][view])
         lines = look.sight_lines(views)
         near = near_pairs(lines, look.solid_poses, look.opaque)
         pending = np.bincount(view[near[0]], minlength=len(asked))
@@ -163,7 +161,7 @@ class Observer:
         cause, by, figure = limits.cause.copy(), limits.side.astype(np.int64), limits.figure
         visible = np.full(cause.shape, np.nan)
         camera, at = np.nonzero(cause == Cause.NONE)
-        views = Views(box[at], camera, state[at])
+        views = BoxViews(box[at], camera, state[at])
         least = np.array([entry.limits.min_visible for entry in boxes])[views.box]
         lines, poses = look.sight_lines(views), look.solid_poses
         met = self._tester.met(lines, poses, near_pairs(lines, poses, look.opaque), first_only=False)
@@ -204,7 +202,7 @@ class _Questions:
         needed = np.array([entry.cameras for entry in targets])
         return cls(target, np.concatenate(rows), needed[target], np.cumsum(count) - count, count)
 
-    def within_limits(self, look: Look) -> Mask:
+    def within_limits(self, look: WatchedBoxes) -> Mask:
         """Whether each camera has all boxes of a question's target within its limits, shape (c, q)."""
         turn, question = np.nonzero(np.arange(self.box_count.max())[:, None] < self.box_count[self.target])
         box = self.first_box[self.target[question]] + turn

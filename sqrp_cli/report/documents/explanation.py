@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, transform
-from sqrp_cli.programming.coverage.explanation import by_name
+from sqrp_cli.programming.coverage.blind_spans import by_name
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling

@@ -12,7 +12,7 @@ from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.report.pages.paint import Color
 from sqrp_cli.report.pictures.lens import directions
 from sqrp_cli.report.pictures.rays import Hits, RayScene

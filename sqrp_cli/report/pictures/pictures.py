@@ -18,11 +18,11 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.platform.files import make_folder, write_atomically
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study
-from sqrp_cli.programming.coverage.explanation import Failure, by_name, first_failures
+from sqrp_cli.programming.coverage.blind_spans import Failure, by_name, first_failures
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.verdict import stretches
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.pages.paint import COVERED, CULPRIT, HIDDEN, solid_colors
 from sqrp_cli.report.pictures.camera_image import Photographer

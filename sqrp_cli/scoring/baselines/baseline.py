@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.text.source import Scalar, describe
 from sqrp_cli.knowledge.text.validation import problems_of
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.paths_as_text import json_line
-from sqrp_cli.programming.coverage.coverage import Coverage
+from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.scoring.baselines.source_fields import fields_of

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.logic.formula_time import Stretch
-from sqrp_cli.programming.coverage.coverage import BlindSpan, Coverage, TargetCoverage, difference, intersection
+from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage, difference, intersection
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.scoring.baselines.baseline import TaskRecord, WayRecord
 from sqrp_cli.scoring.score import TaskScore

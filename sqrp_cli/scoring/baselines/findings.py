@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 
-from sqrp_cli.programming.coverage.coverage import Coverage
+from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, vanished
 from sqrp_cli.scoring.baselines.changes import Change, workspace_changes

@@ -13,7 +13,7 @@ from sqrp_cli.knowledge.workspace.relocation import files_to_load
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
-from sqrp_cli.programming.coverage.coverage import coverage_of
+from sqrp_cli.programming.coverage.blind_spans import coverage_of
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.infeasible import Infeasible

@@ -16,7 +16,7 @@ from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.platform.paths_as_text import json_line
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.coverage import BlindSpan, Coverage, TargetCoverage
+from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
 

@@ -10,7 +10,7 @@ import pytest
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
-from sqrp_cli.programming.coverage.explanation import cause_totals, sample_weights
+from sqrp_cli.programming.coverage.blind_spans import cause_totals, sample_weights
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import explain_stretch, stretches, verdict
 from sqrp_cli.programming.sensing.cause import Cause

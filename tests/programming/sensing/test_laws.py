@@ -26,8 +26,8 @@ from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, 
 from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.sensing.cause import SIDES, Cause
-from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer, TargetCoverage
-from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, CoveredStates, Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.solids import load_solids
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import read_task
@@ -62,7 +62,7 @@ class Watch:
     def observer(self) -> Observer:
         return Observer(self.cameras, load_solids(self.parts))
 
-    def coverage(self, rows: NDArray[np.int64] | None = None) -> TargetCoverage:
+    def coverage(self, rows: NDArray[np.int64] | None = None) -> CoveredStates:
         rows = np.arange(STATES) if rows is None else rows
         (found,) = self.observer.coverage([self.target], self.states, [rows])
         return found
@@ -73,7 +73,7 @@ class Watch:
         return boxes
 
     @cached_property
-    def whole(self) -> TargetCoverage:
+    def whole(self) -> CoveredStates:
         return self.coverage()
 
     @property

@@ -11,7 +11,7 @@ import pytest
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sensing.scene import SceneStates
+from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.report.pictures.camera_image import Photographer
 
 TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop"

@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, cross, inverse, transform
+from sqrp_cli.geometry import Array, Indices, cross, inverse, transform
 from sqrp_cli.programming.ranges import begins_run
-from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs, SightLines, SolidPoses
-from sqrp_cli.programming.sensing.visibility.box_bounds import box_is_met
-from sqrp_cli.programming.sensing.visibility.facets import Facets
+from sqrp_cli.programming.sensing.scene_states import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.nearest_inside import nearest_inside
+from sqrp_cli.programming.sensing.visibility.triangulation import Facets, box_is_met
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 
 _PRODUCTS = 50_000

@@ -4,24 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, inverse, norms
-from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs, SightLines, SolidPoses
-from sqrp_cli.programming.sensing.solids import Solid
-from sqrp_cli.programming.sensing.visibility.box_bounds import box_distances
-from sqrp_cli.programming.sensing.visibility.clipping import clipped_distances, distances_to_origin, hull_half_spaces
-from sqrp_cli.programming.sensing.visibility.facets import Facets
+from sqrp_cli.geometry import Array, Indices, Mask, cross, inverse, norms
+from sqrp_cli.programming.sensing.scene_states import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
+from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES, Solid
+from sqrp_cli.programming.sensing.visibility.triangulation import Facets, box_distances
 
 _CORNERS = 10_000_000
 """Corners of triangles that are held against half spaces at once, at most, to bound the memory."""
 
 _FIRST = 4
 """Triangles of each line that are looked at first, to know how near the others must be to matter."""
-
-Mask = NDArray[np.bool_]
 
 
 def nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
@@ -31,7 +29,7 @@ def nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
     the pairs do reach into the hulls.
     """
     line, solids = pairs
-    hulls = _Hulls.of(lines, poses, pairs)
+    hulls = _HullSpaces.of(lines, poses, pairs)
     # What reaches into a hull is at least as near as the farthest corner of its box: boxes alone decide many lines.
     bounds, nearest = np.empty(len(line)), np.empty(len(line))
     for solid, rows in _by_solid(poses, solids, np.arange(len(line))):
@@ -57,7 +55,7 @@ def nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Hulls:
+class _HullSpaces:
     """The view hull of each of n pairs, with the axes of the solid's parent.
 
     normals, offsets: the points p with n . p <= o for all k half spaces, the eye as origin, shapes (n, k, 3) and
@@ -69,13 +67,13 @@ class _Hulls:
     eyes: Array
 
     @staticmethod
-    def of(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> _Hulls:
+    def of(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> _HullSpaces:
         hull_of = lines.hull[pairs[0]]
         hulls, hull = np.unique(hull_of, return_inverse=True)
         spaces = hull_half_spaces(lines.corners[hulls] - lines.eyes[hulls, None])[hull]
         X_PW = inverse(poses.at(pairs[1], lines.state[pairs[0]]))
         eyes: Array = (X_PW[:, :3, :3] @ lines.eyes[hull_of, :, None])[..., 0] + X_PW[:, :3, 3]
-        return _Hulls(spaces[..., :3] @ X_PW[:, :3, :3].swapaxes(1, 2), spaces[..., 3], eyes)
+        return _HullSpaces(spaces[..., :3] @ X_PW[:, :3, :3].swapaxes(1, 2), spaces[..., 3], eyes)
 
     def outside(self, rows: Indices, vertices: Array) -> NDArray[np.unsignedinteger]:
         """Which half spaces of some hulls (n,) each vertex (V, 3) lies outside of, one bit each, shape (V, n)."""
@@ -106,7 +104,7 @@ class _Pieces:
     normals: Array
 
     @staticmethod
-    def of(hulls: _Hulls, rows: Indices, facets: Facets, *outside: NDArray[np.unsignedinteger]) -> _Pieces:
+    def of(hulls: _HullSpaces, rows: Indices, facets: Facets, *outside: NDArray[np.unsignedinteger]) -> _Pieces:
         """Those of a solid's facets that may reach into some of the hulls, of index (n,).
 
         outside: the half spaces that the three corners of each facet lie outside of, shape (F, n) each.
@@ -142,7 +140,7 @@ class _Pieces:
             self, row=self.row[kept], facet=self.facet[kept], bounds=self.bounds[kept], inside=self.inside[kept]
         )
 
-    def distances(self, hulls: _Hulls, least: Array) -> Array:
+    def distances(self, hulls: _HullSpaces, least: Array) -> Array:
         """Distance of the part inside the hull from the eye, shape (n,); infinite where none is nearer than `least`."""
         triangles = self.points[self.facet] - hulls.eyes[self.row, None]
         normals = self.normals[self.facet]
@@ -189,3 +187,87 @@ def _by_solid(poses: SolidPoses, solids: Indices, rows: Indices, spaces: int = 0
         solid, here = poses.solids[index], rows[of_rows == index]
         for some in np.array_split(here, 1 + len(here) * spaces * len(solid.triangles) // _CORNERS):
             yield solid, some
+
+
+_EDGES = np.array(list(combinations(range(8), 2))).T
+"""Pairs of a box's corners, shape (2, 28)."""
+
+
+def hull_half_spaces(corners: Array) -> Array:
+    """Half spaces whose intersection is the hull of the eye (the origin) and a box's corners (h, 8, 3).
+
+    Rows (n, o) of shape (h, k, 4) for the points p with n . p <= o; rows of zeros, which hold everything, come last.
+    """
+    faces = [corners[:, BOX_TRIANGLES[::2, k]] for k in range(3)]
+    normals = cross(faces[1] - faces[0], faces[2] - faces[0])
+    offsets = np.einsum("hki,hki->hk", normals, faces[0])
+    behind = np.where((offsets > 0)[..., None], np.concatenate([normals, offsets[..., None]], axis=2), 0.0)
+    normals = cross(corners[:, _EDGES[0]], corners[:, _EDGES[1]])
+    heights = normals @ np.swapaxes(corners, 1, 2)
+    below, above = heights.max(axis=2) <= 1e-12, heights.min(axis=2) >= -1e-12
+    beside = np.zeros((*normals.shape[:2], 4))
+    beside[..., :3] = np.where(below[..., None], normals, np.where(above[..., None], -normals, 0.0))
+    spaces = np.concatenate([behind, beside], axis=1)
+    bounding = np.any(spaces != 0, axis=2)
+    order = np.argsort(~bounding, axis=1, kind="stable")[:, : int(bounding.sum(axis=1).max(initial=0))]
+    return np.take_along_axis(spaces, order[..., None], axis=1)
+
+
+def clipped_distances(triangles: Array, normals: Array, spaces: Array) -> Array:
+    """Distance from the origin to the part of each triangle (n, 3, 3) inside its half spaces (n, k, 4); shape (n,).
+
+    It is infinite where nothing is left. The triangles are clipped side by side (Sutherland and Hodgman 1974).
+    """
+    polygons = np.zeros((len(triangles), 3 + spaces.shape[1], 3))
+    polygons[:, :3] = triangles
+    counts, width = np.full(len(triangles), 3), 3
+    for space in np.swapaxes(spaces, 0, 1):
+        heights = (polygons[:, :width] @ space[:, :3, None])[..., 0] - space[:, 3:]
+        cut = np.flatnonzero(((heights > 0) & (np.arange(width) < counts[:, None])).any(axis=1))
+        if len(cut):
+            clipped, counts[cut] = _clipped(polygons[cut, :width], counts[cut], heights[cut])
+            width = max(width, clipped.shape[1])
+            polygons[cut, : clipped.shape[1]] = clipped
+    return distances_to_origin(polygons[:, :width], counts, normals)
+
+
+def _clipped(polygons: Array, counts: Indices, heights: Array) -> tuple[Array, Indices]:
+    """What of polygons (n, p, 3) lies where the height is not above 0, and how many points they then have.
+
+    counts: how many of the points each has, shape (n,). heights: of the points, shape (n, p).
+    """
+    width = polygons.shape[1]
+    present, following = np.arange(width) < counts[:, None], _following(counts, width)
+    row = np.arange(len(polygons))[:, None]
+    after, ends = heights[row, following], polygons[row, following]
+    inside, crosses = present & (heights <= 0), present & ((heights > 0) != (after > 0))
+    share = heights / np.where(crosses, heights - after, 1.0)
+    points = np.stack([polygons, polygons + share[..., None] * (ends - polygons)], axis=2)
+    kept = np.stack([inside, crosses], axis=2).reshape(len(polygons), 2 * width)
+    counts = kept.sum(axis=1)
+    order = np.argsort(~kept, axis=1, kind="stable")[:, : max(1, int(counts.max(initial=0)))]
+    return points.reshape(len(polygons), 2 * width, 3)[row, order], counts
+
+
+def _following(counts: Indices, width: int) -> Indices:
+    """Index of the next point around polygons of `counts` points, shape (n, width)."""
+    following = np.arange(1, width + 1)
+    return np.where(following < counts[:, None], following, 0)
+
+
+def distances_to_origin(polygons: Array, counts: Indices, normals: Array) -> Array:
+    """Distance from the origin to convex planar polygons (n, p, 3) of the first `counts` points; shape (n,)."""
+    width = polygons.shape[1]
+    present = np.arange(width) < counts[:, None]
+    sides = polygons[np.arange(len(polygons))[:, None], _following(counts, width)] - polygons
+    squares = np.maximum(np.einsum("npi,npi->np", sides, sides), 1e-300)
+    share = np.clip(-np.einsum("npi,npi->np", polygons, sides) / squares, 0.0, 1.0)
+    to_sides = np.where(present, np.linalg.norm(polygons + share[..., None] * sides, axis=2), np.inf)
+    lengths = np.maximum(np.einsum("ni,ni->n", normals, normals), 1e-300)
+    feet = normals * (np.einsum("ni,ni->n", polygons[:, 0], normals) / lengths)[:, None]
+    turns = (cross(sides, feet[:, None] - polygons) @ normals[:, :, None])[..., 0]
+    surrounded = ((turns >= 0) | ~present).all(axis=1) | ((turns <= 0) | ~present).all(axis=1)
+    surrounded &= (counts > 2) & (lengths > 1e-30)
+    to_plane = np.where(surrounded, np.linalg.norm(feet, axis=1), np.inf)
+    distances: Array = np.minimum(to_plane, to_sides.min(axis=1))
+    return distances

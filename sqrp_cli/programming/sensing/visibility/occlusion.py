@@ -1,17 +1,51 @@
-"""Line of sight, exactly: which solids reach into the view hull of a box.
+"""Occlusion: which solids reach into the view hull of a box.
 
-The hull decides for the whole box at once; rays to its corners would miss thin occluders. coal's answer against the
-meshes is exact; only what `culling` leaves is handed to it.
+The hull decides for the whole box at once; rays to its corners would miss thin occluders. `near_pairs` culls by bounds
+alone. First balls around the solids are held against cones around the hulls, for all states at once; then boxes around
+those that remain against ten planes around the hull, and the hull against the boxes. Each comparison asks whether
+something is beyond a bound, so that what is not a number counts as near. What is left, `HullTester` hands to coal,
+whose answer against the meshes is exact.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import coal
 import numpy as np
+from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS
-from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines, SolidPoses
+from sqrp_cli.geometry import BOX_SIGNS, Array, Indices
+from sqrp_cli.programming.ranges import ranges
+from sqrp_cli.programming.sensing.scene_states import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import TOUCH, Pairs, SightLines
 from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES, Solid
+
+_HULLS_AT_ONCE = 4096
+"""View hulls, each in a state, that are compared with all solids at once: what that takes should fit the cache."""
+
+_LEAST_DEPTH = 1e-6
+"""Depth of a box's nearest corner [m] below which the box has no bounded image, and its hull no cone."""
+
+
+def near_pairs(lines: SightLines, poses: SolidPoses, opaque: NDArray[np.bool_]) -> Pairs:
+    """Pairs (sight line, index of solid) whose hull and bounding volume may touch, ordered by sight line.
+
+    opaque: which solids can hide which box, shape (s, b).
+    """
+    solids = np.flatnonzero(opaque.any(axis=1))
+    if not len(lines.state) or not len(solids):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    hulls = _HullBounds.of(lines)
+    moves = np.array([len(poses.pose(index)) > 1 for index in solids.tolist()])
+    every_hull = np.arange(len(lines.box))
+    # What stands still is compared with each hull once, whatever the number of its lines.
+    hull, standing = _near(hulls, lines.box, opaque, poses, solids[~moves], every_hull, np.zeros_like(every_hull))
+    at, line = _all_lines_of(hull, lines)
+    moved_line, moving = _near(hulls, lines.box, opaque, poses, solids[moves], lines.hull, lines.state)
+    line, solid = np.concatenate([line, moved_line]), np.concatenate([standing[at], moving])
+    order = np.lexsort((solid, line))
+    return line[order], solid[order]
 
 
 class HullTester:
@@ -76,3 +110,154 @@ class HullTester:
             self._hull, self._at_origin, solid.geometry, self._placement, self._request, self._result
         )
         return contacts > 0
+
+
+def _all_lines_of(hull: Indices, lines: SightLines) -> tuple[Indices, Indices]:
+    """Every sight line of each hull (n,), with the hull's place among those n; a hull's lines follow each other."""
+    first = np.searchsorted(lines.hull, np.arange(len(lines.box) + 1))
+    return ranges(first[hull], first[hull + 1])
+
+
+def _near(
+    hulls: _HullBounds,
+    box: Indices,
+    opaque: NDArray[np.bool_],
+    poses: SolidPoses,
+    solids: Indices,
+    hull: Indices,
+    state: Indices,
+) -> Pairs:
+    """Pairs (row, index of solid) of n hulls, each in a state, shape (n,), and some of the solids, ordered by row.
+
+    box: which box each of the hulls belongs to, shape (h,).
+    """
+    if not len(solids):
+        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    bounds = _Bounds.of(poses, solids, int(state.max()) + 1)
+    found = []
+    for start in range(0, len(hull), _HULLS_AT_ONCE):
+        of, at = hull[start : start + _HULLS_AT_ONCE], state[start : start + _HULLS_AT_ONCE]
+        near = hulls.meet_balls(of, bounds, at) & opaque[solids][:, box[of]]
+        row, index = np.nonzero(near.T)
+        kept = hulls.meet_boxes(of[row], bounds, index, at[row])
+        found.append((row[kept] + start, solids[index[kept]]))
+    rows, near_ones = zip(*found, strict=True)
+    return np.concatenate(rows), np.concatenate(near_ones)
+
+
+@dataclass(frozen=True, eq=False)
+class _Bounds:
+    """Balls and boxes around s solids in m states, with the same centres.
+
+    centers: in the world, shape (3, s, m). radii: of the balls, shape (s, 1) [m]. half_axes: of the boxes in the world,
+    coordinate second, shape (3, 3, s, m).
+    """
+
+    centers: Array
+    radii: Array
+    half_axes: Array
+
+    @classmethod
+    def of(cls, poses: SolidPoses, solids: Indices, count: int) -> _Bounds:
+        axes_and_center = np.empty((4, 3, len(solids), count))
+        for row, index in enumerate(solids.tolist()):
+            # One product of two matrices, in place of one for every state.
+            columns_W = (poses.pose(index)[:count].reshape(-1, 4) @ poses.solids[index].box).reshape(-1, 4, 4)
+            axes_and_center[:, :, row] = columns_W[:, :3].transpose(2, 1, 0)
+        radii = np.array([[poses.solids[index].radius] for index in solids.tolist()])
+        return cls(axes_and_center[3], radii, axes_and_center[:3])
+
+
+@dataclass(frozen=True, eq=False)
+class _HullBounds:
+    """Bounds of h view hulls, coordinate first.
+
+    cones: x, y, z of the eye, x, y, z of the axis (unit), cosine and sine of half the opening, and length [m], shape
+    (9, h). planes: unit normal n and offset o of ten planes, with n . p > o for every point p outside the plane, shape
+    (10, 4, h). points: corners of the boxes, and the eyes, shape (3, 9, h).
+    """
+
+    cones: Array
+    planes: Array
+    points: Array
+
+    @classmethod
+    def of(cls, lines: SightLines) -> _HullBounds:
+        eyes, corners = lines.eyes.T, np.ascontiguousarray(lines.corners.transpose(2, 1, 0))
+        rays = corners - eyes[:, None]
+        axis = rays.mean(axis=1)
+        axis /= _norm(axis)
+        depth = _dot(rays, axis[:, None])
+        bounded = depth.min(axis=0) > _LEAST_DEPTH  # not so where it is not a number: then anything may be near
+        cosine = np.where(bounded, (depth / _norm(rays)).min(axis=0), 0.0)
+        sine = np.where(bounded, np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0)), 0.0)
+        length = np.where(bounded, depth.max(axis=0), np.inf)
+        planes = _planes(eyes, rays, axis, np.where(bounded, depth, 1.0))
+        planes[:, :, ~bounded] = 0.0
+        points = np.concatenate([corners, eyes[:, None]], axis=1)
+        return cls(np.concatenate([eyes, axis, [cosine, sine, length]]), planes, points)
+
+    def meet_balls(self, hull: Indices, bounds: _Bounds, state: Indices) -> NDArray[np.bool_]:
+        """Whether the cone of each hull (n,) may touch each ball in a state (n,); shape (s, n)."""
+        *eye_and_axis, cosine, sine, length = self.cones[:, hull]
+        x, y, z = (bounds.centers[axis][:, state] - eye_and_axis[axis] for axis in range(3))
+        along = _dot((x, y, z), eye_and_axis[3:])
+        aside = np.sqrt(np.maximum(_dot((x, y, z), (x, y, z)) - along * along, 0.0))
+        reach = bounds.radii + TOUCH
+        beyond: NDArray[np.bool_] = aside * cosine - along * sine > reach
+        # A hull without a cone has an infinite length, and anything may touch it.
+        beyond |= ((along < -reach) | (along > reach + length)) & np.isfinite(length)
+        return ~beyond
+
+    def meet_boxes(self, hull: Indices, bounds: _Bounds, solid: Indices, state: Indices) -> Indices:
+        """Which hulls (n,) may touch the box around a solid (n,) in a state (n,), by index."""
+        center, half_axes = bounds.centers[:, solid, state], bounds.half_axes[:, :, solid, state]
+        planes = self.planes[:, :, hull]
+        normals = planes[:, :3].swapaxes(0, 1)
+        extent = sum(np.abs(_dot(normals, half_axis)) for half_axis in half_axes)
+        kept = np.flatnonzero(~(_dot(normals, center) - extent > planes[:, 3] + TOUCH).any(axis=0))
+        points = self.points[:, :, hull[kept]] - center[:, None, kept]
+        beyond = np.zeros(len(kept), dtype=bool)
+        for half_axis in half_axes[:, :, kept]:
+            # The hull does not reach into the box if all of its points lie beyond the same face.
+            along, length = _dot(points, half_axis), _norm(half_axis)
+            reach = length * (length + TOUCH)
+            beyond |= (along.min(axis=0) > reach) | (along.max(axis=0) < -reach)
+        return kept[~beyond]
+
+
+def _planes(eyes: Array, rays: Array, axis: Array, depth: Array) -> Array:
+    """Ten planes around each view hull: eight beside it, through the eye, one behind the box and one behind the eye.
+
+    The eight bound the box's image by an octagon. eyes, axis: shape (3, h). rays: from the eyes to the corners, shape
+    (3, 8, h); depth: of the corners, shape (8, h). Returns shape (10, 4, h).
+    """
+    zero = np.zeros_like(axis[0])
+    upright = np.abs(axis[2]) < 0.9  # across the axis and whichever of z and x is far from parallel to it
+    right = np.where(upright, np.stack([axis[1], -axis[0], zero]), np.stack([zero, axis[2], -axis[1]]))
+    right /= _norm(right)
+    up = np.stack([right[(i + 1) % 3] * axis[(i + 2) % 3] - right[(i + 2) % 3] * axis[(i + 1) % 3] for i in range(3)])
+    a, b = _dot(rays, right[:, None]) / depth, _dot(rays, up[:, None]) / depth
+    diagonal = np.sqrt(0.5)
+    slopes = np.stack([a, b, diagonal * (a + b), diagonal * (a - b)])
+    across = np.stack([right, up, diagonal * (right + up), diagonal * (right - up)])
+    planes = np.empty((10, 4, axis.shape[1]))
+    planes[0:4, :3] = across - slopes.max(axis=1)[:, None] * axis
+    planes[4:8, :3] = slopes.min(axis=1)[:, None] * axis - across
+    planes[8, :3], planes[9, :3] = axis, -axis
+    planes[:, :3] /= np.sqrt((planes[:, :3] ** 2).sum(axis=1))[:, None]
+    planes[:, 3] = _dot(planes[:, :3].swapaxes(0, 1), eyes)
+    planes[8, 3] += depth.max(axis=0)
+    return planes
+
+
+def _dot(a: Array | tuple[Array, ...], b: Array | list[Array] | tuple[Array, ...]) -> Array:
+    """Inner products of vectors whose coordinates come first."""
+    product: Array = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return product
+
+
+def _norm(vectors: Array) -> Array:
+    """Lengths of vectors whose coordinates come first."""
+    length: Array = np.sqrt(_dot(vectors, vectors))
+    return length

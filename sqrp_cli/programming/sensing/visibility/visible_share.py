@@ -17,13 +17,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS, Array, cross, inverse, transform
+from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, cross, inverse, transform
 from sqrp_cli.programming.ranges import begins_run
-from sqrp_cli.programming.sensing.sight_lines import Indices, Pairs, SightLines, SolidPoses
+from sqrp_cli.programming.sensing.scene_states import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES
-from sqrp_cli.programming.sensing.visibility.outline import AHEAD, Bends, Outline, beyond_sides, facing, signs
-from sqrp_cli.programming.sensing.visibility.ray_grid import RayGrid, turns
-from sqrp_cli.programming.sensing.visibility.surface import Surface
+from sqrp_cli.programming.sensing.visibility.silhouette import (
+    AHEAD,
+    Bends,
+    RayGrid,
+    Silhouette,
+    beyond_sides,
+    facing,
+    signs,
+    turns,
+)
+from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
 
 _CHUNK = 1024
 """Sight lines that are sampled together at most."""
@@ -31,9 +40,7 @@ _CHUNK = 1024
 _MEMORY = 2_000_000
 """Triangles, each counted for each sight line, that are looked at together at most, to bound the memory."""
 
-_BOX = Surface.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
-
-Mask = NDArray[np.bool_]
+_BOX = Triangulation.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
 
 
 def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> tuple[Indices, Array]:
@@ -63,13 +70,13 @@ def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
         within = slice(*np.searchsorted(number, (start, start + size)).tolist())
         hull, state = lines.hull[named[chunk]], lines.state[named[chunk]]
         begins = begins_run(hull)
-        view = _View.of(lines, hull[begins])
+        view = _SeenBoxes.of(lines, hull[begins])
         here = (number[within] - start, solid[within])
         shares[chunk] = _shares(view, np.cumsum(begins) - 1, state, poses, here)
     return shares
 
 
-def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs: Pairs) -> Array:
+def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, pairs: Pairs) -> Array:
     """Visible shares of l sight lines; hull: which of the views each has, state: index of its state, shape (l,)."""
     line, which = pairs
     hulls, lines = len(view.eyes), len(hull)
@@ -89,7 +96,7 @@ def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs
     bends, marked, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
     for index in np.flatnonzero(np.bincount(which)).tolist():
         rows = np.flatnonzero(which == index)
-        surface = Surface.of(poses.solids[index])
+        surface = Triangulation.of(poses.solids[index])
         turned = facing(surface, eyes_P.take(rows, axis=1))
         doubtful = np.flatnonzero(reaching[rows])
         if len(doubtful):
@@ -106,7 +113,7 @@ def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs
             column, hit, grid_row = view.blocked(at[of[row]], corners_B)
             marked.append((column, line[of[row[hit]]], grid_row))
         bends.append(Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
-    inside = Outline.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
+    inside = Silhouette.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
     silhouette, blocked = inside[:, :hulls], inside[:, hulls:]
     for rays in marked:
         blocked[rays] = True
@@ -115,7 +122,7 @@ def _shares(view: _View, hull: Indices, state: Indices, poses: SolidPoses, pairs
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class _SeenBoxes:
     """Boxes as cameras see them, one for each of h view hulls.
 
     X_CW: world in the (turned) optical frame, shape (h, 4, 4). X_BW: world in the box's frame, shape (h, 4, 4).
@@ -133,7 +140,7 @@ class _View:
     grid: RayGrid
 
     @classmethod
-    def of(cls, lines: SightLines, hulls: Indices) -> _View:
+    def of(cls, lines: SightLines, hulls: Indices) -> _SeenBoxes:
         """The views of some of the hulls of sight lines."""
         X_WC, corners_W = lines.X_WC[hulls], lines.corners[hulls]
         X_CW = inverse(X_WC)

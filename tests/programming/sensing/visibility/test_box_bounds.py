@@ -9,7 +9,7 @@ import pytest
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, quaternion_to_matrix
 from sqrp_cli.programming.sensing.solids import Solid
-from sqrp_cli.programming.sensing.visibility.box_bounds import box_distances, box_is_met
+from sqrp_cli.programming.sensing.visibility.triangulation import box_distances, box_is_met
 from tests.programming.sensing.solids import solid_of
 
 SIZES = [(0.3, 0.2, 0.1), (0.5, 0.01, 0.3), (0.4, 0.2, 0.0)]

@@ -7,7 +7,8 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, transform
-from sqrp_cli.programming.sensing.sight_lines import SightLines, SolidPoses
+from sqrp_cli.programming.sensing.scene_states import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import SightLines
 from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.sensing.visibility.nearest_inside import nearest_inside
 from tests.programming.sensing.solids import solid_of

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
-from sqrp_cli.programming.sensing.sight_lines import SightLines, SolidPoses
+from sqrp_cli.programming.sensing.scene_states import SolidPoses
+from sqrp_cli.programming.sensing.sight_lines import SightLines
 from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES, Solid
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from tests.programming.sensing.solids import solid_of

@@ -7,7 +7,7 @@ import pytest
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, axis_rotation, pose, transform
 from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES
-from sqrp_cli.programming.sensing.visibility.surface import Surface
+from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
 
 X_WO = pose(axis_rotation(0, 0.4) @ axis_rotation(2, 1.1), [0.3, -2.0, 1.0])
 BOX = transform(X_WO, BOX_SIGNS * [0.02, 0.5, 1.0])
@@ -27,19 +27,19 @@ def prism(count: int) -> tuple[Array, Array]:
 
 @pytest.mark.parametrize("count", [3, 4, 32, 33])
 def test_boxes_and_prisms_are_convex_and_not_any_more_once_dented(count: int) -> None:
-    assert Surface.of_triangles(BOX, BOX_TRIANGLES).is_convex
+    assert Triangulation.of_triangles(BOX, BOX_TRIANGLES).is_convex
     vertices, triangles = prism(count)
-    assert Surface.of_triangles(transform(X_WO, vertices), triangles).is_convex
+    assert Triangulation.of_triangles(transform(X_WO, vertices), triangles).is_convex
     vertices[-1, 2] -= 1e-4
-    assert not Surface.of_triangles(transform(X_WO, vertices), triangles).is_convex
+    assert not Triangulation.of_triangles(transform(X_WO, vertices), triangles).is_convex
 
 
 def test_what_is_open_inside_out_or_in_two_pieces_is_not_convex() -> None:
-    assert not Surface.of_triangles(BOX, BOX_TRIANGLES[:-1]).is_convex
-    assert not Surface.of_triangles(BOX, BOX_TRIANGLES[:, ::-1]).is_convex
+    assert not Triangulation.of_triangles(BOX, BOX_TRIANGLES[:-1]).is_convex
+    assert not Triangulation.of_triangles(BOX, BOX_TRIANGLES[:, ::-1]).is_convex
     both = np.concatenate([BOX, np.add(BOX, [0.0, 0.0, 5.0])]), np.concatenate([BOX_TRIANGLES, BOX_TRIANGLES + 8])
-    assert not Surface.of_triangles(*both).is_convex
+    assert not Triangulation.of_triangles(*both).is_convex
 
 
 def test_it_is_not_tried_whether_a_large_surface_is_convex() -> None:
-    assert not Surface.of_triangles(*prism(2000)).is_convex
+    assert not Triangulation.of_triangles(*prism(2000)).is_convex

@@ -1,0 +1,87 @@
+"""Where everything is over a batch of robot states: cameras, target boxes, and the solids that may be in the way."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices, check_finite, pose
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.programming.sensing.solids import Solid
+
+WORLD = "world"
+
+
+@dataclass(frozen=True, eq=False)
+class SolidPoses:
+    """Solids with the world poses of their parents over a batch of states.
+
+    X_WP: pose of each parent, shape (m, 4, 4), or (1, 4, 4) where it never moves.
+    """
+
+    solids: tuple[Solid, ...]
+    X_WP: Mapping[str, Array]
+
+    def pose(self, index: int) -> Array:
+        """World poses of a solid's parent, shape (m or 1, 4, 4)."""
+        return self.X_WP[self.solids[index].part.parent]
+
+    def at(self, solid: Indices, state: Indices) -> Array:
+        """World poses of the parents of solids in states, both by index and of shape (n,); shape (n, 4, 4)."""
+        found = np.empty((len(solid), 4, 4))
+        for index in np.flatnonzero(np.bincount(solid)).tolist():
+            here, poses = np.flatnonzero(solid == index), self.pose(index)
+            found[here] = poses[state[here]] if len(poses) > 1 else poses
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class SceneStates:
+    """World poses of every frame over m states.
+
+    count: m. X_WF: pose of `world`, every link, object and `OBJECT@start`, shape (m, 4, 4), or (1, 4, 4) where it never
+    moves.
+    """
+
+    count: int
+    X_WF: Mapping[str, Array]
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a pose is not finite."""
+        for name, X_WF in self.X_WF.items():
+            check_finite(f"the poses of `{name}`", X_WF)
+
+    def camera_poses(self, camera: Camera) -> Array:
+        """World poses of a camera's optical frame, shape (m or 1, 4, 4)."""
+        poses: Array = self.X_WF[camera.frame] @ camera.X_FC
+        return poses
+
+    def box_poses(self, box: TargetBox) -> Array:
+        """World poses of a target box, shape (m or 1, 4, 4)."""
+        poses: Array = self.X_WF[box.frame] @ box.X_FB
+        return poses
+
+    def solid_poses(self, solids: tuple[Solid, ...]) -> SolidPoses:
+        """World poses of solids."""
+        return SolidPoses(solids, self.X_WF)
+
+
+def fixed_frame(X_WF: Array | None = None) -> Array:
+    """A frame that never moves, as an entry of `SceneStates.X_WF`; the world's origin by default."""
+    return (pose() if X_WF is None else X_WF)[None]
+
+
+def poses_at(X: Sequence[Array], which: Indices, state: Indices) -> Array:
+    """Poses of things in states, both by index and of shape (n,); shape (n, 4, 4).
+
+    X: poses of each thing over all states, shape (m, 4, 4), or (1, 4, 4) where it never moves.
+    """
+    found: Array = np.stack([poses[0] for poses in X])[which]
+    for index, poses in enumerate(X):
+        if len(poses) > 1:
+            here = np.flatnonzero(which == index)
+            found[here] = poses[state[here]]
+    return found
