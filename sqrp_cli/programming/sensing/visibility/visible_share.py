@@ -1,6 +1,6 @@
 """How much of a box a camera sees: the share of its silhouette, by area in the undistorted image.
 
-Rays run on a grid over the silhouette (`ray_grid`). A ray is blocked if a triangle lies on it before it leaves the box.
+Rays run on a grid over the silhouette (`RayGrid`). A ray is blocked if a triangle lies on it before it leaves the box.
 Triangles that lie wholly before the box's far side block what their common outline winds around: layers of triangles
 that hang together need not be looked at one by one, and what is left of a closed mesh is the edges at which it turns
 away from the camera. Only triangles that reach through the far side are compared with single rays.
