@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from sqrp_cli.checks.shape_overlaps import is_inside
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import inverse, transform
-from sqrp_cli.knowledge.robot.urdf import WORLD
+from sqrp_cli.knowledge.frames import WORLD, frame_poses
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.solids import Solid
@@ -21,8 +19,9 @@ def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Sol
 
     The link that carries a camera hides as much as any other, if the camera is truly inside its shape.
     """
-    X_WF = {WORLD: np.eye(4), **{link: poses[0] for link, poses in model.link_poses(model.home[None]).items()}}
-    X_WF |= {thing.name: thing.X_WO for thing in workspace.objects.values() if thing.X_WO is not None}
+    X_WL = {link: poses[0] for link, poses in model.link_poses(model.home[None]).items()}
+    X_WO = {thing.name: thing.X_WO for thing in workspace.objects.values() if thing.X_WO is not None}
+    X_WF = frame_poses(X_WL, X_WO, {})
     for camera in workspace.cameras.values():
         eye = (X_WF[camera.frame] @ camera.X_FC)[:3, 3]
         for solid in solids:

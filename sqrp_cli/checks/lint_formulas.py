@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from itertools import combinations
 
 from sqrp_cli.errors import Problem
+from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.knowledge.skill.skill import Grasp, Requirement, Skill
 from sqrp_cli.logic.mtl import (
     Always,
@@ -52,7 +53,7 @@ def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
                     f"skill `{skill.name}`: fault `{requirement.name}` is seen by box `{box.name}` of `{predicate}`, "
                     f"which moves with `{box.frame}`; once that is lost, the box is where it fell"
                 )
-                mend = f"give the box a frame that stays: `tool`, or `{box.frame}@start`"
+                mend = f"give the box a frame that stays: `tool`, or `{FrameName.at_start_of(box.frame)}`"
                 place = skill.place("targets", predicate, "boxes", index, "name")
                 yield Problem("box-moves-with-lost-object", message, place, mend=mend)
 

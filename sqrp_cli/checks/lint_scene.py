@@ -12,10 +12,9 @@ from sqrp_cli.checks.overlap import box_penetration, gap_from_above
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, box_corners, inverse, pose, transform
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.robot.urdf import WORLD
+from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.skill.target_box import START
 from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Shape, Sphere
@@ -148,7 +147,7 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
 
 def objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
     """The objects that a box may belong to; only None for a box of its own in a frame without an object."""
-    name = box.fits or box.frame.removesuffix(START)
+    name = box.fits or box.frame.owner
     if name in workspace.objects:
         return [workspace.objects[name]]
     for parameter in skill.action.parameters:
@@ -185,7 +184,7 @@ def _known_distance(box: BoxSpec, camera: Camera, thing: SceneObject | None) -> 
         return 0.0
     if box.frame == WORLD:
         X_WF = np.eye(4)
-    elif thing is not None and thing.X_WO is not None and (box.frame.endswith(START) or thing.fixed):
+    elif thing is not None and thing.X_WO is not None and (box.frame.at_start or thing.fixed):
         X_WF = thing.X_WO
     else:
         return 0.0

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.frames import TOOL, FrameName, frame_poses, link_called
 from sqrp_cli.knowledge.robot.robot import Robot
-from sqrp_cli.knowledge.robot.urdf import link_called
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import BoxSpec, TargetSpec
-from sqrp_cli.knowledge.skill.target_box import START
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
@@ -23,12 +20,8 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder
 from sqrp_cli.programming.pieces import GroundFormula
-from sqrp_cli.programming.sensing.scene_states import WORLD
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.programming.task import Candidate
-
-TOOL = "tool"
-"""What a skill calls the tool: its frame, and all its parts."""
 
 
 def bound_formulas(candidate: Candidate) -> tuple[Formula, ...]:
@@ -99,10 +92,9 @@ class TargetGrounder:
         return Target(atom, spec.cameras, tuple(self._box(box, binding) for box in spec.boxes))
 
     def _box(self, spec: BoxSpec, binding: Mapping[str, str]) -> SoughtBox:
-        frame = self.model.tool_frame if spec.frame == TOOL else spec.frame
-        at_start = frame.endswith(START)
-        thing = binding.get(name := frame.removesuffix(START), name)
-        frame = thing + START if at_start else thing
+        name = self.model.tool_frame if spec.frame == TOOL else spec.frame.owner
+        thing = binding.get(name, name)
+        frame = FrameName.at_start_of(thing) if spec.frame.at_start else thing
         size, X_FB = spec.size, spec.X_FB
         if spec.fits is not None:
             fitted = binding.get(spec.fits, spec.fits)
@@ -117,7 +109,7 @@ class TargetGrounder:
             name=spec.name,
             detector=spec.detector,
             limits=self.detectors[spec.detector],
-            frame=frame,
+            frame=FrameName(frame),
             size=size,
             X_FB=X_FB,
             normal=spec.normal,
@@ -139,8 +131,7 @@ class TargetGrounder:
         X_TO = held[name] if name in held else inverse(X_WT) @ X_WO[name]
         if frame == self.model.tool_frame:
             return X_TO
-        X_WF = np.eye(4) if frame == WORLD else X_WO[frame.removesuffix(START)]
-        X_FO: Array = inverse(X_WF) @ X_WT @ X_TO
+        X_FO: Array = inverse(frame_poses({}, X_WO, X_WO)[frame]) @ X_WT @ X_TO
         return X_FO
 
     @property

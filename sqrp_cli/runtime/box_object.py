@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Container
 
-from sqrp_cli.knowledge.skill.target_box import START, TargetBox
+from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.literal import Atom
 
 
@@ -13,5 +13,5 @@ def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:
 
     objects: the names that count. None for a box that is for no object.
     """
-    names = (*box.encloses, box.frame.removesuffix(START), *(() if box.encloses else Atom.of(atom).arguments))
+    names = (*box.encloses, box.frame.owner, *(() if box.encloses else Atom.of(atom).arguments))
     return next((name for name in names if name in objects), None)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.knowledge.skill.target_box import START, TargetBox
+from sqrp_cli.knowledge.frames import Stay, frame_poses, object_poses
+from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.program.record import ProgramTarget, Step
 from sqrp_cli.runtime.box_object import object_of
@@ -56,13 +58,7 @@ def _is_in(name: str | None, box: TargetBox, situation: Situation) -> bool:
         return False
     if box.frame in situation.X_WL:
         return situation.held == name
-    X_FB = box.X_FB
-    if box.frame == "world":
-        X_WB = X_FB
-    elif box.frame.endswith(START):
-        X_WB = situation.starts[box.frame.removesuffix(START)] @ X_FB
-    else:
-        X_WB = situation.X_WO[box.frame] @ X_FB
+    X_WB = frame_poses({}, situation.X_WO, situation.starts)[box.frame] @ box.X_FB
     offset = (situation.X_WO[name][:3, 3] - X_WB[:3, 3]) @ X_WB[:3, :3]
     return bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())
 
@@ -122,7 +118,7 @@ class Expectation:
         starts = step.before.X_WO
         X_WO: dict[str, Array] = {name: X[None] for name, X in starts.items()}
         for name in dict.fromkeys(primitive.held for primitive in step.primitives if primitive.held is not None):
-            X_WO[name] = _carried(name, step, primitive_of, X_WT, starts[name])
+            X_WO[name] = object_poses(X_WT, _stays(name, step, primitive_of, X_WT))
         held = [step.primitives[index].held for index in primitive_of.tolist()]
         when_open = values_when_open(step)
         values = {atom: np.zeros(len(self._t), dtype=bool) for atom in step.targets}
@@ -139,20 +135,19 @@ class Expectation:
         return X_WO, values
 
 
-def _carried(name: str, step: Step, primitive_of: NDArray[np.int64], X_WT: Array, X_start: Array) -> Array:
-    """Poses of an object that is carried in some primitives and rests in the others, (m, 4, 4)."""
-    poses = np.empty_like(X_WT)
-    X_WO, X_TO = X_start, None
-    for i, index in enumerate(primitive_of.tolist()):
-        if step.primitives[index].held == name:
-            if X_TO is None:
-                X_TO = step.before.X_TO if step.before.held == name else None
-                X_TO = inverse(X_WT[i]) @ X_WO if X_TO is None else X_TO
-            X_WO = X_WT[i] @ X_TO
+def _stays(name: str, step: Step, primitive_of: NDArray[np.int64], X_WT: Array) -> Iterator[Stay]:
+    """Where an object is, that is carried in some primitives and rests in the others where it was last."""
+    X_WO, X_TO = step.before.X_WO[name], step.before.X_TO if step.before.held == name else None
+    holding = np.array([primitive.held == name for primitive in step.primitives])[primitive_of]
+    edges = (np.flatnonzero(np.diff(holding)) + 1).tolist()
+    for start, end in pairwise([0, *edges, len(holding)]):
+        if holding[start]:
+            X_TO = inverse(X_WT[start]) @ X_WO if X_TO is None else X_TO
+            yield Stay(slice(start, end), X_TO, None)
+            X_WO = X_WT[end - 1] @ X_TO
         else:
             X_TO = None
-        poses[i] = X_WO
-    return poses
+            yield Stay(slice(start, end), None, X_WO)
 
 
 def _within(spans: tuple[tuple[float, float], ...], start: float, end: float) -> bool:

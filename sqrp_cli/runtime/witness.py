@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array, matrix_to_quaternion
-from sqrp_cli.knowledge.skill.target_box import START, TargetBox
+from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.program.record import Step
 from sqrp_cli.runtime.events import AskedBox, Event, State, WholeState
 from sqrp_cli.runtime.narrator import Narrator
@@ -111,14 +112,15 @@ def asked_boxes(step: Step) -> dict[str, list[AskedBox]]:
 
 
 def _asked(step: Step, box: TargetBox) -> AskedBox | None:
-    name = box.frame.removesuffix(START)
+    name = box.frame.owner
     carried = {step.before.held, *(primitive.held for primitive in step.primitives)}
+    frame: str = WORLD
     if name not in step.before.X_WO:
         frame, X_FB = box.frame, box.X_FB
-    elif box.frame == name and name in carried:
+    elif not box.frame.at_start and name in carried:
         return None
     else:
-        frame, X_FB = "world", step.before.X_WO[name] @ box.X_FB
+        X_FB = step.before.X_WO[name] @ box.X_FB
     return AskedBox(frame=frame, size=list(box.size), pose=[[_rounded(x) for x in row] for row in X_FB.tolist()])
 
 

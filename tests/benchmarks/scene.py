@@ -11,11 +11,12 @@ import numpy as np
 from sqrp_cli.geometry import Array, look_at, pose, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.frames import WORLD, FrameName
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.scene_states import WORLD, SceneStates, fixed_frame
+from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 from sqrp_cli.programming.sensing.sight_lines import shrink
 from sqrp_cli.programming.sensing.solids import Solid, load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
@@ -97,7 +98,14 @@ def _target(index: int, tool: str) -> Target:
     else:
         frame, X_FB = WORLD, pose(position=(0.45 - 0.07 * index, 0.25 - 0.11 * index, 0.025))
     box = SoughtBox(
-        name="box", detector=DETECTOR.name, limits=DETECTOR, frame=frame, size=SIZE, X_FB=X_FB, normal=None, encloses=()
+        name="box",
+        detector=DETECTOR.name,
+        limits=DETECTOR,
+        frame=FrameName(frame),
+        size=SIZE,
+        X_FB=X_FB,
+        normal=None,
+        encloses=(),
     )
     return Target(Atom("seen", (f"box{index}",)), 1, (box,))
 

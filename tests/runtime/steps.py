@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
@@ -35,7 +36,7 @@ def box() -> TargetBox:
     return TargetBox(
         name="place",
         detector="color",
-        frame="world",
+        frame=FrameName("world"),
         size=(0.04, 0.04, 0.04),
         X_FB=np.eye(4),
         normal=None,

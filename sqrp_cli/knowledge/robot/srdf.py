@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Problem, expected_names
-from sqrp_cli.knowledge.robot.urdf import UrdfModel, link_called
+from sqrp_cli.knowledge.frames import link_called
+from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.xml_file import MAX_DEPTH, Element, read_xml
 
 

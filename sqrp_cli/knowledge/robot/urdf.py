@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -17,17 +17,13 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
+from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
 from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
 from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
 from sqrp_cli.knowledge.text.xml_file import Element, read_xml
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
-
-WORLD = "world"
-"""The cell's world, wherever a frame is named."""
-WORLD_LINK = "robot/world"
-"""What the link `world` of a URDF is called: it is where the robot's base is, and that need not be the cell's world."""
 
 MAX_LINKS = 2000
 """Most links of a robot."""
@@ -267,11 +263,6 @@ def _breaks_triangle_rule(inertial: Inertial) -> bool:
     least, middle, most = np.linalg.eigvalsh(inertial.inertia).tolist()
     too_large = most > (1.0 + TRIANGLE_ROUNDING) * (least + middle) + LEAST_MOMENT
     return bool(too_large or least < -ROUNDING * max(most, 0.0) - LEAST_MOMENT)
-
-
-def link_called(name: str, links: Collection[str]) -> str:
-    """The link that a name means in a file that speaks of the robot."""
-    return WORLD_LINK if name == WORLD and WORLD_LINK in links else name
 
 
 def _with_world_told_apart(model: UrdfModel) -> UrdfModel:

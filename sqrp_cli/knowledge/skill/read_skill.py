@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
+from sqrp_cli.knowledge.frames import TOOL
 from sqrp_cli.knowledge.skill.settings import Kind, ListedValues, MotionParameter, MotionValue, Reference, ValueRange
 from sqrp_cli.knowledge.skill.skill import (
     HOME,
@@ -262,6 +263,6 @@ class _SkillReader:
         grasped = [primitive.object for primitive in self.file.primitives if isinstance(primitive, Grasp)]
         waypoint = self.file.waypoints[box.at]
         grasps = isinstance(waypoint, GraspWaypoint) and waypoint.object == box.fits
-        if box.frame == "tool" and box.fits in grasped and not grasps:
+        if box.frame == TOOL and box.fits in grasped and not grasps:
             message = f"found waypoint `{box.at}`, expected one that grasps `{box.fits}` (with `object` and `side`)"
             self._report("wrong-value", path, message)

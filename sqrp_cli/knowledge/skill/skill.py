@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.knowledge.frames import TOOL, StoredFrame
 from sqrp_cli.knowledge.skill import settings
 from sqrp_cli.knowledge.skill.settings import MotionParameter, MotionValues
 from sqrp_cli.knowledge.text.bounds import SHORTEST_DIRECTION
@@ -218,7 +219,7 @@ class BoxSpec(Entry):
     """A box of a target: where to look for what."""
 
     name: Name = Field(description="What output calls it.")
-    frame: Text = Field(
+    frame: StoredFrame = Field(
         description="`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with "
         "`@start` (where it was when the skill began)."
     )
@@ -246,7 +247,7 @@ class BoxSpec(Entry):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `fits`, `size`")
         if self.fits is None and (self.at is not None or self.margin):
             raise PydanticCustomError("conflicting-keys", "`at` and `margin` go with `fits`, not with `size`")
-        if self.at is None and self.fits is not None and self.frame == "tool":
+        if self.at is None and self.fits is not None and self.frame == TOOL:
             raise PydanticCustomError("conflicting-keys", "`at` is needed with `fits` in frame `tool`")
         if self.normal is not None and max(map(abs, self.normal)) < SHORTEST_DIRECTION:
             raise PydanticCustomError("wrong-value", "`normal` has length 0")

@@ -7,10 +7,8 @@ from typing import Annotated
 
 from pydantic import Field
 
+from sqrp_cli.knowledge.frames import StoredFrame
 from sqrp_cli.knowledge.text.entries import Finite, PoseMatrix, Stored
-
-START = "@start"
-"""Suffix of a frame that stays where an object was when the step began."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -20,7 +18,7 @@ class TargetBox(Stored):
     name: str
     detector: str
     """The name of the detector that looks for what is in it."""
-    frame: str
+    frame: StoredFrame
     """`world`, a link, an object, or `OBJECT@start`."""
     size: tuple[Finite, Finite, Finite]
     """Full extents [m]."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, side_pose
-from sqrp_cli.knowledge.robot.urdf import WORLD
+from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference, Setting
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Grasp, GraspWaypoint, Release, Skill
@@ -94,7 +94,7 @@ def _holding(skill: Skill, objects: Collection[str]) -> tuple[str, ...]:
 
     def in_the_tool(box: BoxSpec) -> bool:
         about = box.fits == held or held in (box.encloses or ())
-        return about and not box.frame.endswith("@start") and box.frame not in elsewhere
+        return about and not box.frame.at_start and box.frame not in elsewhere
 
     seen = tuple(p for p in added if p in skill.targets and any(map(in_the_tool, skill.targets[p].boxes)))
     unseen = tuple(p for p in added if p not in skill.targets)

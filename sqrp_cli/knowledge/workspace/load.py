@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, counted, expected_names
-from sqrp_cli.knowledge.robot.urdf import WORLD, WORLD_LINK, link_called
+from sqrp_cli.knowledge.frames import TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.read_skill import read_skill
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.skill.target_box import START
 from sqrp_cli.knowledge.text.digest import ContentDigest
 from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, nearest_entry
 from sqrp_cli.knowledge.text.source import Document, KeyPath, dotted, parse_document, read_document
@@ -30,9 +29,6 @@ from sqrp_cli.platform.files import real_path
 from sqrp_cli.platform.paths_as_text import shown_name
 
 WORKSPACE_FILE = "workspace.yaml"
-
-TOOL = "tool"
-"""In a skill: the tool frame, or all parts of the tool."""
 
 
 def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
@@ -202,9 +198,9 @@ def _check_box(
             message = f"found `{name}`, which is {what}; {expected_names(name, valid)}"
             yield problem(f"unknown-{kind}", message, *key)
 
-    if box.frame.endswith(START):
+    if box.frame.at_start:
         what = "no skill parameter or object, as `@start` needs"
-        yield from unknown("frame", box.frame.removesuffix(START), what, things, "frame")
+        yield from unknown("frame", box.frame.owner, what, things, "frame")
     else:
         what = "neither `world` nor `tool`, a link, a skill parameter or an object"
         yield from unknown("frame", box.frame, what, [WORLD, TOOL, *things, *links], "frame")

@@ -12,9 +12,9 @@ from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
+from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
-from sqrp_cli.knowledge.robot.urdf import WORLD, link_called
 from sqrp_cli.knowledge.scene import SceneObject, object_types
 from sqrp_cli.knowledge.text import packages
 from sqrp_cli.knowledge.text.digest import ContentDigest
@@ -165,7 +165,7 @@ class CellReader:
     def _check_object(self, name: str, entry: ObjectEntry, held: Sequence[str]) -> None:
         """Report what is wrong with an object; held: the one that the tool holds, if it holds any."""
         path: KeyPath = ("objects", name)
-        if name in (*self.links, WORLD, "tool", "home"):
+        if name in (*self.links, WORLD, TOOL, "home"):
             what = "a link of the robot" if name in self.links else "a word with a meaning of its own"
             problem = Problem("ambiguous-name", f"`{name}` is {what}; take another name", self.document.key_place(path))
             self.problems.append(problem)

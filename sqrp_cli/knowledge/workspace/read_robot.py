@@ -10,10 +10,11 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import read_only
+from sqrp_cli.knowledge.frames import link_called
 from sqrp_cli.knowledge.robot.robot import Fingers, JointLimits, Marker, Robot, StopLimits, Tool
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.tool_of_boxes import TOOL_TIP, tool_of_boxes
-from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel, link_called, link_parts, read_urdf
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
 from sqrp_cli.knowledge.text import packages, units
 from sqrp_cli.knowledge.text.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.digest import ContentDigest

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.skill.target_box import START
+from sqrp_cli.knowledge.frames import Stay, frame_poses, object_poses
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
-from sqrp_cli.programming.sensing.scene_states import WORLD, SceneStates, fixed_frame
+from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,25 +61,17 @@ class Stage:
     def states(self, samples: Samples) -> SceneStates:
         """World poses of every frame at each sample."""
         X_WL = self.model.link_poses(self.positions(samples))
-        frames = {name: X[:1] if name in self.model.still_links else X for name, X in X_WL.items()}
-        frames[WORLD] = fixed_frame()
-        for name, X_start in self._X_WO.items():
-            frames[name + START] = fixed_frame(X_start)
-            frames[name] = fixed_frame(X_start)
-        for name in self._carried:
-            frames[name] = self._carried_poses(name, samples, X_WL[self.model.tool_frame])
-        return SceneStates(len(samples), frames)
+        links = {name: X[:1] if name in self.model.still_links else X for name, X in X_WL.items()}
+        starts = {name: fixed_frame(X_start) for name, X_start in self._X_WO.items()}
+        X_WT = X_WL[self.model.tool_frame]
+        carried = {name: object_poses(X_WT, self._stays(name, samples)) for name in self._carried}
+        return SceneStates(len(samples), frame_poses(links, {**starts, **carried}, starts, fixed_frame()))
 
-    def _carried_poses(self, name: str, samples: Samples, X_WT: Array) -> Array:
-        """Poses of an object that is carried in some primitives and rests in the others, shape (m, 4, 4)."""
-        X_WO = np.empty((len(samples), 4, 4))
+    def _stays(self, name: str, samples: Samples) -> Iterator[Stay]:
+        """Where an object is, that is carried in some primitives and rests in the others."""
         for index, rows in self._by_primitive(samples):
             primitive = self.motion.primitives[index]
-            if primitive.held == name and primitive.X_TO is not None:
-                X_WO[rows] = X_WT[rows] @ primitive.X_TO
-            else:
-                X_WO[rows] = primitive.X_WO[name]
-        return X_WO
+            yield Stay(rows, primitive.X_TO if primitive.held == name else None, primitive.X_WO.get(name))
 
     def _by_primitive(self, samples: Samples) -> list[tuple[int, slice]]:
         """The primitives that have samples, with where these are."""

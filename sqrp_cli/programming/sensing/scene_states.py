@@ -12,8 +12,6 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.programming.sensing.solids import Solid
 
-WORLD = "world"
-
 
 @dataclass(frozen=True, eq=False)
 class SolidPoses:

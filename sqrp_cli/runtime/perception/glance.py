@@ -10,8 +10,9 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.frames import frame_poses
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.target_box import START, TargetBox
+from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.runtime.box_object import object_of
 from sqrp_cli.runtime.perception.figure import Figure
 from sqrp_cli.runtime.perception.outlines import Silhouette, View
@@ -41,8 +42,8 @@ class Glance:
         self.camera, self.cell, self.watchlist = camera, cell, watchlist
         self.image, self.posture = image, posture
         self._X_WL = cell.twin.link_poses(posture.joints)
-        X_WC = camera.X_FC if camera.frame == "world" else self._X_WL[camera.frame] @ camera.X_FC
-        self.view = View(projection, X_WC)
+        self._X_WF = frame_poses(self._X_WL, posture.X_WO, watchlist.starts)
+        self.view = View(projection, self._X_WF[camera.frame] @ camera.X_FC)
         self.robot: Silhouette = self.view.silhouette(cell.twin.surfaces, self._X_WL)
 
     @cached_property
@@ -67,15 +68,7 @@ class Glance:
 
     def pose(self, box: TargetBox) -> Array:
         """World pose of a box, (4, 4)."""
-        if box.frame == "world":
-            X_WF = np.eye(4)
-        elif box.frame in self._X_WL:
-            X_WF = self._X_WL[box.frame]
-        elif box.frame.endswith(START):
-            X_WF = self.watchlist.starts[box.frame.removesuffix(START)]
-        else:
-            X_WF = self.posture.X_WO[box.frame]
-        X_WB: Array = X_WF @ box.X_FB
+        X_WB: Array = self._X_WF[box.frame] @ box.X_FB
         return X_WB
 
     def figure(self, name: str, X_WO: Array) -> Figure | None:

@@ -12,6 +12,7 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.runtime.frame import Frame
 from sqrp_cli.runtime.perception.backdrop import Backdrop
@@ -60,7 +61,7 @@ class Watcher:
     def _learned(self, glance: Glance) -> Backdrop:
         """The background, with what this image adds to what is known of it."""
         if self._backdrop is None:
-            moving = self._camera.frame != "world"
+            moving = self._camera.frame != WORLD
             masks = (glance.robot_mask(), glance.things_mask(), glance.movables_mask())
             self._backdrop = Backdrop(glance.image, *masks, moving=moving)
         elif not self._backdrop.is_complete:

@@ -94,8 +94,6 @@ class Renderer:
 
     def _camera_pose(self, camera: Camera) -> Array:
         """X_WC, shape (4, 4)."""
-        if camera.frame == "world":
-            return camera.X_FC
         body = self._data.body(camera.frame)
         return pose(body.xmat.reshape(3, 3), body.xpos) @ camera.X_FC
 

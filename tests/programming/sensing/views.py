@@ -9,6 +9,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, axis_rotation, look_at, pose, quaternion_to_matrix
 from sqrp_cli.knowledge.camera.camera import Camera, DistortionModel
 from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.programming.targets import SoughtBox
 from sqrp_cli.shapes import Box, Part
 
@@ -59,7 +60,7 @@ def make_box(
         name=name,
         detector=limits.name,
         limits=limits,
-        frame=frame,
+        frame=FrameName(frame),
         size=size,
         X_FB=X_FB,
         normal=normal,

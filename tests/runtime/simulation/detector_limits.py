@@ -15,6 +15,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, box_corners, look_at, pose, read_only, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.knowledge.marker import printed_side
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
@@ -116,7 +117,7 @@ def _cube_sights(stage: Stage, eye: Camera, visible: float, random: np.random.Ge
     X_WO, aside = pose(position=PLACE), pose(position=(4.0, 3.0, 0.5))
     watcher = Watcher(eye, stage.knowledge)
     box = TargetBox(
-        name="place", detector="color", frame="cube@start", size=CUBE.size, X_FB=pose(), normal=None,
+        name="place", detector="color", frame=FrameName("cube@start"), size=CUBE.size, X_FB=pose(), normal=None,
         encloses=("cube",),
     )  # fmt: skip
     watcher.watch(Watchlist({"placed(cube)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"cube": X_WO}, {}))

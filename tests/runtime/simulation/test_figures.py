@@ -16,6 +16,7 @@ import trimesh
 from sqrp_cli.geometry import pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.program.record import ProgramTarget
@@ -82,7 +83,7 @@ def looked(stage: Stage, eye: Camera, *frames: dict[str, np.ndarray], believed: 
     """The sights of the box in which the thing is believed to be, in images with things at these poses."""
     watcher = Watcher(eye, stage.knowledge)
     box = TargetBox(
-        name="place", detector="color", frame="part@start", size=stage.knowledge.objects["part"].size,
+        name="place", detector="color", frame=FrameName("part@start"), size=stage.knowledge.objects["part"].size,
         X_FB=pose(), normal=None, encloses=("part",),
     )  # fmt: skip
     watcher.watch(Watchlist({"placed(part)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"part": believed}, {}))
