@@ -175,8 +175,8 @@ class OpenCell:
         from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
         from sqrp_cli.checks.outside import intervals_outside
         from sqrp_cli.logic.planner import find_plan
-        from sqrp_cli.programming.listed_tasks import impossible_tasks
         from sqrp_cli.programming.suggestion import Suggester
+        from sqrp_cli.programming.task import impossible_tasks
 
         name, path = self.workspace.name, str(self.path)
         if self.errors:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace, World
     from sqrp_cli.program.record import Step
-    from sqrp_cli.programming.retry import StepReplanner
+    from sqrp_cli.programming.program_update import StepReplanner
 
 
 class LazyReplanner:
@@ -20,7 +20,7 @@ class LazyReplanner:
     def replan(self, step: Step, world: World) -> Step | None:
         """As `program.Replanner` says."""
         from sqrp_cli.programming.cell import Cell
-        from sqrp_cli.programming.retry import StepReplanner
+        from sqrp_cli.programming.program_update import StepReplanner
 
         if self._planner is None:
             self._planner = StepReplanner(Cell.load(self._workspace))

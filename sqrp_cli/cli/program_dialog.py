@@ -16,8 +16,8 @@ from sqrp_cli.program.file import check_program, load_program, new_program
 from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.feasibility import Possibility, possibilities
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.programming.possibilities import Possibility, possibilities
 from sqrp_cli.programming.ranking import Ranked, rank
 from sqrp_cli.programming.suggestion import Suggester
 from sqrp_cli.programming.task import Task, read_task

@@ -27,7 +27,7 @@ Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class _PathNumbers(Entry):
-    """What a file must say of a `trajectory.Path`."""
+    """What a file must say of a `trajectory.JointPath`."""
 
     breaks: Numbers
     coefficients: tuple[tuple[Numbers, ...], ...]

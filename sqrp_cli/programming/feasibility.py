@@ -1,14 +1,18 @@
-"""Whether a candidate can be done at all: its precondition, and the motion of the robot."""
+"""What can be done in a world: a candidate, by its precondition and motion, and every skill with every choice of objects."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import failing_literals
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
-from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.task import Candidate, read_task
 
 
 def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
@@ -16,13 +20,19 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
     unmet = unmet_preconditions(cell, candidate, world)
     if unmet:
         return Infeasible(unmet)
-    lost = [name for name in candidate.objects.values() if name not in world.X_WO]
+    lost = [name for name in candidate.binding.values() if name not in world.X_WO]
     if lost:
         return Infeasible(tuple(f"it is not known where `{name}` is" for name in lost))
     contact = cell.collision.contact_in(world)
     if contact is not None:
         return Infeasible((f"{contact} before anything moves",))
-    use = SkillUse(candidate.skill, candidate.objects, candidate.motion, cell.workspace.objects, world)
+    use = SkillUse(
+        skill=candidate.skill,
+        binding=candidate.binding,
+        values=candidate.values,
+        objects=cell.workspace.objects,
+        world=world,
+    )
     return plan_motion(use, cell.collision, cell.seed)
 
 
@@ -30,5 +40,57 @@ def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple
     """Sentences about what of the candidate's precondition does not hold in a world; empty if it holds."""
     objects = {name: frozenset(thing.types) for name, thing in cell.workspace.objects.items()}
     skill = candidate.skill
-    failing = failing_literals(skill.action, candidate.objects, world.facts, objects, skill.domain)
+    failing = failing_literals(skill.action, candidate.binding, world.facts, objects, skill.domain)
     return tuple(f"`{skill.name}` needs `{literal}`, which does not hold" for literal in failing)
+
+
+MOST_WAYS = 4
+"""Ways of a task that are tried to find one that can be done; ranking it tries all."""
+
+
+@dataclass(frozen=True)
+class Possibility:
+    """A task for one binding of objects."""
+
+    task: str
+
+    skill: str
+    """Its name."""
+
+    time: float | None
+    """Of the first of its ways that can be done [s]; None if none was found."""
+
+    allowed: bool
+    """Whether its precondition holds."""
+
+    reason: str
+    """Why it cannot be done; empty if it can."""
+
+
+def possibilities(cell: Cell, world: World) -> Iterator[Possibility]:
+    """Every skill with every binding to different objects, in the order of the workspace."""
+    for skill in cell.workspace.skills:
+        ways: dict[tuple[str, ...], list[Candidate]] = {}
+        try:
+            candidates = read_task(skill, cell.workspace).candidates
+        except InputError:  # no object fits a parameter, or there are too many ways to list
+            continue
+        for candidate in candidates:
+            objects = tuple(candidate.binding.values())
+            if len(set(objects)) == len(objects):
+                ways.setdefault(objects, []).append(candidate)
+        for found in ways.values():
+            yield _possibility(cell, found, world)
+
+
+def _possibility(cell: Cell, ways: list[Candidate], world: World) -> Possibility:
+    task, skill = ways[0].task, ways[0].skill.name
+    if unmet := unmet_preconditions(cell, ways[0], world):
+        return Possibility(task=task, skill=skill, time=None, allowed=False, reason=unmet[0])
+    reason = ""
+    for candidate in ways[:MOST_WAYS]:
+        motion = feasible_motion(cell, candidate, world)
+        if not isinstance(motion, Infeasible):
+            return Possibility(task=task, skill=skill, time=motion.time, allowed=True, reason="")
+        reason = reason or motion.reasons[0]
+    return Possibility(task=task, skill=skill, time=None, allowed=True, reason=reason)

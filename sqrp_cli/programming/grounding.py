@@ -27,7 +27,7 @@ from sqrp_cli.programming.task import Candidate
 def bound_formulas(candidate: Candidate) -> tuple[Formula, ...]:
     """The formulas of the candidate's skill about its objects, in the order of the skill's requirements."""
     lists = argument_lists(candidate.skill.action)
-    return tuple(bind(requirement.formula, candidate.objects, lists) for requirement in candidate.skill.requirements)
+    return tuple(bind(requirement.formula, candidate.binding, lists) for requirement in candidate.skill.requirements)
 
 
 def ground_formulas(
@@ -88,7 +88,7 @@ class TargetGrounder:
     def _target(self, atom: Atom) -> Target:
         spec: TargetSpec = self.candidate.skill.targets[atom.predicate]
         names = argument_lists(self.candidate.skill.action)[atom.predicate][0]
-        binding = {**self.candidate.objects, **dict(zip(names, atom.arguments, strict=True))}
+        binding = {**self.candidate.binding, **dict(zip(names, atom.arguments, strict=True))}
         return Target(atom, spec.cameras, tuple(self._box(box, binding) for box in spec.boxes))
 
     def _box(self, spec: BoxSpec, binding: Mapping[str, str]) -> SoughtBox:
@@ -126,7 +126,7 @@ class TargetGrounder:
             return held[name]
         skill, X_WH = self.candidate.skill, self.model.tool_pose(self.model.home)
         X_WO = self.world.X_WO
-        waypoints = WaypointGrounder(skill.waypoints, binding, self.candidate.motion, self.objects, X_WH, X_WO, held)
+        waypoints = WaypointGrounder(skill.waypoints, binding, self.candidate.values, self.objects, X_WH, X_WO, held)
         X_WT = waypoints.pose(waypoint)
         X_TO = held[name] if name in held else inverse(X_WT) @ X_WO[name]
         if frame == self.model.tool_frame:

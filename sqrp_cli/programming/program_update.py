@@ -1,8 +1,11 @@
-"""Program update: the chosen candidate becomes a step, and its effect changes the world for the next one."""
+"""Program update: the chosen candidate becomes a step, and its effect changes the world for the next one.
+
+A step that failed is planned again in the same way, from where its fault left the cell.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,9 +16,35 @@ from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
-from sqrp_cli.programming.coverage.assessment import Assessment, Study
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.verdict import verdict
+from sqrp_cli.programming.infeasible import Infeasible
+from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.targets import Target
+from sqrp_cli.programming.task import Candidate
+
+
+@dataclass(frozen=True, eq=False)
+class StepReplanner:
+    """A `program.Replanner` for the steps of one cell."""
+
+    cell: Cell
+
+    def replan(self, step: Step, world: World) -> Step | None:
+        """The same skill with the same parameters from `world`; None where that is infeasible."""
+        skill = self.cell.workspace.skills[step.skill]
+        names = [parameter.name for parameter in skill.action.parameters]
+        binding = {name: str(step.parameters[name]) for name in names}
+        values = {name: value for name, value in step.parameters.items() if name not in binding}
+        candidate = Candidate(skill, binding, values, " ".join(binding.values()) or skill.name)
+        found = study(self.cell, candidate, world, Adaptive(), full=True)
+        if isinstance(found, Infeasible):
+            return None
+        cameras = tuple(camera.name for camera in self.cell.observer.cameras)
+        return make_step(step.task, found, found.assessment(verdict(self.cell, found)), cameras)
 
 
 def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[str, ...]) -> Step:
@@ -47,15 +76,13 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
         formulas=_formulas(study),
         targets={str(target.atom): _target(study, column, cameras) for column, target in enumerate(study.targets)},
         before=study.world,
-        after=world_after(study),
+        after=world_after(candidate, motion, study.world),
     )
 
 
-def world_after(study: Study) -> World:
-    """The world that a candidate leaves: literals by its effect, objects and joints by its motion."""
-    candidate = study.candidate
-    facts = apply_effect(candidate.skill.action, candidate.objects, study.world.facts)
-    return replace(study.motion.final, facts=facts)
+def world_after(candidate: Candidate, motion: Motion, world: World) -> World:
+    """The world that a candidate with this motion makes of `world`: literals by its effect, the rest by the motion."""
+    return replace(motion.final, facts=apply_effect(candidate.skill.action, candidate.binding, world.facts))
 
 
 def _formulas(study: Study) -> tuple[ProgramFormula, ...]:
@@ -65,10 +92,10 @@ def _formulas(study: Study) -> tuple[ProgramFormula, ...]:
     formulas = []
     for requirement in candidate.skill.requirements:
         response = requirement.response
-        when = None if response.condition is None else str(bind(response.condition, candidate.objects, lists))
+        when = None if response.condition is None else str(bind(response.condition, candidate.binding, lists))
         formulas.append(
             ProgramFormula(
-                formula=str(with_times(bind(requirement.formula, candidate.objects, lists), spans)),
+                formula=str(with_times(bind(requirement.formula, candidate.binding, lists), spans)),
                 fault=requirement.name,
                 settle=requirement.settle,
                 response=ProgramResponse(action=response.action, retries=response.retries, when=when),

@@ -18,9 +18,9 @@ from sqrp_cli.logic.planner import (
 )
 from sqrp_cli.logic.planning_task import Step
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, study
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.feasibility import unmet_preconditions
+from sqrp_cli.programming.feasibility import feasible_motion, unmet_preconditions
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import world_after
@@ -30,23 +30,26 @@ from sqrp_cli.programming.task import Candidate, Task, read_task
 
 @dataclass(frozen=True, eq=False)
 class SuggestedStep:
-    """One step of a suggestion in the best of its ways, as `rank` orders them.
-
-    task: its text, such as `place g2 tray`. action: the same as planners write it. world: that it starts from, None if
-    a step before it cannot be done. assessment: of its best way, or of the first if none can be done.
-    """
+    """One step of a suggestion in the best of its ways, as `rank` orders them."""
 
     task: str
+    """Its text, such as `place g2 tray`."""
+
     action: str
+    """The same as planners write it."""
+
     world: World | None
+    """That it starts from; None if a step before it cannot be done."""
+
     assessment: Assessment | None
+    """Of its best way, or of the first if none can be done."""
 
     @classmethod
     def of(cls, assessment: Assessment, world: World) -> SuggestedStep:
         """A candidate that was assessed in a world."""
         candidate = assessment.candidate
-        action = Step(candidate.skill.action.name, tuple(candidate.objects.values()))
-        return cls(short_text(candidate), str(action), world, assessment)
+        action = Step(candidate.skill.action.name, tuple(candidate.binding.values()))
+        return cls(candidate.task, str(action), world, assessment)
 
     @property
     def feasible(self) -> bool:
@@ -61,16 +64,18 @@ class SuggestedStep:
 
 @dataclass(frozen=True, eq=False)
 class Suggestion:
-    """How planning for a candidate's precondition ended, and the plan if there is one.
-
-    steps: the plan. last: the candidate itself, after the plan. explanation: one sentence; empty if the precondition
-    holds already.
-    """
+    """How planning for a candidate's precondition ended, and the plan if there is one."""
 
     outcome: Literal["satisfied", "plan", "impossible", "gave_up"]
+
     explanation: str
+    """One sentence; empty if the precondition holds already."""
+
     steps: tuple[SuggestedStep, ...] | None = None
+    """The plan."""
+
     last: SuggestedStep | None = None
+    """The candidate itself, after the plan."""
 
     @property
     def feasible(self) -> bool:
@@ -111,11 +116,11 @@ class Suggester:
                 return Suggestion("gave_up", f"no plan was found within {within}, which proves nothing{because}")
 
     def _plan(self, candidate: Candidate) -> PlanningResult:
-        key = (candidate.skill.name, *candidate.objects.values())
+        key = (candidate.skill.name, *candidate.binding.values())
         if key not in self._plans:
             objects = {name: frozenset(thing.types) for name, thing in self.cell.workspace.objects.items()}
             goal = candidate.skill.action.precondition
-            self._plans[key] = self._planner(self._domain, objects, self.world.facts, goal, candidate.objects)
+            self._plans[key] = self._planner(self._domain, objects, self.world.facts, goal, candidate.binding)
         return self._plans[key]
 
     def _after(self, steps: tuple[Step, ...]) -> tuple[SuggestedStep, World | None]:
@@ -135,15 +140,15 @@ class Suggester:
 
     def _last(self, candidate: Candidate, world: World | None) -> SuggestedStep:
         if world is None:
-            action = Step(candidate.skill.action.name, tuple(candidate.objects.values()))
-            return SuggestedStep(short_text(candidate), str(action), None, None)
+            action = Step(candidate.skill.action.name, tuple(candidate.binding.values()))
+            return SuggestedStep(candidate.task, str(action), None, None)
         return SuggestedStep.of(Assignment(self.cell, world, Adaptive()).assess(candidate), world)
 
     def _world_after(self, assessment: Assessment, world: World) -> World | None:
         if not assessment.feasible:
             return None
-        found = study(self.cell, assessment.candidate, world, Adaptive(), full=False)
-        return None if isinstance(found, Infeasible) else world_after(found)
+        motion = feasible_motion(self.cell, assessment.candidate, world)
+        return None if isinstance(motion, Infeasible) else world_after(assessment.candidate, motion, world)
 
     def _task(self, step: Step) -> Task:
         """All ways to do a step."""
@@ -151,9 +156,4 @@ class Suggester:
         skill = next(skill for skill in workspace.skills.values() if skill.action.name == step.action)
         bound = zip((parameter.name for parameter in skill.action.parameters), step.arguments, strict=True)
         task = read_task(" ".join([skill.name, *(f"{name}={value}" for name, value in bound)]), workspace)
-        return Task(short_text(task.candidates[0]), task.skill, task.candidates)
-
-
-def short_text(candidate: Candidate) -> str:
-    """A task for the candidate's skill and objects, such as `place g2 tray`."""
-    return " ".join([candidate.skill.name, *candidate.objects.values()])
+        return Task(task.candidates[0].task, task.skill, task.candidates)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from itertools import combinations_with_replacement, pairwise, product
 from math import comb, prod
 
@@ -13,7 +13,7 @@ from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
-from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace import Thresholds, Workspace
 from sqrp_cli.logic.domain import Parameter
 
 MAX_CANDIDATES = 100_000
@@ -25,28 +25,37 @@ MOST_OF_UNIT = 3
 
 @dataclass(frozen=True)
 class Candidate:
-    """One binding of all parameters of a skill.
-
-    objects: the object that each skill parameter stands for. motion: the value of each motion parameter.
-    name: what tells it apart from the other candidates of its task, such as `g1` or `g1 lift=200mm`.
-    """
+    """One binding of all parameters of a skill."""
 
     skill: Skill
-    objects: Mapping[str, str]
-    motion: Mapping[str, MotionValue]
+
+    binding: Mapping[str, str]
+    """The object that each skill parameter stands for."""
+
+    values: Mapping[str, MotionValue]
+    """Of each motion parameter."""
+
     name: str
+    """What tells it apart from the other candidates of its task, such as `g1` or `g1 lift=200mm`."""
 
     @property
     def parameters(self) -> dict[str, MotionValue]:
         """All parameters with their values, objects first."""
-        return {**self.objects, **self.motion}
+        return {**self.binding, **self.values}
+
+    @property
+    def task(self) -> str:
+        """A task for its skill and objects, such as `place g2 tray`."""
+        return " ".join([self.skill.name, *self.binding.values()])
 
 
 @dataclass(frozen=True)
 class Task:
-    """A task with its candidates; text: as it was given."""
+    """A task with its candidates."""
 
     text: str
+    """As it was given."""
+
     skill: Skill
     candidates: tuple[Candidate, ...]
 
@@ -88,6 +97,43 @@ def read_task(text: str, workspace: Workspace) -> Task:
     return Task(text, skill, tuple(_candidates(skill, choices, motion)))
 
 
+def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:
+    """What `rank` would say of tasks that cannot be read, and warnings about expectations that cannot be met."""
+    for index, expected in enumerate(workspace.tasks):
+        path, thresholds = f"tasks.{index}", expected.thresholds
+        try:
+            task = read_task(expected.task, workspace)
+        except InputError as error:
+            place = workspace.places.get(f"{path}.task")
+            yield from (replace(problem, place=place) for problem in error.problems)
+            continue
+        usable = dict.fromkeys(name for candidate in task.candidates for name in candidate.binding.values())
+        winner = thresholds.winner
+        if winner is not None and winner not in usable:
+            expected_winner = expected_names(winner, usable)
+            message = f"`{path}.winner`: no candidate of `{task.text}` uses `{winner}`; {expected_winner}"
+            mend = "name an object that the task can use, or correct `task`"
+            place = workspace.places.get(f"{path}.winner")
+            yield Problem("impossible-winner", message, place, severity="warning", mend=mend)
+        if thresholds.feasible is False:
+            yield from _against_infeasible(workspace, path, thresholds)
+
+
+def in_words(skill: Skill, parameters: Mapping[str, MotionValue]) -> dict[str, str]:
+    """Values of a skill's parameters as names and tables show them: lengths in mm, angles in deg."""
+    dimensions = {p.name: {kind.dimension for kind in p.kinds} for p in skill.motion_parameters}
+
+    def in_units(name: str, value: MotionValue) -> str:
+        if isinstance(value, str):
+            return value
+        for dimension, unit in ((units.LENGTH, "mm"), (units.ANGLE, "deg")):
+            if dimensions.get(name) == {dimension} and value:
+                return f"{value / dimension.units[unit]:.6g} {unit}"
+        return f"{value:.6g}"
+
+    return {name: in_units(name, value) for name, value in parameters.items()}
+
+
 def _candidates(
     skill: Skill, choices: Sequence[Sequence[str]], motion: Sequence[Sequence[MotionValue]]
 ) -> Iterator[Candidate]:
@@ -105,21 +151,6 @@ def _candidates(
                 bound,
                 " ".join(words) or skill.name,
             )
-
-
-def in_words(skill: Skill, parameters: Mapping[str, MotionValue]) -> dict[str, str]:
-    """Values of a skill's parameters as names and tables show them: lengths in mm, angles in deg."""
-    dimensions = {p.name: {kind.dimension for kind in p.kinds} for p in skill.motion_parameters}
-
-    def in_units(name: str, value: MotionValue) -> str:
-        if isinstance(value, str):
-            return value
-        for dimension, unit in ((units.LENGTH, "mm"), (units.ANGLE, "deg")):
-            if dimensions.get(name) == {dimension} and value:
-                return f"{value / dimension.units[unit]:.6g} {unit}"
-        return f"{value:.6g}"
-
-    return {name: in_units(name, value) for name, value in parameters.items()}
 
 
 def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:
@@ -252,3 +283,15 @@ def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence
         for name, names in fitting.items()
     )
     return f"nothing matches `{asked}`; `{skill.name}` can use {usable}"
+
+
+def _against_infeasible(workspace: Workspace, path: str, thresholds: Thresholds) -> Iterator[Problem]:
+    """What is expected of the best candidate of a task of which no candidate is to be feasible."""
+    names = [field.name for field in fields(thresholds) if field.name != "feasible"]
+    stated = [name for name in names if getattr(thresholds, name) is not None]
+    if stated:
+        keys = ", ".join(f"`{name}`" for name in stated)
+        message = f"`{path}`: {keys} expected of the best candidate, but `feasible: false` expects that there is none"
+        place = workspace.places.get(f"{path}.{stated[0]}")
+        mend = f"remove `feasible: false`, or {keys}"
+        yield Problem("contradictory-expectations", message, place, severity="warning", mend=mend)

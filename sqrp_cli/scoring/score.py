@@ -66,7 +66,7 @@ def scores_of(cell: ScoredCell, computer: Computer) -> Iterator[TaskScore]:
 
 def way_name(candidate: Candidate) -> str:
     """What tells apart the choices of objects of a task, such as `g1` or `g1 tray`."""
-    return " ".join(candidate.objects.values()) or candidate.skill.name
+    return " ".join(candidate.binding.values()) or candidate.skill.name
 
 
 def _task_score(cell: ScoredCell, task: ScoredTask, computer: Computer) -> TaskScore | None:

@@ -42,5 +42,5 @@ def _shortcomings(best: Assessment, thresholds: Thresholds) -> Iterator[str]:
         blind = best.faults[fault].blind_longest
         why = lost if blind else "so long take a frame and the latency of the camera that sees it"
         yield f"the fault {fault} of {name} may be noticed only after {delay:.2f} s, {most}: {why}"
-    if thresholds.winner is not None and thresholds.winner not in best.candidate.objects.values():
+    if thresholds.winner is not None and thresholds.winner not in best.candidate.binding.values():
         yield f"{name} is best, expected one with {thresholds.winner}"

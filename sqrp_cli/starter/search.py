@@ -138,7 +138,7 @@ def cubes_in_reach(cell: Cell) -> list[Cube]:
     found: list[Cube] = []
     for candidate in read_task(TASK, cell.workspace).candidates:
         if not isinstance(feasible_motion(cell, candidate, world), Infeasible):
-            (name,) = candidate.objects.values()
+            (name,) = candidate.binding.values()
             x, y, z = world.X_WO[name][:3, 3].tolist()
             color = COLORS[len(found)]
             number = COLORS[: len(found)].count(color) + 1

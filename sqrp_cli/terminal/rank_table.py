@@ -60,7 +60,7 @@ def _print_infeasible(assessments: Sequence[Assessment]) -> None:
     """A line for each reason, with the ways of doing it with the same objects that have it in common."""
     groups: dict[tuple[str, str], list[str]] = {}
     for assessment in assessments:
-        objects = " ".join(assessment.candidate.objects.values())
+        objects = " ".join(assessment.candidate.binding.values())
         groups.setdefault((objects, assessment.reasons[0]), []).append(assessment.candidate.name)
     for (objects, reason), names in groups.items():
         who = names[0] if len(names) == 1 else f"{objects}, {len(names)} ways"

@@ -60,7 +60,7 @@ def holding(cell: Cell) -> World:
     """The world after g2 was picked up."""
     found = study(cell, candidate(cell, "pickup g2"), cell.initial_world, Adaptive(), full=False)
     assert isinstance(found, Study)
-    return world_after(found)
+    return world_after(found.candidate, found.motion, found.world)
 
 
 def test_a_precondition_that_holds_needs_no_plan(cell: Cell) -> None:

@@ -10,7 +10,7 @@ import yaml
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.task import impossible_tasks, read_task
 
 ROOT = Path(__file__).parents[2]
 BAD_TASKS = yaml.safe_load((ROOT / "tests/cases/bad_tasks.yaml").read_text())
@@ -22,7 +22,7 @@ def workspace() -> Workspace:
 
 
 def objects(task: str, workspace: Workspace) -> list[str]:
-    return [candidate.objects["object"] for candidate in read_task(task, workspace).candidates]
+    return [candidate.binding["object"] for candidate in read_task(task, workspace).candidates]
 
 
 @pytest.mark.parametrize("case", BAD_TASKS, ids=[case["task"] or "empty" for case in BAD_TASKS])
@@ -122,7 +122,7 @@ def test_words_for_a_skill_of_fifteen_parameters_are_told_apart_at_once(workspac
     large = many_parameters(workspace, 15)
     named = " ".join(f"p{number}=g1" for number in range(3, 15))
     (candidate,) = read_task(f"pickup g2 g3 g4 {named}", large).candidates
-    assert list(candidate.objects.values())[:4] == ["g2", "g3", "g4", "g1"]
+    assert list(candidate.binding.values())[:4] == ["g2", "g3", "g4", "g1"]
     with pytest.raises(InputError, match=r"the task has [\d,]+ candidates, the limit is 100,000"):
         read_task("pickup g1 g2 g3", large)
     with pytest.raises(
@@ -130,3 +130,43 @@ def test_words_for_a_skill_of_fifteen_parameters_are_told_apart_at_once(workspac
     ) as caught:
         read_task("pickup g1 g2 g3 g1 g2 g3 g1 g2 g3", large)
     assert caught.value.problems[0].mend == "say which parameter each is for: `name=object`"
+
+
+FILE = Path(__file__).parents[2] / "workspaces" / "tabletop" / "workspace.yaml"
+LISTED = "  - {task: pickup green, min_q_eoi: 0.5}"
+
+
+@pytest.mark.parametrize(
+    ("entry", "code", "at", "says"),
+    [
+        (
+            "winner: crate",
+            "impossible-winner",
+            "winner",
+            "`tasks.0.winner`: no candidate of `pickup green` uses `crate`",
+        ),
+        ("winner: r1", "impossible-winner", "winner", "did you mean `g1`?"),
+        ("feasible: false, min_q_eoi: 0.5", "contradictory-expectations", "min_q_eoi", "`min_q_eoi` expected of"),
+        (
+            "max_time: 3, feasible: false, winner: g1",
+            "contradictory-expectations",
+            "max_time",
+            "`max_time`, `winner` expected of",
+        ),
+    ],
+)
+def test_an_expectation_that_cannot_be_met_is_told_where_it_stands(entry: str, code: str, at: str, says: str) -> None:
+    line = f"  - {{task: pickup green, {entry}}}"
+    text = FILE.read_text(encoding="utf-8").replace(LISTED, line)
+    (problem,) = impossible_tasks(load_workspace(FILE, text.encode()))
+    assert (problem.code, problem.severity) == (code, "warning")
+    assert says in problem.message
+    assert problem.mend
+    number = text.splitlines().index(line) + 1
+    assert str(problem.place) == f"{FILE}:{number}:{line.index(at) + 1}"
+
+
+@pytest.mark.parametrize("entry", ["pickup green, feasible: false", "pickup green, winner: g2", "pickup red can"])
+def test_other_expectations_are_left_alone(entry: str) -> None:
+    text = FILE.read_text(encoding="utf-8").replace(LISTED, f"  - {{task: {entry}}}")
+    assert list(impossible_tasks(load_workspace(FILE, text.encode()))) == []
