@@ -40,7 +40,7 @@ class Cell:
         """Read the robot and every mesh. Raises InputError for a URDF or mesh that cannot be used."""
         robot = workspace.robot
         model = RobotModel.load(robot)
-        check_cell_size(workspace, model)
+        _check_size(workspace, model)
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
         parts = [*model.parts, *(part for thing in objects for part in thing.parts)]
         contacts = _self_contacts(workspace, model, seed) if robot.srdf is None else None
@@ -112,7 +112,7 @@ MOST_SHAPES = 4000
 """Most solid shapes of robot, tool and objects together."""
 
 
-def check_cell_size(workspace: Workspace, model: RobotModel) -> None:
+def _check_size(workspace: Workspace, model: RobotModel) -> None:
     """Raises InputError, at the line of the URDF, for a link that moves and reaches further than `LARGEST_LINK`.
 
     Likewise for a joint further than that from the one that carries it, and for more than `MOST_SHAPES`.

@@ -1,4 +1,4 @@
-"""What can be done in a world: a candidate, by its precondition and motion, and every skill with every choice of objects."""
+"""What can be done in a world: a candidate, by its precondition and its motion, and every skill with every object."""
 
 from __future__ import annotations
 
