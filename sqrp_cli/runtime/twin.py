@@ -10,7 +10,7 @@ import numpy as np
 
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.robot.joint_tree import JointTree
+from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree
 from sqrp_cli.knowledge.robot.robot import Fingers, Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfModel, link_parts
 from sqrp_cli.knowledge.text.packages import resolve
@@ -22,27 +22,25 @@ OPEN_SHARE = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Twin:
-    """A robot with its tool, placed in the world.
-
-    tool_frame: the link that grasps. home: position of each joint at rest [rad or m]. fingers: of its gripper.
-    """
+    """A robot with its tool, placed in the world."""
 
     tree: JointTree
+    rest: Mapping[str, float]
+    """Position of joints that no encoder reports and that follow no other one [rad or m]."""
     surfaces: tuple[Surface, ...]
     tool_frame: str
-    home: Mapping[str, float]
+    """The link that grasps."""
     fingers: Fingers | None
+    """Of its gripper; None if it has none that move."""
 
     @classmethod
     def load(cls, robot: Robot) -> Twin:
         """Read the meshes. Raises InputError for those that cannot be used."""
-        tool = robot.tool.urdf if robot.tool else None
-        mount = (robot.tool.link, robot.tool.X_LT) if robot.tool else (None, None)
-        tree = JointTree.of(robot.urdf, robot.X_WB, tool, *mount)
-        surfaces = tuple(surface for model in robot.urdfs for surface in _surfaces(model, robot))
-        home = {joint.name: float(np.clip(0.0, joint.lower, joint.upper)) for joint in tree.joints}
-        fingers = robot.fingers.open if robot.fingers else {}
-        return cls(tree, surfaces, robot.tool_frame, {**home, **robot.home, **fingers}, robot.fingers)
+        # Imported here, since processes that look at images need no Pinocchio.
+        from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
+
+        surfaces = tuple(surface for urdf in robot.urdfs for surface in _surfaces(urdf, robot))
+        return cls(PinocchioModel(robot).tree, robot.rest, surfaces, robot.tool_frame, robot.fingers)
 
     def link_poses(self, joints: Mapping[str, float]) -> dict[str, Array]:
         """World pose X_WL of every link, shape (4, 4), at joint positions [rad or m]; others are at rest."""
@@ -64,13 +62,9 @@ class Twin:
     def poses_over(self, joints: Mapping[str, Array]) -> dict[str, Array]:
         """World poses X_WL of every link, shape (m, 4, 4), for m positions of each joint, shape (m,)."""
         count = max((len(values) for values in joints.values()), default=1)
-        positions: dict[str, Array] = {}
-        for joint in self.tree.joints:
-            positions[joint.name] = joints.get(joint.name, np.full(count, self.home[joint.name]))
-        for joint in self.tree.joints:
-            if joint.mimic is not None and joint.name not in joints:
-                positions[joint.name] = joint.mimic.multiplier * positions[joint.mimic.joint] + joint.mimic.offset
-        X_WJ = self.tree.poses(np.stack([positions[joint.name] for joint in self.tree.joints], axis=1))
+        known = [index for index, joint in enumerate(self.tree.joints) if joint.name in joints]
+        q = np.array([joints[self.tree.joints[index].name] for index in known]).reshape(len(known), count).T
+        X_WJ = self.tree.poses(Couplings.of(self.tree.joints, known, self.rest).positions(q))
         return {
             link: X_WJ[:, mount.joint] @ mount.X_JL if mount.joint >= 0 else np.tile(mount.X_JL, (count, 1, 1))
             for link, mount in self.tree.mounts.items()

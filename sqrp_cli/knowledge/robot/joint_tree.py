@@ -1,8 +1,8 @@
-"""The joints and links of robot and tool as one tree of matrices, for many positions at once."""
+"""The joints and links of robot and tool as one tree of matrices, for many positions at once, and what drives them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,15 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint
 
 
 @dataclass(frozen=True, eq=False)
 class Mount:
-    """What a link is rigidly fixed to: a joint by its index, -1 for the world, with the link's pose in it, (4, 4)."""
+    """What a link is rigidly fixed to."""
 
     joint: int
+    """Its index, -1 for the world."""
     X_JL: Array
+    """Pose of the link in it, shape (4, 4)."""
 
     def with_offset(self, X_LC: Array) -> Mount:
         """The mount of something fixed to the link at a pose X_LC, (4, 4)."""
@@ -31,52 +33,40 @@ class JointTree:
 
     A joint at position q has the pose `A + sin(q) B + (1 - cos(q)) C` in its parent if it turns (Rodrigues' formula),
     and `A + q B` if it slides.
-
-    joints: as in the URDFs. parents: index of each joint's parent, -1 for the world.
-    turns: whether each joint turns, (N,). axes: unit vectors in the joints' frames, (N, 3).
-    terms: the matrices A, B and C of each joint, (N, 3, 4, 4).
-    mounts: what carries each link of robot and tool.
     """
 
     joints: tuple[UrdfJoint, ...]
+    """As in the URDFs."""
     parents: tuple[int, ...]
+    """Index of each joint's parent, -1 for the world."""
     turns: NDArray[np.bool_]
+    """Whether each joint turns, shape (N,); the others slide."""
     axes: Array
+    """Unit vectors in the joints' frames, shape (N, 3)."""
     terms: Array
+    """The matrices A, B and C of each joint, shape (N, 3, 4, 4)."""
     mounts: dict[str, Mount]
+    """What carries each link of robot and tool."""
 
     @staticmethod
-    def of(robot: UrdfModel, X_WB: Array, tool: UrdfModel | None, link: str | None, X_LT: Array | None) -> JointTree:
-        """The tree of a robot whose root is at X_WB, with a tool whose root is at X_LT in a link of the robot."""
-        joints: list[UrdfJoint] = []
-        seats: list[Mount] = []
-        mounts: dict[str, Mount] = {}
-
-        def grow(urdf: UrdfModel, root: Mount) -> None:
-            mounts[urdf.root] = root
-            for joint in urdf.joints.values():
-                seat = mounts[joint.parent].with_offset(joint.X_PJ)
-                if joint.movable:
-                    joints.append(joint)
-                    seats.append(seat)
-                    seat = Mount(len(joints) - 1, np.eye(4))
-                mounts[joint.child] = seat
-
-        grow(robot, Mount(-1, X_WB))
-        if tool is not None and link is not None and X_LT is not None:
-            grow(tool, mounts[link].with_offset(X_LT))
-        return JointTree._with_matrices(joints, seats, mounts)
-
-    @staticmethod
-    def _with_matrices(joints: Sequence[UrdfJoint], seats: Sequence[Mount], mounts: dict[str, Mount]) -> JointTree:
+    def of(
+        joints: Sequence[UrdfJoint], parents: Sequence[int], axes: Array, still: Array, mounts: dict[str, Mount]
+    ) -> JointTree:
+        """The tree of joints at poses `still` in their parents while at position 0, shape (N, 4, 4)."""
         turns = np.array([joint.type != "prismatic" for joint in joints], dtype=bool)
-        axes = np.array([joint.axis for joint in joints]).reshape(-1, 3)
-        still = np.array([seat.X_JL for seat in seats]).reshape(-1, 4, 4)
         motion = np.zeros_like(still)
         motion[turns, :3, :3] = np.cross(axes[turns, None, :], np.eye(3)).swapaxes(1, 2)
         motion[~turns, :3, 3] = axes[~turns]
         terms = np.stack([still, still @ motion, still @ motion @ motion], axis=1)
-        return JointTree(tuple(joints), tuple(seat.joint for seat in seats), turns, axes, terms, mounts)
+        return JointTree(tuple(joints), tuple(parents), turns, axes, terms, mounts)
+
+    def index(self, joint: str) -> int:
+        """The index of a joint by its name."""
+        return self._indices[joint]
+
+    @cached_property
+    def _indices(self) -> dict[str, int]:
+        return {joint.name: index for index, joint in enumerate(self.joints)}
 
     def chain(self, link: str) -> list[int]:
         """Indices of the joints that carry a link, from the world outwards."""
@@ -113,3 +103,43 @@ class JointTree:
             if parent >= 0:
                 by_joint[index] = by_joint[parent] @ by_joint[index]
         return by_joint.swapaxes(0, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Couplings:
+    """How N joints follow the n that are driven: at `q @ ratios.T + offsets`."""
+
+    ratios: Array
+    """Shape (N, n)."""
+    offsets: Array
+    """Shape (N,) [rad or m]."""
+
+    @staticmethod
+    def of(joints: Sequence[UrdfJoint], driven: Sequence[int], rest: Mapping[str, float]) -> Couplings:
+        """Couplings of all joints of a robot to those that are driven, given by index.
+
+        Joints that mimic another one follow it unless they are driven themselves. The others are at rest: where `rest`
+        says, else at their `UrdfJoint.rest`.
+        """
+        ratios = np.zeros((len(joints), len(driven)))
+        offsets = np.zeros(len(joints))
+        ratios[driven, range(len(driven))] = 1.0
+        rows = {joint.name: row for row, joint in enumerate(joints)}
+        for row, joint in enumerate(joints):
+            if joint.mimic is None and row not in driven:
+                offsets[row] = rest.get(joint.name, joint.rest)
+        for row, joint in enumerate(joints):
+            if joint.mimic is not None and row not in driven:
+                leader = rows[joint.mimic.joint]
+                ratios[row] = joint.mimic.multiplier * ratios[leader]
+                offsets[row] = joint.mimic.multiplier * offsets[leader] + joint.mimic.offset
+        return Couplings(ratios, offsets)
+
+    def along(self, chain: Sequence[int]) -> Couplings:
+        """Those of some of the joints."""
+        return Couplings(self.ratios[list(chain)], self.offsets[list(chain)])
+
+    def positions(self, q: Array) -> Array:
+        """Positions of the joints, shape (..., N), at positions of those that are driven, shape (..., n)."""
+        positions: Array = q @ self.ratios.T + self.offsets
+        return positions

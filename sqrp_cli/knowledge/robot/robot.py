@@ -107,3 +107,8 @@ class Robot:
     def urdfs(self) -> tuple[UrdfModel, ...]:
         """The robot's description, and its tool's if it has one."""
         return (self.urdf,) if self.tool is None else (self.urdf, self.tool.urdf)
+
+    @property
+    def rest(self) -> Mapping[str, float]:
+        """Position of joints while nothing moves them [rad or m]: the arm's at home, the fingers' when open."""
+        return {**self.home, **(self.fingers.open if self.fingers else {})}

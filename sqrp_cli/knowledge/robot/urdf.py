@@ -142,6 +142,11 @@ class UrdfJoint:
         """Whether the joint moves, by itself or by following another one."""
         return self.type != "fixed"
 
+    @property
+    def rest(self) -> float:
+        """Where the joint rests: 0, or the position limit nearest to it [rad or m]."""
+        return min(max(0.0, self.lower), self.upper)
+
 
 @dataclass(frozen=True, eq=False)
 class UrdfModel:

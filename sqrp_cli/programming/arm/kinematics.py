@@ -1,4 +1,4 @@
-"""Where the links of a robot are at given joint positions. The only module that knows Pinocchio."""
+"""Where the links of a robot are at positions of the joints of its arm and its fingers."""
 
 from __future__ import annotations
 
@@ -6,29 +6,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, cross, read_only
-from sqrp_cli.knowledge.robot.joint_tree import JointTree, Mount
+from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, Mount
+from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot
-from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint
 from sqrp_cli.shapes import Part
 
 
 @dataclass(frozen=True, eq=False)
 class FingerModel:
-    """The fingers of a gripper; without any, f is 0.
-
-    joints: names of those that drive them, f of them. open, closed: their positions [rad or m], (f,). lower, upper,
-    velocity, acceleration, jerk: their limits [rad or m, and s], (f,). links: all that these joints move.
-    """
+    """The fingers of a gripper; without any, f is 0. Positions and limits in rad or m, and s, of shape (f,) each."""
 
     joints: tuple[str, ...]
+    """Names of those that drive them, f of them."""
     open: Array
     closed: Array
     lower: Array
@@ -37,6 +33,7 @@ class FingerModel:
     acceleration: Array
     jerk: Array
     links: frozenset[str]
+    """All that these joints move."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,37 +41,39 @@ class RobotModel:
     """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
 
     The arm's joints are the movable ones from the robot's root to the tool frame, n of them. Joints that are neither
-    theirs nor the fingers' rest at 0 or at the limit nearest to it; joints that mimic another one follow it.
-
-    arm: names of the arm's joints, from the root outwards. turns: which of them turn, (n,); the others slide.
-    lower, upper, velocity, acceleration, jerk: their limits [rad or m, and s], (n,).
-    home: their positions at the start of a program, (n,).
-    fingers: those of its gripper.
-    links: every link of robot and tool. tool_links: those of the tool. tool_frame: the link that grasps.
-    parts: the solid parts of robot and tool.
-    adjacent_pairs: pairs of links with parts, each in alphabetical order, that are rigidly connected or meet at a
-    joint.
+    theirs nor the fingers' rest at 0 or at the limit nearest to it; joints that mimic another one follow it. Positions
+    and limits of the arm's joints are in rad or m, and s, of shape (n,) each.
     """
 
     arm: tuple[str, ...]
+    """Names of the arm's joints, from the root outwards."""
     turns: NDArray[np.bool_]
+    """Which of them turn; the others slide."""
     lower: Array
     upper: Array
     velocity: Array
     acceleration: Array
     jerk: Array
     home: Array
+    """Their positions at the start of a program."""
     fingers: FingerModel
-    links: tuple[str, ...]
+    """Those of its gripper."""
     tool_links: frozenset[str]
     tool_frame: str
+    """The link that grasps."""
     parts: tuple[Part, ...]
+    """The solid parts of robot and tool."""
     adjacent_pairs: frozenset[tuple[str, str]]
-    _tree: JointTree
-    _chain: JointTree
+    """Links with parts, each pair in alphabetical order, that are rigidly connected or meet at a joint."""
+    tree: JointTree
+    """Every joint and link of robot and tool."""
+    _pinocchio: PinocchioModel
     _couplings: Couplings
+    _chain: tuple[int, ...]
+    """Indices of the joints that carry the tool frame, from the world outwards."""
+    _chain_tree: JointTree
     _chain_couplings: Couplings
-    _pinocchio: PinocchioChain
+    """Of the joints of that chain to those of the arm."""
 
     @staticmethod
     def load(robot: Robot) -> RobotModel:
@@ -83,24 +82,16 @@ class RobotModel:
         Raises InputError for a name that robot and tool share, an unknown link, a joint without limits, or a tool
         frame that no joint moves.
         """
-        urdf = robot.urdf
-        tool = robot.tool.urdf if robot.tool else None
-        _check_names(robot, urdf, tool)
-        if robot.tool is None or tool is None:
-            tree = JointTree.of(urdf, robot.X_WB, None, None, None)
-        else:
-            tree = JointTree.of(urdf, robot.X_WB, tool, robot.tool.link, robot.tool.X_LT)
+        _check_names(robot)
+        pinocchio = PinocchioModel(robot)
+        tree = pinocchio.tree
         chain = tree.chain(robot.tool_frame)
         arm = [index for index in chain if tree.joints[index].mimic is None]
         if not arm:
             message = f"no joint moves the tool frame `{robot.tool_frame}`"
             raise InputError(Problem("no-arm", message, Place(robot.urdf.path)))
         fingers = _fingers(robot, tree)
-        index_of = {joint.name: index for index, joint in enumerate(tree.joints)}
-        rest = {**robot.home, **dict(zip(fingers.joints, fingers.open.tolist(), strict=True))}
-        couplings = Couplings.of(tree.joints, [*arm, *(index_of[name] for name in fingers.joints)], rest)
         limits = [_limits(robot, tree.joints[index]) for index in arm]
-        chain_tree, chain_couplings = tree.along(chain), Couplings.of(tree.joints, arm, rest).along(chain)
         return RobotModel(
             arm=tuple(tree.joints[index].name for index in arm),
             turns=tree.turns[arm],
@@ -109,19 +100,24 @@ class RobotModel:
             velocity=read_only([limit.velocity for limit in limits]),
             acceleration=read_only([limit.acceleration for limit in limits]),
             jerk=read_only([limit.jerk for limit in limits]),
-            home=read_only([_rest(tree.joints[index], robot.home) for index in arm]),
+            home=read_only([robot.home.get(tree.joints[index].name, tree.joints[index].rest) for index in arm]),
             fingers=fingers,
-            links=tuple(tree.mounts),
-            tool_links=frozenset(tool.links if tool else ()),
+            tool_links=frozenset(robot.tool.urdf.links if robot.tool else ()),
             tool_frame=robot.tool_frame,
             parts=robot.parts,
             adjacent_pairs=_adjacent_pairs(robot.parts, tree),
-            _tree=tree,
-            _chain=chain_tree,
-            _couplings=couplings,
-            _chain_couplings=chain_couplings,
-            _pinocchio=PinocchioChain(chain_tree, chain_couplings, tree.mounts[robot.tool_frame].X_JL),
+            tree=tree,
+            _pinocchio=pinocchio,
+            _couplings=Couplings.of(tree.joints, [*arm, *map(tree.index, fingers.joints)], robot.rest),
+            _chain=tuple(chain),
+            _chain_tree=tree.along(chain),
+            _chain_couplings=Couplings.of(tree.joints, arm, robot.rest).along(chain),
         )
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Every link of robot and tool."""
+        return tuple(self.tree.mounts)
 
     @cached_property
     def joints(self) -> tuple[str, ...]:
@@ -143,14 +139,14 @@ class RobotModel:
     def still_links(self) -> frozenset[str]:
         """The links that no driven joint moves."""
         moves = (self._couplings.ratios != 0.0).any(axis=1)
-        return frozenset(link for link in self.links if not moves[self._tree.chain(link)].any())
+        return frozenset(link for link in self.links if not moves[self.tree.chain(link)].any())
 
     @cached_property
     def _offset_links(self) -> tuple[tuple[str, ...], NDArray[np.intp], Array]:
         """The L links that joints carry elsewhere than in their own frames, the joints, (L,), and X_JL, (L, 4, 4)."""
         offset = {
             link: mount
-            for link, mount in self._tree.mounts.items()
+            for link, mount in self.tree.mounts.items()
             if mount.joint >= 0 and not np.array_equal(mount.X_JL, np.eye(4))
         }
         joints = np.array([mount.joint for mount in offset.values()], dtype=np.intp)
@@ -171,7 +167,7 @@ class RobotModel:
 
         With those of the arm alone, shape (m, n), the fingers are open.
         """
-        X_WJ = self._tree.poses(self._couplings.positions(self.with_fingers(q)))
+        X_WJ = self.tree.poses(self._couplings.positions(self.with_fingers(q)))
         links, joints, X_JL = self._offset_links
         offset = dict(zip(links, (X_WJ[:, joints] @ X_JL).swapaxes(0, 1), strict=True))
 
@@ -180,63 +176,60 @@ class RobotModel:
                 return np.broadcast_to(mount.X_JL, (len(q), 4, 4))
             return offset[link] if link in offset else X_WJ[:, mount.joint]
 
-        return {link: poses(link, mount) for link, mount in self._tree.mounts.items()}
+        return {link: poses(link, mount) for link, mount in self.tree.mounts.items()}
 
     def frame_poses(self, q: Array) -> Array:
         """World poses X_WF of the frames of all joints of `tree`, and of the world as the last (or index -1).
 
         Shape (m, N + 1, 4, 4), at m positions of the driven joints, shape (m, n + f).
         """
-        X_WJ = self._tree.poses(self._couplings.positions(q))
+        X_WJ = self.tree.poses(self._couplings.positions(q))
         X_WF = np.empty((len(q), X_WJ.shape[1] + 1, 4, 4))
         X_WF[:, :-1], X_WF[:, -1] = X_WJ, np.eye(4)
         return X_WF
 
     def tool_pose(self, q: Array) -> Array:
         """World pose X_WT of the tool frame, shape (4, 4), at arm positions of shape (n,)."""
-        return self._pinocchio.tool_pose(q)
+        return self._pinocchio.link_pose(self.tool_frame, self._couplings.positions(self.with_fingers(q)))
 
     def jacobian(self, q: Array) -> Array:
         """Velocity of the tool frame's origin over its angular velocity, in world axes, per joint velocity; (6, n)."""
-        return self._pinocchio.jacobian(q)
+        positions = self._couplings.positions(self.with_fingers(q))
+        jacobian = self._pinocchio.jacobian(self.tool_frame, self._chain, positions)
+        return jacobian @ self._chain_couplings.ratios
 
     def tool_poses(self, q: Array) -> Array:
         """As `tool_pose` at m positions of shape (m, n): shape (m, 4, 4)."""
-        X_WJ = self._chain.poses(self._chain_couplings.positions(q))
-        X_WT: Array = X_WJ[:, -1] @ self._tree.mounts[self.tool_frame].X_JL
+        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
+        X_WT: Array = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
         return X_WT
 
     def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
         """As `tool_pose` and `jacobian` at m positions of shape (m, n): shapes (m, 4, 4) and (m, 6, n)."""
-        X_WJ = self._chain.poses(self._chain_couplings.positions(q))
-        X_WT = X_WJ[:, -1] @ self._tree.mounts[self.tool_frame].X_JL
-        axes = (X_WJ[:, :, :3, :3] @ self._chain.axes[:, :, None])[..., 0]
+        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
+        X_WT = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
+        axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
         arms = X_WT[:, None, :3, 3] - X_WJ[:, :, :3, 3]
         columns = np.concatenate([cross(axes, arms), axes], axis=-1)
-        if len(slides := self._chain.sliding):
+        if len(slides := self._chain_tree.sliding):
             columns[:, slides, :3], columns[:, slides, 3:] = axes[:, slides], 0.0
         return X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios
-
-    @property
-    def tree(self) -> JointTree:
-        """Every joint and link of robot and tool."""
-        return self._tree
 
     @property
     def followers(self) -> tuple[UrdfJoint, ...]:
         """The joints that mimic one of the arm's."""
         led = np.flatnonzero((self._couplings.ratios[:, : len(self.arm)] != 0.0).any(axis=1))
-        return tuple(joint for joint in (self._tree.joints[row] for row in led) if joint.mimic is not None)
+        return tuple(joint for joint in (self.tree.joints[row] for row in led) if joint.mimic is not None)
 
     @property
     def joints_move_alone(self) -> bool:
         """Whether no joint on the way to the tool frame follows another one."""
-        return len(self._chain.joints) == len(self.arm)
+        return len(self._chain_tree.joints) == len(self.arm)
 
     def joint_origins(self, q: Array) -> Array:
         """World position [m] of each arm joint's origin, shape (n, 3), at arm positions of shape (n,)."""
-        X_WJ = self._chain.poses(self._chain_couplings.positions(q[None]))[0]
-        origins: Array = X_WJ[[joint.mimic is None for joint in self._chain.joints], :3, 3]
+        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q[None]))[0]
+        origins: Array = X_WJ[[joint.mimic is None for joint in self._chain_tree.joints], :3, 3]
         return origins
 
     def arm_positions(self, values: Mapping[str, float]) -> Array:
@@ -250,97 +243,35 @@ class RobotModel:
     def joint_values(self, q: Array) -> dict[str, float]:
         """Position [rad or m] of every movable joint of robot and tool, at positions as `link_poses` takes them."""
         positions = self._couplings.positions(self.with_fingers(q)).tolist()
-        return {joint.name: value for joint, value in zip(self._tree.joints, positions, strict=True)}
+        return {joint.name: value for joint, value in zip(self.tree.joints, positions, strict=True)}
 
 
-@dataclass(frozen=True, eq=False)
-class Couplings:
-    """How N joints follow the n that are driven: q @ ratios.T + offsets; shapes (N, n) and (N,)."""
-
-    ratios: Array
-    offsets: Array
-
-    @staticmethod
-    def of(joints: Sequence[UrdfJoint], driven: Sequence[int], rest: Mapping[str, float]) -> Couplings:
-        """Couplings of all joints of a robot to those that are driven, given by index; the others are at rest."""
-        ratios = np.zeros((len(joints), len(driven)))
-        offsets = np.zeros(len(joints))
-        ratios[driven, range(len(driven))] = 1.0
-        rows = {joint.name: row for row, joint in enumerate(joints)}
-        for row, joint in enumerate(joints):
-            if joint.mimic is None and row not in driven:
-                offsets[row] = _rest(joint, rest)
-        for row, joint in enumerate(joints):
-            if joint.mimic is not None:
-                leader = rows[joint.mimic.joint]
-                ratios[row] = joint.mimic.multiplier * ratios[leader]
-                offsets[row] = joint.mimic.multiplier * offsets[leader] + joint.mimic.offset
-        return Couplings(ratios, offsets)
-
-    def along(self, chain: Sequence[int]) -> Couplings:
-        """Those of some of the joints."""
-        return Couplings(self.ratios[list(chain)], self.offsets[list(chain)])
-
-    def positions(self, q: Array) -> Array:
-        """Positions of the joints, shape (..., N), at positions of those that are driven, shape (..., n)."""
-        positions: Array = q @ self.ratios.T + self.offsets
-        return positions
-
-
-class PinocchioChain:
-    """The chain of joints from the world to the tool frame in Pinocchio, for one configuration at a time."""
-
-    def __init__(self, chain: JointTree, couplings: Couplings, X_JT: Array) -> None:
-        """X_JT: pose of the tool frame in the last joint, shape (4, 4)."""
-        self._model: Any = pin.Model()
-        self._couplings = couplings
-        last = 0
-        for joint, X_PJ in zip(chain.joints, chain.still, strict=True):
-            kind = pin.JointModelPrismaticUnaligned if joint.type == "prismatic" else pin.JointModelRevoluteUnaligned
-            last = self._model.addJoint(last, kind(joint.axis), pin.SE3(X_PJ), joint.name)
-        self._last, self._X_JT = last, pin.SE3(X_JT)
-        self._data = self._model.createData()
-
-    def tool_pose(self, q: Array) -> Array:
-        """X_WT, shape (4, 4)."""
-        pin.forwardKinematics(self._model, self._data, self._couplings.positions(q))
-        X_WT: Array = (self._data.oMi[self._last] * self._X_JT).homogeneous
-        return X_WT
-
-    def jacobian(self, q: Array) -> Array:
-        """Of the tool frame's origin, linear over angular, world axes, shape (6, n)."""
-        pin.computeJointJacobians(self._model, self._data, self._couplings.positions(q))
-        frame = self._data.oMi[self._last] * self._X_JT
-        # For a single joint, the binding drops the second dimension.
-        at_origin = self._data.J.reshape(6, -1)
-        at_frame: Array = pin.SE3(np.eye(3), frame.translation).toActionMatrixInverse() @ at_origin
-        return at_frame @ self._couplings.ratios
-
-
-def _check_names(robot: Robot, urdf: UrdfModel, tool: UrdfModel | None) -> None:
-    links = [*urdf.links, *(tool.links if tool else ())]
-    if robot.tool is not None and tool is not None:
-        if robot.tool.link not in urdf.links:
-            message = f"unknown link `{robot.tool.link}` for the tool; {expected_names(robot.tool.link, urdf.links)}"
-            raise InputError(Problem("unknown-link", message, Place(robot.urdf.path)))
-        places = [(link.name, link.place) for link in tool.links.values() if link.name in urdf.links]
-        places += [(joint.name, joint.place) for joint in tool.joints.values() if joint.name in urdf.joints]
+def _check_names(robot: Robot) -> None:
+    urdf, tool = robot.urdf, robot.tool
+    links = [link for model in robot.urdfs for link in model.links]
+    if tool is not None:
+        if tool.link not in urdf.links:
+            message = f"unknown link `{tool.link}` for the tool; {expected_names(tool.link, urdf.links)}"
+            raise InputError(Problem("unknown-link", message, Place(urdf.path)))
+        places = [(link.name, link.place) for link in tool.urdf.links.values() if link.name in urdf.links]
+        places += [(joint.name, joint.place) for joint in tool.urdf.joints.values() if joint.name in urdf.joints]
         for name, place in places:
             message = f"`{name}` is also a name in the robot's URDF, {urdf.path}"
             raise InputError(Problem("duplicate-name", message, place, mend="rename it in the tool's URDF"))
     if robot.tool_frame not in links:
         message = f"unknown tool frame `{robot.tool_frame}`; {expected_names(robot.tool_frame, links)}"
-        raise InputError(Problem("unknown-link", message, Place(robot.urdf.path)))
+        raise InputError(Problem("unknown-link", message, Place(urdf.path)))
 
 
 def _fingers(robot: Robot, tree: JointTree) -> FingerModel:
-    index_of = {joint.name: index for index, joint in enumerate(tree.joints)}
     names = tuple(robot.fingers.open) if robot.fingers else ()
-    driving = {index_of[name] for name in names}
-    for index, joint in enumerate(tree.joints):
-        if joint.mimic is not None and index_of[joint.mimic.joint] in driving:
-            driving.add(index)
-    limits = [_limits(robot, tree.joints[index_of[name]]) for name in names]
+    leading = set(names)
+    driving = {
+        index
+        for index, joint in enumerate(tree.joints)
+        if joint.name in leading or (joint.mimic is not None and joint.mimic.joint in leading)
+    }
+    limits = [_limits(robot, tree.joints[tree.index(name)]) for name in names]
     opened, closed = (robot.fingers.open, robot.fingers.closed) if robot.fingers else ({}, {})
     return FingerModel(
         joints=names,
@@ -359,11 +290,6 @@ def _limits(robot: Robot, joint: UrdfJoint) -> JointLimits:
     if joint.name not in robot.limits:
         raise InputError(Problem("missing-limit", f"no limits are given for joint `{joint.name}`", joint.place))
     return robot.limits[joint.name]
-
-
-def _rest(joint: UrdfJoint, home: Mapping[str, float]) -> float:
-    """Where a joint is at home: 0 or the limit nearest to it unless the robot's home says otherwise."""
-    return home.get(joint.name, min(max(0.0, joint.lower), joint.upper))
 
 
 def _adjacent_pairs(parts: Sequence[Part], tree: JointTree) -> frozenset[tuple[str, str]]:

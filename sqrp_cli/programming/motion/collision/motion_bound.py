@@ -44,8 +44,7 @@ class MotionBound:
             mend = f"if it is a rod of a linkage that does not matter here, make `{joint.name}` a fixed joint in a copy"
             raise InputError(Problem("coupled-arm", message, joint.place, mend=mend))
         tree, n = model.tree, len(model.arm)
-        names = [joint.name for joint in tree.joints]
-        self.joints = [names.index(name) for name in model.arm]
+        self.joints = [tree.index(name) for name in model.arm]
         self._axes = tree.axes[self.joints]
         self._turns = model.turns
         moved_by = {link: set(self.joints).intersection(tree.chain(link)) for link in tree.mounts}

@@ -54,9 +54,7 @@ def worst_past_limit(model: RobotModel, path: JointPath) -> PastLimit | None:
     if not excess.any():
         return None
     joint = int(excess.argmax())
-    turns = (
-        model.tree.joints[[other.name for other in model.tree.joints].index(model.joints[joint])].type != "prismatic"
-    )
+    turns = bool(model.tree.turns[model.tree.index(model.joints[joint])])
     return PastLimit(model.joints[joint], float(excess[joint]), turns)
 
 

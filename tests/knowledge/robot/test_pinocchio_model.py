@@ -1,0 +1,118 @@
+"""Many configurations at once are what Pinocchio computes one at a time: for robots of any shape, and real ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sqrp_cli.errors import InputError, Place
+from sqrp_cli.geometry import Array, pose, rpy_to_matrix
+from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
+from sqrp_cli.knowledge.robot.robot import Robot, Tool
+from sqrp_cli.knowledge.robot.urdf import JointType, Mimic, UrdfJoint, UrdfLink, UrdfModel, read_urdf
+from tests.programming.robots import REAL_ARMS, ROBOTS, robot
+
+PLACE = Place(Path("random.urdf"))
+KINDS: tuple[JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
+
+
+def placed(rng: np.random.Generator) -> Array:
+    return pose(rpy_to_matrix(rng.uniform(-4, 4, 3)), rng.uniform(-2, 2, 3))
+
+
+def random_urdf(rng: np.random.Generator, prefix: str, count: int) -> UrdfModel:
+    """A tree of links in which every joint is anywhere on any link before it."""
+    names = [f"{prefix}{index}" for index in range(count + 1)]
+    joints: dict[str, UrdfJoint] = {}
+    for index in range(count):
+        leaders = [joint.name for joint in joints.values() if joint.movable and joint.mimic is None]
+        kind = KINDS[rng.integers(4)]
+        follows = kind != "fixed" and leaders and rng.random() < 0.3
+        axis = rng.normal(size=3)
+        joints[f"{prefix}j{index}"] = UrdfJoint(
+            name=f"{prefix}j{index}",
+            type=kind,
+            parent=names[rng.integers(index + 1)],
+            child=names[index + 1],
+            X_PJ=placed(rng),
+            axis=axis / np.linalg.norm(axis),
+            lower=-3.0,
+            upper=3.0,
+            velocity=None,
+            effort=None,
+            mimic=Mimic(leaders[rng.integers(len(leaders))], *rng.uniform(-2, 2, 2)) if follows else None,
+            place=PLACE,
+        )
+    links = {name: UrdfLink(name, (), (), None, PLACE) for name in names}
+    return UrdfModel("random", PLACE.file, links, joints, names[0])
+
+
+def random_robot(rng: np.random.Generator) -> Robot:
+    """A robot with a tool on any of its links."""
+    plain = robot(ROBOTS / REAL_ARMS["ur5"][0], REAL_ARMS["ur5"][1])
+    urdf, tool = random_urdf(rng, "r", int(rng.integers(1, 9))), random_urdf(rng, "t", int(rng.integers(4)))
+    mounted = Tool(tool, list(urdf.links)[rng.integers(len(urdf.links))], placed(rng), None)
+    return replace(plain, urdf=urdf, tool=mounted, X_WB=placed(rng), parts=())
+
+
+def assert_equal_at(model: PinocchioModel, positions: Array) -> None:
+    """Poses of all links, and how they move, by the matrices of the tree and by Pinocchio."""
+    tree = model.tree
+    X_WJ = tree.poses(positions)
+    axes = (X_WJ[:, :, :3, :3] @ tree.axes[:, :, None])[..., 0]
+    for link, mount in tree.mounts.items():
+        chain = tree.chain(link)
+        for row, q in enumerate(positions):
+            X_WL = mount.X_JL if mount.joint < 0 else X_WJ[row, mount.joint] @ mount.X_JL
+            np.testing.assert_allclose(model.link_pose(link, q), X_WL, atol=1e-11)
+            turning = tree.turns[chain, None]
+            moved = np.cross(axes[row, chain], X_WL[:3, 3] - X_WJ[row, chain, :3, 3])
+            linear, angular = np.where(turning, moved, axes[row, chain]), np.where(turning, axes[row, chain], 0.0)
+            expected = np.concatenate([linear, angular], axis=1).T
+            np.testing.assert_allclose(model.jacobian(link, chain, q), expected, atol=1e-11)
+
+
+@given(seed=st.integers(0, 2**32 - 1))
+@settings(max_examples=60)
+def test_random_robots_stand_where_pinocchio_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    model = PinocchioModel(random_robot(rng))
+    assert_equal_at(model, rng.uniform(-7, 7, (2, len(model.tree.joints))))
+
+
+def test_every_installed_robot_stands_where_pinocchio_reads_it() -> None:
+    plain = robot(ROBOTS / REAL_ARMS["ur5"][0], REAL_ARMS["ur5"][1])
+    rng, count = np.random.default_rng(0), 0
+    for path in sorted(ROBOTS.rglob("*.urdf")):
+        try:
+            urdf = read_urdf(path)
+        except InputError:
+            continue
+        ours, theirs = PinocchioModel(replace(plain, urdf=urdf)), pin.buildModelFromUrdf(str(path))
+        tree, data = ours.tree, theirs.createData()
+        positions = rng.uniform(-3, 3, (1, len(tree.joints)))
+        q = pin.neutral(theirs)
+        for joint, value in zip(tree.joints, positions[0], strict=True):
+            read = theirs.joints[theirs.getJointId(joint.name)]
+            q[read.idx_q : read.idx_q + read.nq] = [value] if read.nq == 1 else [np.cos(value), np.sin(value)]
+        pin.framesForwardKinematics(theirs, data, q)
+        X_WJ = tree.poses(positions)[0]
+        for link, mount in tree.mounts.items():
+            X_WL = mount.X_JL if mount.joint < 0 else X_WJ[mount.joint] @ mount.X_JL
+            frame = theirs.getFrameId(link.removeprefix("robot/"), pin.FrameType.BODY)
+            np.testing.assert_allclose(X_WL, data.oMf[frame].homogeneous, atol=1e-9, err_msg=f"{path.name} {link}")
+        count += 1
+    assert count >= 60
+
+
+@pytest.mark.parametrize("name", REAL_ARMS)
+def test_real_arms_stand_where_pinocchio_says(name: str) -> None:
+    urdf, tool_frame = REAL_ARMS[name]
+    model = PinocchioModel(robot(ROBOTS / urdf, tool_frame))
+    assert_equal_at(model, np.random.default_rng(0).uniform(-3, 3, (2, len(model.tree.joints))))
