@@ -22,9 +22,9 @@ from sqrp_cli.programming.motion.collision.collision_body import Body
 from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.model import STEP, model_document
+from sqrp_cli.runtime.cell.engine import mujoco
+from sqrp_cli.runtime.cell.mujoco_model import build_model
 from sqrp_cli.runtime.meshes import load_triangles
-from sqrp_cli.runtime.simulation.engine import mujoco
-from sqrp_cli.runtime.simulation.model import build_model
 from sqrp_cli.runtime.surface import Surface
 from sqrp_cli.shapes import Part
 

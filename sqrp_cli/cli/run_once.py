@@ -12,10 +12,10 @@ if TYPE_CHECKING:
 
     from sqrp_cli.errors import ExitCode
     from sqrp_cli.knowledge.workspace.workspace import Workspace
-    from sqrp_cli.runtime.events import Event
-    from sqrp_cli.runtime.faults import InjectedFault
-    from sqrp_cli.runtime.recording import Gallery
-    from sqrp_cli.runtime.simulated_run import Simulation
+    from sqrp_cli.runtime.record.events import Event
+    from sqrp_cli.runtime.record.film import Gallery
+    from sqrp_cli.runtime.run.injected_fault import InjectedFault
+    from sqrp_cli.runtime.run.simulation import Simulation
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ def run_once(
     from sqrp_cli.cli.run_result import show_run
     from sqrp_cli.platform.files import check_writable
     from sqrp_cli.report.pages.run_page import RunCell, write_run
-    from sqrp_cli.runtime.faults import parse_fault
-    from sqrp_cli.runtime.log import LogWriter
-    from sqrp_cli.runtime.simulated_run import header
+    from sqrp_cli.runtime.record.log import LogWriter
+    from sqrp_cli.runtime.run.injected_fault import parse_fault
+    from sqrp_cli.runtime.run.simulation import header
     from sqrp_cli.terminal.console import note
     from sqrp_cli.terminal.run_view import LiveView, wall_time
 
@@ -90,7 +90,7 @@ def run_once(
 
 def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) -> list[InjectedFault]:
     """The faults whose time never came."""
-    from sqrp_cli.runtime.events import FaultInjected
+    from sqrp_cli.runtime.record.events import FaultInjected
 
     injected = [event.fault for event in events if isinstance(event, FaultInjected)]
     late = []
@@ -106,7 +106,8 @@ def _gallery(workspace: Workspace, kept: Kept) -> Gallery | None:
     """What takes the images of a run, if they are kept as a film or one by one."""
     if kept.record is None and kept.frames is None:
         return None
-    from sqrp_cli.runtime.recording import Film, FrameFolder, Gallery
+    from sqrp_cli.runtime.record.film import Film, Gallery
+    from sqrp_cli.runtime.record.frames import FrameFolder
 
     rate = max(camera.rate for camera in workspace.cameras.values())
     folder = FrameFolder(kept.frames) if kept.frames is not None else None

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from sqrp_cli.errors import ExitCode
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.report.pages.run_page import RunCell
-    from sqrp_cli.runtime.events import Event, RunBegan
+    from sqrp_cli.runtime.record.events import Event, RunBegan
 
 
 def run_replay(
@@ -23,8 +23,8 @@ def run_replay(
     from sqrp_cli.cli.run_result import show_run
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.report.pages.run_page import write_run
-    from sqrp_cli.runtime.events import RunBegan, RunReported
-    from sqrp_cli.runtime.log import read_log
+    from sqrp_cli.runtime.record.events import RunBegan, RunReported
+    from sqrp_cli.runtime.record.log import read_log
     from sqrp_cli.terminal.console import note, print_problems
     from sqrp_cli.terminal.run_view import LiveView
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
-    from sqrp_cli.runtime.outcome import RunReport
+    from sqrp_cli.runtime.record.report import RunReport
 
 
 def show_run(report: RunReport, workspace: str, period: float | None, *, as_json: bool) -> ExitCode:

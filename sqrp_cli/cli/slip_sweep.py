@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
-    from sqrp_cli.runtime.simulated_run import Simulation
+    from sqrp_cli.runtime.run.simulation import Simulation
 
 
 def sweep_slips(simulation: Simulation, text: str, count: int, *, as_json: bool) -> ExitCode:
@@ -17,8 +17,8 @@ def sweep_slips(simulation: Simulation, text: str, count: int, *, as_json: bool)
     """
     from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.report.documents.runs import SweepDocument
-    from sqrp_cli.runtime.faults import parse_sweep
-    from sqrp_cli.runtime.simulated_run import SweepSummary, sweep
+    from sqrp_cli.runtime.run.injected_fault import parse_sweep
+    from sqrp_cli.runtime.run.simulation import SweepSummary, sweep
     from sqrp_cli.terminal.console import progress, say_raw
     from sqrp_cli.terminal.run_view import print_sweep
 

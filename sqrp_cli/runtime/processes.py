@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.context import ForkServerContext, SpawnContext
 
-_NEEDED = ("__main__", "cv2", "sqrp_cli.runtime.perception.watcher", "sqrp_cli.runtime.simulation.render_pool")
+_NEEDED = ("__main__", "cv2", "sqrp_cli.runtime.perception.image_detector", "sqrp_cli.runtime.cell.render_pool")
 """What the processes import. MuJoCo is not among it: what it opens to draw must not be shared."""
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program
 from sqrp_cli.report.sentences import short_times
-from sqrp_cli.runtime.events import (
+from sqrp_cli.runtime.record.events import (
     Event,
     EvidenceSeen,
     FaultHappened,
@@ -24,20 +24,13 @@ from sqrp_cli.runtime.events import (
     State,
     Stopping,
 )
-from sqrp_cli.runtime.narrator import listed
-from sqrp_cli.runtime.outcome import (
-    Confusion,
-    Disagreement,
-    FaultRecord,
-    Prediction,
-    RunReport,
-    tolerance,
-)
+from sqrp_cli.runtime.record.publisher import listed
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, tolerance
 from sqrp_cli.terminal.console import Column, Show, joined, live, plain, print_table, say
 
 if TYPE_CHECKING:
-    from sqrp_cli.runtime.audit import AuditReport
-    from sqrp_cli.runtime.simulated_run import SweepRun, SweepSummary
+    from sqrp_cli.runtime.monitor.frame_audit import AuditReport
+    from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
 
 MOST_DISAGREEMENTS = 8
 """Groups of disagreements that a table lists."""

@@ -11,7 +11,7 @@ from unittest import mock
 import yaml
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.runtime.simulation.physics import Physics
+from sqrp_cli.runtime.cell.physics import Physics
 
 ROOT = Path(__file__).parents[2]
 RATE = 8.0

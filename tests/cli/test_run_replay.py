@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
-from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
+from sqrp_cli.runtime.record.report import FaultRecord, RunReport, StepRecord
 
 LATE = "later than predicted: before tool and object have parted"
 

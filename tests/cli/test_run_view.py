@@ -10,8 +10,8 @@ import pytest
 from rich.console import Console
 
 from sqrp_cli.report.sentences import short_times
-from sqrp_cli.runtime.log import read_log
-from sqrp_cli.runtime.outcome import FaultRecord, RunReport, StepRecord
+from sqrp_cli.runtime.record.log import read_log
+from sqrp_cli.runtime.record.report import FaultRecord, RunReport, StepRecord
 from sqrp_cli.terminal import console
 from sqrp_cli.terminal.console import Column, print_table
 from sqrp_cli.terminal.run_view import LiveView, print_run

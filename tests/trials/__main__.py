@@ -21,7 +21,7 @@ from pathlib import Path
 
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.program.file import load_program
-from sqrp_cli.runtime.simulation.requirements import check_simulator
+from sqrp_cli.runtime.cell.requirements import check_simulator
 from sqrp_cli.terminal.console import Column, print_table
 from tests.trials.jobs import WORKSPACE, Counts, Job, Results, fingerprint, jobs_of, run, write_programs
 from tests.trials.lines import (

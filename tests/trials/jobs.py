@@ -25,11 +25,11 @@ from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.runtime.faults import InjectedFault
-from sqrp_cli.runtime.log import LogWriter
-from sqrp_cli.runtime.outcome import RunReport
-from sqrp_cli.runtime.simulated_run import Simulation, header, instants, slip_at
-from sqrp_cli.runtime.simulation.cell import SimulatedCell
+from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
+from sqrp_cli.runtime.record.log import LogWriter
+from sqrp_cli.runtime.record.report import RunReport
+from sqrp_cli.runtime.run.injected_fault import InjectedFault
+from sqrp_cli.runtime.run.simulation import Simulation, header, instants, slip_at
 
 ROOT = Path(__file__).parent.parent.parent
 WORKSPACE = ROOT / "workspaces" / "tabletop"

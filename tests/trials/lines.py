@@ -7,8 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqrp_cli.runtime.outcome import Confusion, FaultRecord, RunReport
-from sqrp_cli.runtime.simulated_run import SweepRun, SweepSummary
+from sqrp_cli.runtime.record.report import Confusion, FaultRecord, RunReport
+from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
 from tests.trials.jobs import Job
 
 Done = tuple[Job, dict[str, Any]]

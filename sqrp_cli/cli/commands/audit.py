@@ -28,15 +28,15 @@ def command(
     from sqrp_cli.cli.program_input import open_program
     from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.report.documents.runs import AuditDocument
-    from sqrp_cli.runtime.simulation.requirements import check_packages
+    from sqrp_cli.runtime.cell.requirements import check_packages
     from sqrp_cli.terminal.console import progress, say_raw
     from sqrp_cli.terminal.run_view import print_audit
 
     if not 0.0 <= threshold <= 1.0:
         raise InputError(Problem("bad-option", f"--threshold is {threshold:g}, expected 0 to 1"))
     check_packages()
-    from sqrp_cli.runtime.audit import audit
-    from sqrp_cli.runtime.recording import read_frames
+    from sqrp_cli.runtime.monitor.frame_audit import audit
+    from sqrp_cli.runtime.record.frames import read_frames
 
     found, workspace = open_program(program)
     total = sum(1 for _ in read_frames(folder, list(workspace.cameras), len(found.steps)))

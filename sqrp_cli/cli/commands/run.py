@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.program.record import Program
-    from sqrp_cli.runtime.simulated_run import Simulation
+    from sqrp_cli.runtime.run.simulation import Simulation
 
 NAME = "run"
 
@@ -121,14 +121,14 @@ def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
     """The program with its workspace. Raises InputError where it cannot be run."""
     from sqrp_cli.cli.lazy_replanner import LazyReplanner
     from sqrp_cli.cli.program_input import open_program
-    from sqrp_cli.runtime.simulation.requirements import check_simulator
+    from sqrp_cli.runtime.cell.requirements import check_simulator
 
     program, workspace = open_program(path)
     if not sim:
         message = "there is no driver for a real robot yet"
         raise InputError(Problem("no-driver", message, mend=f"sqrp run {path} --sim"))
     check_simulator()
-    from sqrp_cli.runtime.simulated_run import Simulation
+    from sqrp_cli.runtime.run.simulation import Simulation
 
     _warn_of_contradictions(program, workspace, path)
     return Simulation(program, workspace, LazyReplanner(workspace), seed)
@@ -137,7 +137,7 @@ def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
 def _warn_of_contradictions(program: Program, workspace: Workspace, path: Path) -> None:
     """Tell of formulas about which monitors can say nothing, as the motion itself contradicts them."""
     from sqrp_cli.report.sentences import short_times
-    from sqrp_cli.runtime.plan_check import contradictions
+    from sqrp_cli.runtime.monitor.plan_check import contradictions
     from sqrp_cli.runtime.twin import Twin
     from sqrp_cli.terminal.console import print_problems
 

@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Literal
 
 from sqrp_cli.report.documents.document import Document, Record
-from sqrp_cli.runtime.outcome import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 
 if TYPE_CHECKING:
-    from sqrp_cli.runtime.audit import AuditReport
-    from sqrp_cli.runtime.simulated_run import SweepRun, SweepSummary
+    from sqrp_cli.runtime.monitor.frame_audit import AuditReport
+    from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
 
 Counts = Mapping[str, Mapping[str, Confusion]]
 """By literal and camera."""

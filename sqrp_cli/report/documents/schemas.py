@@ -18,7 +18,7 @@ from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocu
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
 from sqrp_cli.report.documents.starters import InitDocument
-from sqrp_cli.runtime.events import Event
+from sqrp_cli.runtime.record.events import Event
 
 DOCUMENTS: Mapping[str, Any] = {
     "rank": RankDocument,

@@ -25,7 +25,7 @@ from sqrp_cli.report.pages.candidate_page import cell_scene, origin
 from sqrp_cli.report.pages.packing import packed
 from sqrp_cli.report.pages.page import Entry, PageContent, write_page
 from sqrp_cli.report.sentences import short_times
-from sqrp_cli.runtime.events import (
+from sqrp_cli.runtime.record.events import (
     AskedBox,
     Event,
     EvidenceSeen,
@@ -36,8 +36,8 @@ from sqrp_cli.runtime.events import (
     StepBegan,
     Stopping,
 )
-from sqrp_cli.runtime.outcome import FaultRecord, RunReport
-from sqrp_cli.runtime.witness import Track
+from sqrp_cli.runtime.record.report import FaultRecord, RunReport
+from sqrp_cli.runtime.run.state_recorder import Track
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.runtime.perception.outlines import Outline, Silhouette
+from sqrp_cli.runtime.perception.silhouettes import Outline, Silhouette
 from sqrp_cli.runtime.perception.vision import Corners, Mask, corners_of, filled, middle
 
 FINEST = 512.0

@@ -1,4 +1,4 @@
-"""What OpenCV does for us: colours, outlines, markers and image files. The only module of perception that knows it."""
+"""What OpenCV does for us: colours, outlines and markers. The only module of perception that knows it."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import colorsys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -15,9 +14,8 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.runtime.colors import COLORS
+from sqrp_cli.runtime.image import COLORS, Pixels
 
-Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 HUE_TOLERANCE = 12
@@ -53,7 +51,7 @@ def hue_of(color: str) -> int | None:
     return None if saturation < 0.3 else round(hue * 180) % 180
 
 
-def color_mask(image: Image, color: str) -> Mask:
+def color_mask(image: Pixels, color: str) -> Mask:
     """Where an image has a colour."""
     hue = hue_of(color)
     if hue is None:
@@ -68,7 +66,7 @@ def color_mask(image: Image, color: str) -> Mask:
     return mask
 
 
-def alike(first: Image, second: Image, tolerance: int) -> Mask:
+def alike(first: Pixels, second: Pixels, tolerance: int) -> Mask:
     """Where two images of the same size differ by at most a tolerance in every channel."""
     same: Mask = cv2.inRange(cv2.absdiff(first, second), (0, 0, 0), (tolerance,) * 3) > 0
     return same
@@ -134,9 +132,9 @@ def dilated(mask: Mask, pixels: int) -> Mask:
     return grown
 
 
-def inpainted(image: Image, missing: Mask) -> Image:
+def inpainted(image: Pixels, missing: Mask) -> Pixels:
     """The image with a guess, from what is around, at its missing pixels."""
-    restored: Image = cv2.inpaint(image, missing.astype(np.uint8), 3, cv2.INPAINT_TELEA)
+    restored: Pixels = cv2.inpaint(image, missing.astype(np.uint8), 3, cv2.INPAINT_TELEA)
     return restored
 
 
@@ -147,7 +145,7 @@ def blobs(mask: Mask) -> list[Blob]:
     return sorted(found, key=lambda blob: (-blob.area, *blob.center.tolist()))
 
 
-def find_markers(image: Image) -> list[FoundMarker]:
+def find_markers(image: Pixels) -> list[FoundMarker]:
     """The ArUco markers in an image, by id."""
     corners, ids, _ = _marker_detector().detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     if ids is None:
@@ -177,57 +175,3 @@ def direction(camera: Camera, pixel: Array) -> Array:
     ray = np.array([*plane.ravel(), 1.0])
     unit: Array = ray / np.linalg.norm(ray)
     return unit
-
-
-def png_of(image: Image) -> bytes:
-    """An image as a PNG file."""
-    _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    return bytes(content)
-
-
-def decoded(content: bytes) -> Image | None:
-    """The image of an image file's content, in eight bits and without transparency; None if it is damaged."""
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    return None if image is None else cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
-
-
-def drawn(image: Image, outlines: Iterable[tuple[Array, tuple[int, int, int]]], text: str) -> Image:
-    """A copy of an image with polygons (n, 2) in their colours, and a line of text."""
-    canvas = image.copy()
-    for polygon, color in outlines:
-        if len(polygon):
-            cv2.polylines(canvas, [corners_of(polygon)], True, color, 2, cv2.LINE_AA, _SUBPIXEL)
-    cv2.putText(canvas, text, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (0, 0, 0), 3, cv2.LINE_AA)
-    cv2.putText(canvas, text, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.6, (255, 255, 255), 1, cv2.LINE_AA)
-    return canvas
-
-
-def resized(image: Image, width: int, height: int) -> Image:
-    """An image in another size."""
-    smaller: Image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
-    return smaller
-
-
-class Video:
-    """An MPEG-4 file that images are appended to."""
-
-    def __init__(self, path: Path, rate: float) -> None:
-        """rate: images per second."""
-        self._path, self._rate = path, rate
-        self._writer: Any = None
-        self._count = 0
-
-    def add(self, image: Image) -> None:
-        """Append an image; all have the same size."""
-        if self._writer is None:
-            size = (image.shape[1], image.shape[0])
-            self._writer = cv2.VideoWriter(str(self._path), cv2.VideoWriter.fourcc(*"mp4v"), self._rate, size)
-        self._count += 1
-        self._writer.write(cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-
-    def close(self) -> bool:
-        """Finish the file; returns whether all images are in it, which the writer does not say."""
-        if self._writer is not None:
-            self._writer.release()
-        return round(cv2.VideoCapture(str(self._path)).get(cv2.CAP_PROP_FRAME_COUNT)) == self._count

@@ -1,0 +1,1 @@
+"""What stands for the real cell: today a simulation in MuJoCo, physics and camera images."""

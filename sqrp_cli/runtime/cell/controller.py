@@ -1,0 +1,98 @@
+"""The controller of arm and fingers: position control with torque limits, led by velocity and inverse dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.runtime.cell.engine import mujoco
+
+BANDWIDTH = 60.0
+"""Of each joint's position loop, critically damped [rad/s]."""
+
+
+@dataclass(frozen=True)
+class Payload:
+    """What the arm knows that it carries: body of the thing, and the body that carries it."""
+
+    thing: int
+    carrier: int
+
+
+class Controller:
+    """Drives every motor of a model, given by the joint of the same name.
+
+    A motor's torque is stiffness (wanted - position) - damping velocity, with its gains set from the inertia that the
+    joint has at the start. What is wanted is shifted so that on the reference the torque is that of inverse dynamics,
+    payload included. MuJoCo limits the torque to the effort that the URDF states.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        """data: at the start, with everything computed."""
+        self._model, self._data, self._scratch = model, data, mujoco.MjData(model)
+        self.joints = tuple(model.actuator(i).name for i in range(model.nu))
+        joint_ids = model.actuator_trnid[:, 0]
+        self._position, self._velocity = model.jnt_qposadr[joint_ids], model.jnt_dofadr[joint_ids]
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, inertia)
+        self._stiffness = BANDWIDTH**2 * inertia[self._velocity, self._velocity]
+        self._damping = 2.0 / BANDWIDTH * self._stiffness
+        self.wanted = data.qpos[self._position].copy()
+        self._force = np.full(model.nu, np.nan)
+        for motor in range(model.nu):
+            self.follow(motor)
+
+    def indices(self, joints: Sequence[str]) -> NDArray[np.int64]:
+        """Where joints stand in `joints`."""
+        return np.array([self.joints.index(name) for name in joints], dtype=np.int64)
+
+    def push(self, motor: int, force: float, speed: float) -> None:
+        """Let a motor push with a force [N or Nm], and no faster than at a speed [m/s or rad/s], until `follow`."""
+        self._force[motor] = force
+        self._model.actuator_gainprm[motor, 0] = 1.0
+        self._model.actuator_biasprm[motor, :3] = 0.0, 0.0, -abs(force) / speed
+
+    def follow(self, motor: int) -> None:
+        """Let a motor follow its reference."""
+        self._force[motor] = np.nan
+        self._model.actuator_gainprm[motor, 0] = self._stiffness[motor]
+        self._model.actuator_biasprm[motor, :3] = 0.0, -self._stiffness[motor], -self._damping[motor]
+
+    def drive(self, velocity: Array, acceleration: Array, payload: Payload | None) -> None:
+        """Set the motors for the next time step; velocity, acceleration: of each [rad/s or m/s, and per s]."""
+        torque = self._inverse_dynamics(velocity, acceleration, payload)
+        led = self.wanted + (torque + self._damping * velocity) / self._stiffness
+        self._data.ctrl[:] = np.where(np.isnan(self._force), led, self._force)
+
+    def torques(self) -> Array:
+        """What each motor gave in the last time step, within its limit [Nm or N], shape (motors,)."""
+        given: Array = self._data.qfrc_actuator[self._velocity]
+        return given
+
+    def wanted_position(self, body: int) -> Array:
+        """Position of a body if every motor were where it is wanted [m], at the last `drive`."""
+        wanted: Array = self._scratch.xpos[body]
+        return wanted
+
+    def _inverse_dynamics(self, velocity: Array, acceleration: Array, payload: Payload | None) -> Array:
+        """Torque of each motor that the wanted motion takes; everything else stands still where it now is."""
+        model, scratch = self._model, self._scratch
+        scratch.qpos[:], scratch.qvel[:], scratch.qacc[:] = self._data.qpos, 0.0, 0.0
+        scratch.qpos[self._position] = self.wanted
+        scratch.qvel[self._velocity], scratch.qacc[self._velocity] = velocity, acceleration
+        mujoco.mj_kinematics(model, scratch)
+        mujoco.mj_comPos(model, scratch)
+        mujoco.mj_comVel(model, scratch)
+        torque = np.zeros(model.nv)
+        mujoco.mj_rne(model, scratch, 1, torque)
+        torque += model.dof_armature * scratch.qacc
+        if payload is not None:
+            jacobian = np.zeros((3, model.nv))
+            mujoco.mj_jac(model, scratch, jacobian, None, self._data.xipos[payload.thing], payload.carrier)
+            torque -= model.body_mass[payload.thing] * model.opt.gravity @ jacobian
+        needed: Array = torque[self._velocity]
+        return needed

@@ -1,0 +1,121 @@
+"""Camera images of a model, drawn in this process."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, pose
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.runtime.cell.engine import mujoco
+from sqrp_cli.runtime.cell.mujoco_model import DRAWN, FELT
+from sqrp_cli.runtime.cell.optics import Optics
+from sqrp_cli.runtime.cell.requirements import no_opengl
+
+NEAR, FAR = 0.01, 50.0
+"""Clipping planes [m]."""
+
+NOISE = 1.5
+"""Standard deviation of every value of every pixel, of 255."""
+
+_SPARE = 64
+"""By how many pixels the stored noise is larger than an image: it can be laid over one in `_SPARE` ** 2 ways."""
+
+
+class Renderer:
+    """Draws what cameras see of a model at given joint positions; owns an OpenGL context until it is closed."""
+
+    def __init__(self, model: mujoco.MjModel, cameras: Sequence[Camera], seed: int) -> None:
+        """Raises InputError if OpenGL cannot draw."""
+        self._model, self._data = model, mujoco.MjData(model)
+        self._cameras = {camera.name: camera for camera in cameras}
+        self._optics = {camera.name: Optics.of(camera) for camera in cameras}
+        width = max(optics.width for optics in self._optics.values())
+        height = max(optics.height for optics in self._optics.values())
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        try:
+            self._gl = mujoco.GLContext(width, height)
+            self._gl.make_current()
+            self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+        except Exception as error:  # each library fails in ways of its own
+            raise no_opengl(f"it does not start ({str(error).splitlines()[0] if str(error) else error!r})") from error
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
+        self._scene = mujoco.MjvScene(model, maxgeom=model.ngeom + 100)
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION, mujoco.mjtRndFlag.mjRND_HAZE):
+            self._scene.flags[flag] = 0
+        self._option, self._view = mujoco.MjvOption(), mujoco.MjvCamera()
+        self._option.geomgroup[:] = 0
+        self._option.geomgroup[DRAWN] = 1
+        self._drawn = np.flatnonzero(model.geom_group == DRAWN)
+        self._seed = seed
+        rows, columns = (max(sizes) + _SPARE for sizes in zip(*((c.height, c.width) for c in cameras), strict=True))
+        noise = np.random.default_rng(seed).normal(0.0, NOISE, (rows, columns, 3))
+        self._noise = np.rint(noise).astype(np.int16)
+        self._laid = {name: _ways_in_turn(seed, name) for name in self._cameras}
+
+    def move(self, positions: Array) -> None:
+        """Bring everything to where it is at joint positions (MuJoCo's qpos)."""
+        self._data.qpos[:] = positions
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_camlight(self._model, self._data)
+
+    def image(self, name: str, t: float) -> NDArray[np.uint8]:
+        """The image that a camera takes at time t [s], shape (height, width, 3)."""
+        camera, optics = self._cameras[name], self._optics[name]
+        X_WC = self._camera_pose(camera)
+        self._leave_out_unseen(X_WC, optics)
+        mujoco.mjv_updateScene(
+            self._model, self._data, self._option, None, self._view, mujoco.mjtCatBit.mjCAT_ALL.value, self._scene
+        )
+        for eye in self._scene.camera:
+            eye.pos, eye.forward, eye.up = X_WC[:3, 3], X_WC[:3, 2], -X_WC[:3, 1]
+            eye.orthographic = 0
+            eye.frustum_near, eye.frustum_far = NEAR, FAR
+            eye.frustum_center = NEAR * (optics.low[0] + optics.high[0]) / 2
+            eye.frustum_width = NEAR * (optics.high[0] - optics.low[0]) / 2
+            eye.frustum_top, eye.frustum_bottom = -NEAR * optics.low[1], -NEAR * optics.high[1]
+        for light in self._scene.lights[: self._scene.nlight]:
+            if light.headlight:
+                light.pos, light.dir = X_WC[:3, 3], X_WC[:3, 2]
+        area = mujoco.MjrRect(0, 0, optics.width, optics.height)
+        picture = np.empty((optics.height, optics.width, 3), dtype=np.uint8)
+        mujoco.mjr_render(area, self._scene, self._context)
+        mujoco.mjr_readPixels(picture, None, area, self._context)
+        return self._with_noise(optics.image(cv2.flip(picture, 0)), camera, t)
+
+    def close(self) -> None:
+        """Give the OpenGL context back."""
+        self._context.free()
+        self._gl.free()
+
+    def _camera_pose(self, camera: Camera) -> Array:
+        """X_WC, shape (4, 4)."""
+        body = self._data.body(camera.frame)
+        return pose(body.xmat.reshape(3, 3), body.xpos) @ camera.X_FC
+
+    def _leave_out_unseen(self, X_WC: Array, optics: Optics) -> None:
+        """Put the things that lie outside the camera's field of view, by the spheres around them, in another group."""
+        R_CW = X_WC[:3, :3].T
+        centers = (self._data.geom_xpos[self._drawn] - X_WC[:3, 3]) @ R_CW.T
+        radii = self._model.geom_rbound[self._drawn]
+        (left, top), (right, bottom) = optics.low, optics.high
+        sides = np.array([[1, 0, -left], [-1, 0, right], [0, 1, -top], [0, -1, bottom], [0, 0, 1]])
+        sides = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+        seen = (centers @ sides.T > -radii[:, None]).all(axis=1) | (radii == 0.0)
+        self._model.geom_group[self._drawn] = np.where(seen, DRAWN, FELT)
+
+    def _with_noise(self, image: NDArray[np.uint8], camera: Camera, t: float) -> NDArray[np.uint8]:
+        """The image with noise that depends on seed, camera and time alone, and is never twice in a row the same."""
+        row, column = divmod(int(self._laid[camera.name][round(t * camera.rate) % _SPARE**2]), _SPARE)
+        noise = self._noise[row : row + camera.height, column : column + camera.width]
+        noisy: NDArray[np.uint8] = cv2.add(image, noise, dtype=cv2.CV_8U)
+        return noisy
+
+
+def _ways_in_turn(seed: int, camera: str) -> NDArray[np.int64]:
+    """All ways to lay the noise over the images of a camera, in the order in which they are used."""
+    return np.random.default_rng((seed, zlib.crc32(camera.encode()))).permutation(_SPARE**2)

@@ -1,0 +1,86 @@
+"""The images of a cell's cameras: what one is, how large it may be, and how colours of objects look in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+
+Pixels = NDArray[np.uint8]
+"""Red, green and blue, shape (height, width, 3); pixel (0, 0) is the centre of the first one, at the top left."""
+
+MOST_SIMULATED = 16_000_000
+"""Most pixels of an image that is simulated; each drawing process needs some 100 bytes for each of them."""
+
+MOST_SIMULATED_TOGETHER = 64_000_000
+"""Most pixels of one image of every camera."""
+
+MOST_RECORDED = 64_000_000
+"""Most pixels of a recorded image that is looked at."""
+
+Rgb = tuple[float, float, float]
+"""Red, green and blue, 0 to 1."""
+
+COLORS: Mapping[str, Rgb] = {
+    "red": (0.85, 0.08, 0.08),
+    "orange": (0.95, 0.45, 0.03),
+    "yellow": (0.90, 0.82, 0.06),
+    "green": (0.08, 0.65, 0.12),
+    "cyan": (0.05, 0.70, 0.75),
+    "blue": (0.08, 0.20, 0.85),
+    "purple": (0.45, 0.10, 0.75),
+    "magenta": (0.85, 0.08, 0.65),
+    "pink": (0.95, 0.45, 0.62),
+    "brown": (0.42, 0.22, 0.08),
+    "white": (0.92, 0.92, 0.92),
+    "grey": (0.58, 0.58, 0.58),
+    "gray": (0.58, 0.58, 0.58),
+    "silver": (0.70, 0.70, 0.70),
+    "black": (0.06, 0.06, 0.06),
+}
+"""Paint of each colour that has a name. Those with a hue are saturated; robot, floor and background are not."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One image of one camera: all that perception ever learns of a cell."""
+
+    camera: str
+    """Its name."""
+    t: float
+    """Time of exposure [s]."""
+    image: Pixels
+
+
+def check_simulated(workspace: Workspace) -> None:
+    """Raises InputError for cameras whose images are too large to be simulated."""
+    cameras = workspace.cameras.values()
+    for camera in cameras:
+        _check(workspace, camera, MOST_SIMULATED, "simulated")
+    together = sum(camera.width * camera.height for camera in cameras)
+    if together > MOST_SIMULATED_TOGETHER:
+        message = (
+            f"the images of all cameras have {together:,} pixels; simulated are at most {MOST_SIMULATED_TOGETHER:,}"
+        )
+        raise InputError(Problem("image-too-large", message, workspace.places.get("cameras")))
+
+
+def check_recorded(workspace: Workspace, names: Iterable[str]) -> None:
+    """Raises InputError for cameras, of those named, whose images are too large to be looked at."""
+    for name in names:
+        _check(workspace, workspace.cameras[name], MOST_RECORDED, "looked at")
+
+
+def _check(workspace: Workspace, camera: Camera, most: int, done: str) -> None:
+    if camera.width * camera.height > most:
+        message = f"the images of `{camera.name}` have {camera.width:,} x {camera.height:,} pixels"
+        message += f"; images of at most {most:,} pixels are {done}"
+        mend = "give the camera a smaller image, with the same field of view"
+        place = workspace.places.get(f"cameras.{camera.name}")
+        raise InputError(Problem("image-too-large", message, place, mend=mend))

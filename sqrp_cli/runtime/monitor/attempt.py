@@ -1,0 +1,91 @@
+"""One attempt at a step: what is to be done, what is expected of it, and how far it has gone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import Step
+from sqrp_cli.runtime.monitor.nominal_step import Expectation, values_when_open
+from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
+from sqrp_cli.runtime.monitor.step_monitor import Alarm, Judge
+from sqrp_cli.runtime.perception.detections import Watchlist
+from sqrp_cli.runtime.perception.evidence_buffer import Look
+
+
+@dataclass(eq=False)
+class Attempt:
+    """One attempt at a step.
+
+    start: of its motion on the cell's clock [s], None before it. undisturbed: whether all goes as the program planned,
+    so that its images count in the check of predictions. failed: whether a fault was seen, so that objects are believed
+    to be where they were before. last_shown: when the last image was taken that showed an atom's value [s].
+    """
+
+    step: Step
+    expectation: Expectation
+    judge: Judge
+    check: PredictionCheck
+    undisturbed: bool
+    start: float | None = None
+    failed: bool = False
+    last_shown: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def end(self) -> float:
+        """When its motion is over on the cell's clock [s]; infinite before it."""
+        return float("inf") if self.start is None else self.start + self.step.time
+
+    @property
+    def starts(self) -> Mapping[str, Array]:
+        """Pose of each object when the step began, (4, 4)."""
+        return self.step.before.X_WO
+
+    @cached_property
+    def when_open(self) -> Mapping[str, bool]:
+        """The value of each atom while the fingers of a gripper are open."""
+        return values_when_open(self.step)
+
+    @property
+    def watchlist(self) -> Watchlist:
+        """What to look for."""
+        return Watchlist(dict(self.step.targets), self.starts, self.when_open)
+
+    def beliefs(self, tau: float | None) -> Mapping[str, Array]:
+        """Where objects are believed to be at a time of the step [s], (4, 4) each."""
+        return self.expectation.object_poses(0.0 if self.failed else tau or 0.0)
+
+    def counts(self, tau: float | None) -> bool:
+        """Whether an image taken at a time of the step [s] counts in the check of predictions."""
+        return self.undisturbed and tau is not None and 0.0 <= tau <= self.step.time
+
+    @property
+    def unseen(self) -> Mapping[str, float | None]:
+        """What is asked at the end of the motion and no image from then on showed, with when one last did [s]."""
+        asked, last = self.judge.monitored(self.step.time), self.last_shown
+        return {atom: last.get(atom) for atom in asked if last.get(atom, 0.0) < self.end - 1e-9}
+
+    def note(self, look: Look) -> None:
+        """Remember what a complete look showed."""
+        self.last_shown.update({atom: look.t for atom, value in look.values.items() if value != Truth.UNKNOWN})
+
+    def alarms(self, looks: Iterable[Look]) -> Iterator[Alarm]:
+        """What calls for a response in the motion, first by what is known completely, then by what is there of more.
+
+        looks: in order of time, complete ones first.
+        """
+        ahead = []
+        for look in looks:
+            if look.tau is None or not 0.0 <= look.tau <= self.step.time or look.t > self.end + 1e-9:
+                continue
+            if not look.complete:
+                ahead.append((look.tau, look.values))
+                continue
+            self.note(look)
+            if (alarm := self.judge.observe(look.tau, look.values)) is not None:
+                yield alarm
+        while ahead and (alarm := self.judge.anticipate(ahead)) is not None:
+            yield alarm

@@ -1,0 +1,103 @@
+"""The prediction check on recorded frames of a real cell."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Program, Step
+from sqrp_cli.runtime.image import Frame, check_recorded
+from sqrp_cli.runtime.monitor.nominal_step import Expectation, values_when_open
+from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
+from sqrp_cli.runtime.monitor.step_monitor import Judge
+from sqrp_cli.runtime.perception.detections import CellKnowledge, Posture, Watchlist
+from sqrp_cli.runtime.perception.detector_pool import PerceptionError, PerceptionPool
+from sqrp_cli.runtime.record.frames import FrameEntry, read_frames
+from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
+from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction
+from sqrp_cli.runtime.twin import Twin
+
+
+@dataclass(frozen=True)
+class AuditReport:
+    """What recorded frames say about a program's predictions.
+
+    images: that were compared; skipped: of times at which the step did not go as planned; repeated: that were the very
+    image before them.
+    """
+
+    prediction: tuple[Prediction, ...]
+    disagreements: tuple[Disagreement, ...]
+    images: int
+    skipped: int
+    repeated: int
+
+    @property
+    def total(self) -> Confusion:
+        """Over all steps, atoms and cameras."""
+        return sum((c for step in self.prediction for cameras in step.values() for c in cameras.values()), Confusion())
+
+
+def audit(program: Program, workspace: Workspace, folder: Path, image_done: Callable[[], None]) -> AuditReport:
+    """Compare a folder of frames (see `recording`) with a program.
+
+    The robot is taken to be where the program wants it at each frame's time, and things to go as planned. Raises
+    InputError for a folder or an image that cannot be used.
+    """
+    entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
+    check_recorded(workspace, {entry.camera for entry in entries})
+    twin = Twin.load(workspace.robot)
+    checks = []
+    compared = skipped = repeated = 0
+    with PerceptionPool(CellKnowledge.of(workspace, twin)) as pool:
+        for index, step in enumerate(program.steps):
+            expectation = Expectation(step, program.joints, twin)
+            judge = Judge(expectation, 1.0)
+            check = PredictionCheck(index, expectation, list(workspace.cameras))
+            checks.append(check)
+            pool.watch(Watchlist(dict(step.targets), step.before.X_WO, values_when_open(step)))
+            for entry in (entry for entry in entries if entry.step == index + 1):
+                image_done()
+                if entry.t is None or not 0.0 <= entry.t <= step.time:
+                    skipped += 1
+                    continue
+                try:
+                    pool.submit(_frame(entry, workspace), _posture(step, program.joints, expectation, entry.t))
+                    sighting = pool.collect(entry.camera)
+                except PerceptionError as error:
+                    raise InputError(Problem("perception", str(error), Place(entry.file))) from error
+                repeated += sighting.frozen
+                compared += 1
+                truths = {atom: expectation.holds(atom, entry.t) for atom in step.targets}
+                check.add(sighting, entry.t, judge.monitored(entry.t), truths)
+    return AuditReport(
+        tuple(check.counts for check in checks),
+        tuple(found for check in checks for found in check.disagreements),
+        compared,
+        skipped,
+        repeated,
+    )
+
+
+def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
+    camera = workspace.cameras[entry.camera]
+    content = read_png(entry.file, ImageSize(camera.width, camera.height), camera.name)
+    damage = png_damage(content)
+    image = None if damage else decoded(bare_png(content))
+    if image is None:
+        message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
+        raise InputError(Problem("unreadable", message, Place(entry.file)))
+    return Frame(entry.camera, entry.t or 0.0, image)
+
+
+def _posture(step: Step, joints: tuple[str, ...], expectation: Expectation, t: float) -> Posture:
+    """Where the robot is by the program, what it was told to hold, and where things are."""
+    primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
+    q = primitive.trajectory.positions(np.array([t - primitive.start]))[0]
+    holding = primitive.held is not None or primitive.action == "Grasp"
+    return Posture(dict(zip(joints, q.tolist(), strict=True)), holding, expectation.object_poses(t))

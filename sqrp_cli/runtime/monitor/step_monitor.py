@@ -1,0 +1,289 @@
+"""Judges the formulas of a step while evidence arrives, in three values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal as OneOf
+
+from sqrp_cli.errors import Place
+from sqrp_cli.logic.evaluation import Monitor
+from sqrp_cli.logic.formula import Formula, Predicate, children, with_children
+from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
+from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import ProgramFormula, ProgramResponse
+from sqrp_cli.runtime.monitor.nominal_step import Expectation
+
+PATIENCE = 0.3
+"""How long evidence that was predicted may be missing before the robot stops [s], and at least three images."""
+
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class Alarm:
+    """Something that calls for a response.
+
+    kind: a fault was seen, a formula is violated, or evidence that was predicted is missing. name: of the fault, or
+    the formula or atom.
+    """
+
+    kind: OneOf["fault", "violation", "blindness"]
+    name: str
+    text: str
+    response: ProgramResponse
+
+
+STOP = ProgramResponse(action="stop")
+
+
+class _Watch:
+    """One formula with its monitor."""
+
+    def __init__(self, entry: ProgramFormula, total: float) -> None:
+        self.entry = entry
+        self.formula = read_formula(entry.formula)
+        self.operators = ground_operators(self.formula, {}, total)
+        self.monitor = Monitor(self.formula, total)
+        self.over = False
+        self.violated: Alarm | None = None
+
+    def copy(self) -> _Watch:
+        """One with the same evidence, which takes more without this one learning of it."""
+        found = copy(self)
+        found.monitor = self.monitor.copy()
+        return found
+
+    def applies(self, t: float) -> bool:
+        """Whether any operator asks about a time; what is seen at other times says nothing about those."""
+        return any(operator.start - _SAME <= t <= operator.end + _SAME for operator in self.operators)
+
+
+class Judge:
+    """Watches all formulas of one step; times are those of the step's own clock [s]."""
+
+    def __init__(self, expectation: Expectation, period: float) -> None:
+        """period: time between images [s], of the slowest camera that matters."""
+        step = expectation.step
+        self._expectation, self._total = expectation, step.time
+        self._watches = [_Watch(entry, step.time) for entry in step.formulas]
+        self._patience = max(PATIENCE, 3 * period)
+        self._margin = period
+        self._contrary: dict[Literal, float] = {}
+        self._missing: dict[str, float] = {}
+
+    def monitored(self, t: float) -> tuple[str, ...]:
+        """The atoms that some formula asks about at a time."""
+        atoms = [
+            str(literal.atom)
+            for watch in self._watches
+            for operator in watch.operators
+            if operator.start - _SAME <= t <= operator.end + _SAME
+            for literal in operator.literals
+        ]
+        return tuple(dict.fromkeys(atoms))
+
+    def observe(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        """Judge new evidence: what is known of each atom from time t on. Returns what calls for a response, if any.
+
+        The evidence is complete, and later than all before: nothing that arrives afterwards changes it.
+
+        A fault goes before the violation of a plain requirement, that before missing evidence. A violation waits while
+        a fault may explain it: as long as what of the fault is not seen yet is predicted to be out of sight.
+        """
+        alarm = self._seen_wrong(t, values)
+        blindness = self._missing_evidence(t, values)
+        return alarm or blindness
+
+    def anticipate(self, evidence: Sequence[tuple[float, Mapping[str, Truth]]]) -> Alarm | None:
+        """Judge evidence that is not complete: what the images that have arrived show of times after all complete ones.
+
+        evidence: all of it, with what is known of each atom from its time on. Nothing of it is kept, as images that are
+        under way may change it; but a fault that is seen counts at once, and each alarm is given only once. Evidence
+        that is missing may be under way, so it counts when the rest is there.
+        """
+        ahead = copy(self)
+        ahead._watches = [watch.copy() for watch in self._watches]
+        ahead._contrary = dict(self._contrary)
+        for t, values in evidence:
+            if (alarm := ahead._seen_wrong(t, values)) is not None:
+                for watch, other in zip(self._watches, ahead._watches, strict=True):
+                    watch.over = other.over
+                return alarm
+        return None
+
+    def at_rest(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        """Compare evidence with what should be so while the robot stands at a time: at the start or the end.
+
+        Returns a fault that happened unseen, else what is not as it should be; evidence that is missing counts only
+        where it was predicted.
+        """
+        for watch in self._watches:
+            if watch.entry.fault is not None and not watch.over and self._seen_late(watch, t, values):
+                watch.over = True
+                return _fault_alarm(watch.entry)
+        for atom in self.monitored(t):
+            value, expected = values.get(atom, Truth.UNKNOWN), self._expectation.holds(atom, t)
+            if value == (Truth.FALSE if expected else Truth.TRUE):
+                wrong, right = (atom, f"not {atom}") if value == Truth.TRUE else (f"not {atom}", atom)
+                return Alarm("violation", atom, f"the cameras see `{wrong}`, expected `{right}`", STOP)
+            if value == Truth.UNKNOWN and self._expectation.is_covered(atom, t):
+                cameras = ", ".join(self._expectation.covering(atom, t))
+                return Alarm("blindness", atom, f"`{atom}` should be seen by {cameras}, but is not", STOP)
+        return None
+
+    def faults(self) -> list[list[tuple[float, float, tuple[Literal, ...]]]]:
+        """Start, end and literals of each operator of each fault's formula."""
+        return [
+            [(operator.start, operator.end, operator.literals) for operator in watch.operators]
+            for watch in self._watches
+            if watch.entry.fault is not None
+        ]
+
+    def verdicts(self, end: float) -> Mapping[str, Truth]:
+        """The verdict on each formula when all evidence up to `end` is there."""
+        return {watch.entry.formula: watch.monitor.finish(end).truth for watch in self._watches}
+
+    def _seen_wrong(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        alarms = [self._judge(watch, t, values) for watch in self._watches]
+        found = [alarm for alarm in alarms if alarm is not None]
+        return min(found, key=lambda alarm: alarm.kind != "fault", default=None)
+
+    def _judge(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        if watch.over or t > self._total + _SAME:
+            return None
+        entry = watch.entry
+        if entry.fault is not None:
+            known = {Atom.of(name): value for name, value in values.items()} if watch.applies(t) else {}
+            seen = watch.monitor.observe(t, known).truth == Truth.TRUE or self._seen_late(watch, t, values)
+            if not seen:
+                return None
+            watch.over = True
+            return _fault_alarm(entry)
+        settled = self._settled(watch, t, values)
+        if watch.violated is None and watch.monitor.observe(t, settled).truth == Truth.FALSE:
+            wrong = self._contradicted(watch, t, values)
+            what = " and ".join(f"`{literal.negated()}`" for literal in wrong) or "something else"
+            text = f"the cameras see {what} against `{entry.formula}`"
+            watch.violated = Alarm("violation", entry.formula, text, entry.response)
+        if watch.violated is None or self._may_be_fault(t, values):
+            return None
+        watch.over = True
+        return watch.violated
+
+    def _may_be_fault(self, t: float, values: Mapping[str, Truth]) -> bool:
+        """Whether a part of a fault is seen, and the rest is neither refuted nor predicted to be in sight."""
+        for watch in self._watches:
+            for operator in watch.operators if watch.entry.fault is not None and not watch.over else ():
+                unseen = [literal for literal in operator.literals if _value(literal, values) == Truth.UNKNOWN]
+                refuted = any(_value(literal, values) == Truth.FALSE for literal in operator.literals)
+                begun = t >= operator.start and len(unseen) < len(operator.literals)
+                if begun and not refuted and not any(self._is_predicted(literal, t) for literal in unseen):
+                    return True
+        return False
+
+    def _is_predicted(self, literal: Literal, t: float) -> bool:
+        return self._expectation.is_covered(str(literal.atom), t, self._margin)
+
+    def _seen_late(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> bool:
+        """Whether what a fault leaves behind is seen after its interval, and would not be if all had gone well."""
+        for operator in watch.operators:
+            if operator.operator == "eventually" and t >= operator.end and operator.literals:
+                seen = all(_value(literal, values) == Truth.TRUE for literal in operator.literals)
+                around = (t - watch.entry.settle, t + watch.entry.settle)
+                if seen and any(self._nominal(literal.negated(), *around) for literal in operator.literals):
+                    return True
+        return False
+
+    def _settled(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> dict[Atom, Truth]:
+        """The evidence, without what contradicts a formula but may be a change that is a little late.
+
+        It counts once it has lasted for the time to settle, and the nominal motion has had its change for as long.
+        """
+        if not watch.applies(t):
+            return {}
+        known = {Atom.of(name): value for name, value in values.items()}
+        for literal in _active(watch.operators, t):
+            value = _value(literal, values)
+            if value == Truth.TRUE:
+                self._contrary.pop(literal, None)
+            elif value == Truth.FALSE:
+                since = self._contrary.setdefault(literal, t)
+                settle = watch.entry.settle
+                if t - since < settle or not self._nominal(literal, t - settle, t):
+                    known[literal.atom] = Truth.UNKNOWN
+        return known
+
+    def _contradicted(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> list[Literal]:
+        return [literal for literal in _active(watch.operators, t) if _value(literal, values) == Truth.FALSE]
+
+    def _nominal(self, literal: Literal, start: float, end: float) -> bool:
+        return self._expectation.held_throughout(str(literal.atom), literal.positive, start, end)
+
+    def _missing_evidence(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+        """An alarm if an atom that was predicted to be seen all the time has not been seen for too long."""
+        monitored = self.monitored(t)
+        self._missing = {atom: since for atom, since in self._missing.items() if atom in monitored}
+        for atom in monitored:
+            predicted = self._expectation.is_covered(atom, t, self._margin)
+            if values.get(atom, Truth.UNKNOWN) != Truth.UNKNOWN or not predicted:
+                self._missing.pop(atom, None)
+            elif t - self._missing.setdefault(atom, t) >= self._patience - _SAME:
+                cameras = ", ".join(self._expectation.covering(atom, t))
+                text = f"{atom} should be seen by {cameras}, but has not been for {self._patience:.2g} s"
+                return Alarm("blindness", atom, text, STOP)
+        return None
+
+
+def _fault_alarm(entry: ProgramFormula) -> Alarm:
+    return Alarm("fault", entry.fault or "", f"the fault `{entry.fault}` was seen: {entry.formula}", entry.response)
+
+
+def read_formula(text: str) -> Formula:
+    """A formula of a program, whose predicates have all their arguments."""
+    return _grounded(parse_formula(text, Place(Path("program"))))
+
+
+def condition_value(text: str, values: Mapping[str, Truth]) -> Truth:
+    """The value of a formula without temporal operators, such as the condition of a retry."""
+    from sqrp_cli.logic.evaluation import Sample, Trace, evaluate
+
+    known = {Atom.of(name): value for name, value in values.items()}
+    return evaluate(read_formula(text), Trace((Sample(0.0, known),), 0.0, 0.0)).truth
+
+
+def condition_atoms(text: str) -> tuple[str, ...]:
+    """The atoms of a formula without temporal operators."""
+    found: dict[str, None] = {}
+    waiting = [read_formula(text)]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, Predicate):
+            found[str(Atom(part.name, tuple(map(str, part.arguments or ()))))] = None
+        waiting += children(part)
+    return tuple(found)
+
+
+def _grounded(formula: Formula) -> Formula:
+    if isinstance(formula, Predicate):
+        return Predicate(formula.name, formula.arguments or ())
+    return with_children(formula, tuple(_grounded(part) for part in children(formula)))
+
+
+def _active(operators: tuple[GroundOperator, ...], t: float) -> list[Literal]:
+    """The literals that `always` operators ask for at a time."""
+    return [
+        literal
+        for operator in operators
+        if operator.operator == "always" and operator.start - _SAME <= t <= operator.end + _SAME
+        for literal in operator.literals
+    ]
+
+
+def _value(literal: Literal, values: Mapping[str, Truth]) -> Truth:
+    value = values.get(str(literal.atom), Truth.UNKNOWN)
+    return value if literal.positive else ~value

@@ -1,0 +1,153 @@
+"""What goes to the processes that look at images, and what comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Container, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.robot.robot import Marker
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.truth import Truth
+from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.runtime.twin import Twin
+
+
+class Weakness(StrEnum):
+    """Why an image does not show what it was predicted to show.
+
+    MASK: the outlines of robot and objects, which are a little too wide, leave too little of it. BACKGROUND: what is
+    behind it has its colour, so that the image would look the same without it. LIGHTING: what is seen has the colour
+    neither of the thing nor of the background. DETECTOR: the image shows it, if not to the detector.
+    """
+
+    MASK = "mask border"
+    BACKGROUND = "same colour behind"
+    LIGHTING = "lighting"
+    DETECTOR = "detector limit"
+
+
+@dataclass(frozen=True, eq=False)
+class CellKnowledge:
+    """What perception knows of the cell beforehand.
+
+    surfaces: of each object, one for each of its parts. markers: on links, by the link's name.
+    """
+
+    cameras: Mapping[str, Camera]
+    detectors: Mapping[str, Detector]
+    objects: Mapping[str, SceneObject]
+    surfaces: Mapping[str, tuple[Surface, ...]]
+    twin: Twin
+    markers: Mapping[str, Marker]
+
+    @classmethod
+    def of(cls, workspace: Workspace, twin: Twin) -> CellKnowledge:
+        """What a workspace says. Raises InputError for a mesh that cannot be used."""
+        objects = workspace.objects
+        surfaces = {
+            name: tuple(Surface.of(part).coarsened() for part in thing.parts) for name, thing in objects.items()
+        }
+        return cls(workspace.cameras, workspace.detectors, objects, surfaces, twin, workspace.robot.markers)
+
+
+@dataclass(frozen=True, eq=False)
+class Watchlist:
+    """What to look for during a step.
+
+    targets: by atom. starts: pose of each object when the step began, (4, 4). when_open: the value of each atom while
+    the fingers of a gripper are open, for atoms that are about them.
+    """
+
+    targets: Mapping[str, ProgramTarget]
+    starts: Mapping[str, Array]
+    when_open: Mapping[str, bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Posture:
+    """What the robot knows of itself at the time of an image.
+
+    joints: positions by its encoders [rad or m]. holding: whether the tool was told to hold. X_WO: where objects are
+    believed to be, (4, 4).
+    """
+
+    joints: Mapping[str, float]
+    holding: bool
+    X_WO: Mapping[str, Array]
+
+
+NO_OUTLINE: Array = np.zeros((0, 2))
+"""The outline of a box that is not in the image."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoxSight:
+    """What one image shows of one box.
+
+    evidence: whether the image shows the thing in it, the background where the thing would be, or neither for sure.
+    share: of the thing's silhouette, or of a marker's outline, that could be judged, in 0..1. outline: of the box in
+    the image, shape (n, 2) [pixels]. because: why it is blind, if it is.
+    """
+
+    name: str
+    evidence: Truth
+    share: float
+    outline: Array
+    because: Weakness = Weakness.DETECTOR
+
+
+@dataclass(frozen=True, eq=False)
+class Sighting:
+    """What one image shows.
+
+    frozen: whether it is the very image before it, which no real camera delivers twice. boxes: by atom.
+    places: position [m] of each object that was located, shape (3,). seconds: of work that it took.
+    """
+
+    camera: str
+    t: float
+    frozen: bool
+    boxes: Mapping[str, tuple[BoxSight, ...]] = field(default_factory=dict)
+    places: Mapping[str, Array] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    def truth(self, atom: str) -> Truth:
+        """Whether the atom holds by this image alone: every box must show its thing, one without it refutes it."""
+        found = [box.evidence for box in self.boxes.get(atom, ())]
+        if not found or self.frozen:
+            return Truth.UNKNOWN
+        if Truth.FALSE in found:
+            return Truth.FALSE
+        return Truth.TRUE if all(evidence is Truth.TRUE for evidence in found) else Truth.UNKNOWN
+
+    def outlines(self) -> list[tuple[Array, Truth]]:
+        """The outline of each box, with what the image shows of it."""
+        return [(box.outline, box.evidence) for boxes in self.boxes.values() for box in boxes]
+
+    def share(self, atom: str) -> float:
+        """The least share of any of the atom's boxes that could be judged."""
+        return min((box.share for box in self.boxes.get(atom, ())), default=0.0)
+
+    def weakness(self, atom: str) -> Weakness:
+        """Why the image does not give the atom its true value, if it does not."""
+        blind = [box for box in self.boxes.get(atom, ()) if box.evidence is Truth.UNKNOWN]
+        return min(blind, key=lambda box: box.share).because if blind else Weakness.DETECTOR
+
+
+def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:
+    """The object that the box encloses or moves with; of a box that encloses nothing, else what its atom is about.
+
+    objects: the names that count. None for a box that is for no object.
+    """
+    names = (*box.encloses, box.frame.owner, *(() if box.encloses else Atom.of(atom).arguments))
+    return next((name for name in names if name in objects), None)

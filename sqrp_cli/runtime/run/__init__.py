@@ -1,0 +1,1 @@
+"""One run of a program: command, images, evidence, verdict, alarm, recovery, retry."""

@@ -1,0 +1,229 @@
+"""How the arm follows a step: as planned, or slowing down along the same path until it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.robot.robot import JointLimits, StopLimits
+from sqrp_cli.program.record import ProgramPrimitive
+from sqrp_cli.trajectory import PiecewiseCubic, Trajectory
+
+LEAST_STOP, FINENESS = 0.05, 1.02
+"""The shortest duration of a stop [s], and the factor to one that is too short at which the search for it ends."""
+
+LIMIT_SLACK = 1.01
+"""Factor by which a stop may exceed the limits between its samples."""
+
+_RAMP = 0.4
+"""Share of a stop in which the deceleration goes to its peak, and as much in which it falls to zero."""
+
+_ON = PiecewiseCubic(np.array([0.0, 1.0]), np.array([[0.0, 1.0, 0.0, 0.0]]))
+"""A clock that goes on at its usual rate."""
+
+
+class Playback:
+    """The reference of the arm: standing at first, then following steps, and standing where each of them ends.
+
+    A stop slows time down along the path, so that the arm stays on it: the rate of the step's own clock falls from 1 to
+    0 over the shortest time that keeps every joint's limit of acceleration and adds no more jerk than its limit to that
+    of the motion. Where the primitive that is under way comes to rest sooner than that, it is played to its end. A
+    protective stop takes over from one within the limits of every motion, if the arm then stands sooner.
+    """
+
+    def __init__(
+        self, joints: Sequence[str], limits: Sequence[JointLimits], protective: Sequence[StopLimits], q: Array
+    ) -> None:
+        """joints: names of the n joints, with their limits in motion and in a protective stop.
+
+        q: where they stand, shape (n,) [rad or m].
+        """
+        self.joints = tuple(joints)
+        self._limits = np.array([(limit.acceleration, limit.jerk) for limit in limits]).T
+        self._protective = np.array([(limit.acceleration, limit.jerk) for limit in protective]).T
+        self._rest = np.array(q, dtype=float)
+        self._placed: dict[int, float] = {}
+        self._primitives: tuple[ProgramPrimitive, ...] = ()
+        self._start = 0.0
+        self._stops: list[Stop] = []
+        self._moving: list[Trajectory] = []
+        self._ends: list[float] = []
+
+    def play(self, primitives: Sequence[ProgramPrimitive], t: float) -> None:
+        """Follow primitives from time t [s] on."""
+        self._primitives, self._start, self._stops, self._placed = tuple(primitives), t, [], {}
+        self._moving = [primitive.trajectory for primitive in primitives]
+        self._ends = [primitive.end for primitive in primitives]
+
+    def stop(self, t: float, *, protective: bool = False) -> float:
+        """Slow down from time t [s] on; returns when the arm stands [s].
+
+        protective: within the limits of a protective stop, else within those of every motion.
+        """
+        if not self._primitives:
+            return t
+        if not self._stops or (protective and not self._stops[-1].protective):
+            stop = self._planned_stop(t, protective=protective)
+            if stop not in self._stops:
+                self._stops.append(stop)
+        return max(t, self._stops[-1].stands)
+
+    def standing_time(self, tau: float) -> float:
+        """The time of the step's own clock [s] at which the arm would stand if it began to stop at time tau [s]."""
+        return self._planned_stop(self._start + tau, protective=False).rests_at
+
+    def place(self, joints: Mapping[str, float]) -> None:
+        """Want some joints elsewhere at once and until the next step, such as fingers, which their motors hold back."""
+        self._placed.update({self.joints.index(name): q for name, q in joints.items() if name in self.joints})
+
+    def keep(self, joints: Collection[str], t: float) -> None:
+        """Want some joints to stay where they are wanted at time t [s], until the next step."""
+        wanted = dict(zip(self.joints, self.state(t)[0].tolist(), strict=True))
+        self.place({name: wanted[name] for name in joints if name in wanted})
+
+    def step_time(self, t: float) -> float:
+        """The time of the step's own clock [s] at time t [s]."""
+        return float(self._clock(np.array([t]))[0][0])
+
+    def state(self, t: float) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at time t [s], shape (n,) each [rad or m, s]."""
+        q, velocity, acceleration = self.states(np.array([t]))
+        return q[0], velocity[0], acceleration[0]
+
+    def states(self, t: Array) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at times t [s], (m,); shape (m, n) each [rad or m, s]."""
+        q = np.tile(self._rest, (len(t), 1))
+        velocity, acceleration = np.zeros_like(q), np.zeros_like(q)
+        if self._primitives:
+            tau, rate, change = self._clock(t)
+            index = np.minimum(np.searchsorted(self._ends, tau, side="right"), len(self._ends) - 1)
+            for primitive in np.unique(index):
+                rows = index == primitive
+                q[rows], velocity[rows], acceleration[rows] = self._on_path(tau[rows], 2)
+            acceleration = acceleration * rate[:, None] ** 2 + velocity * change[:, None]
+            velocity = velocity * rate[:, None]
+        for joint, wanted in self._placed.items():
+            q[:, joint], velocity[:, joint], acceleration[:, joint] = wanted, 0.0, 0.0
+        return q, velocity, acceleration
+
+    def _clock(self, t: Array) -> tuple[Array, Array, Array]:
+        """The step's own clock [s] at times t [s], its rate and the change of its rate [1/s], shape (m,) each."""
+        tau, rate, change = t - self._start, np.ones_like(t), np.zeros_like(t)
+        for stop in self._stops:
+            rows = t > stop.t
+            tau[rows], rate[rows], change[rows] = stop.clock(t[rows])
+        return tau, rate, change
+
+    def _on_path(self, tau: Array, order: int) -> list[Array]:
+        """Positions and their first derivatives by the step's own time [s], all in one primitive, shape (m, n) each.
+
+        A primitive ends at rest, so later times stand still there.
+        """
+        index = min(int(np.searchsorted(self._ends, tau[0], side="right")), len(self._ends) - 1)
+        trajectory = self._moving[index]
+        local = np.clip(tau - self._primitives[index].start, 0.0, trajectory.duration)
+        return trajectory.motion(local, order)
+
+    def _planned_stop(self, t: float, *, protective: bool) -> Stop:
+        """The stop that begins at time t [s], or the one under way where that is over sooner."""
+        (tau,), (rate,), (change,) = (values.tolist() for values in self._clock(np.array([t])))
+        if tau < 0.0 or tau >= self._ends[-1]:
+            return Stop.at_the_end(t, max(tau, 0.0), max(tau, 0.0), protective=protective)
+        last = self._ends[int(np.searchsorted(self._ends, tau, side="right"))]
+        limits = self._protective if protective else self._limits
+        usual = self._stops[-1] if self._stops else Stop.at_the_end(t, tau, last, protective=protective)
+        too_short, duration, longest = 0.0, LEAST_STOP, usual.stands - t
+
+        def keeps_limits(duration: float) -> bool:
+            return self._within_limits(slowing(rate, duration * change), tau, duration, *limits)
+
+        while not keeps_limits(duration):
+            too_short, duration = duration, 2.0 * duration
+            if too_short >= longest:
+                return usual
+        while duration > FINENESS * too_short and too_short > 0.0:
+            between = 0.5 * (too_short + duration)
+            if keeps_limits(between):
+                duration = between
+            else:
+                too_short = between
+        if duration >= longest:
+            return usual
+        return Stop(t, tau, duration, last, slowing(rate, duration * change), protective)
+
+    def _within_limits(
+        self, law: PiecewiseCubic, tau: float, duration: float, most_acceleration: Array, most_jerk: Array
+    ) -> bool:
+        """Whether a stop that begins at a time of the step's clock [s] keeps limits of every joint, (n,) each."""
+        clock, rate, change, second = law.derivatives(np.linspace(0.0, 1.0, 65))
+        _, v, a = self._on_path(tau + duration * clock, 2)
+        rate, change, second = rate[:, None], change[:, None] / duration, second[:, None] / duration**2
+        acceleration = a * rate**2 + v * change
+        jerk = 3 * a * rate * change + v * second
+        return bool(
+            (np.abs(acceleration) <= LIMIT_SLACK * most_acceleration).all()
+            and (np.abs(jerk) <= LIMIT_SLACK * most_jerk).all()
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Stop:
+    """A stop that begins at a time t [s], when the step's own clock shows tau [s], and lasts for a duration [s].
+
+    law: the clock, less tau, over the time since t, both as shares of the duration. last: what the clock never passes
+    [s].
+    protective: whether it may go to the limits of a protective stop.
+    """
+
+    t: float
+    tau: float
+    duration: float
+    last: float
+    law: PiecewiseCubic
+    protective: bool
+
+    @classmethod
+    def at_the_end(cls, t: float, tau: float, last: float, *, protective: bool) -> Stop:
+        """The clock goes on as it would, up to `last`."""
+        return cls(t, tau, max(last - tau, 0.0), last, _ON, protective)
+
+    @property
+    def stands(self) -> float:
+        """When the arm stands [s]."""
+        return self.t + self.duration
+
+    @property
+    def rests_at(self) -> float:
+        """What the step's own clock shows then [s]."""
+        return min(self.tau + self.duration * float(self.law.positions(1.0)), self.last)
+
+    def clock(self, t: Array) -> tuple[Array, Array, Array]:
+        """The step's own clock [s] at times t [s] of the stop, its rate and the change of its rate [1/s], (m,) each."""
+        if not self.duration:
+            return np.full_like(t, self.tau), np.ones_like(t), np.zeros_like(t)
+        clock, rate, change, _ = self.law.derivatives((t - self.t) / self.duration)
+        return np.minimum(self.tau + self.duration * clock, self.last), rate, change / self.duration
+
+
+def slowing(rate: float, change: float) -> PiecewiseCubic:
+    """The law of a clock whose rate falls to 0, with a trapezoidal deceleration that is continuous with what was.
+
+    rate: at which the clock passes before, 1 where no stop has begun. change: of that rate, not above 0, over the
+    whole stop. The deceleration goes from -change to the peak p at which all of the rate is lost, stays there, and
+    falls to 0.
+    """
+    begin, ramp = -change, _RAMP
+    peak = (rate - begin * ramp / 2) / (1.0 - ramp)
+    second = rate - (begin + peak) * ramp / 2
+    third = peak * ramp / 2
+    rising = [0.0, rate, -begin / 2, -(peak - begin) / (6 * ramp)]
+    after = rising[0] + ramp * (rising[1] + ramp * (rising[2] + ramp * rising[3]))
+    steady = 1.0 - 2 * ramp
+    later = after + steady * (second - steady * peak / 2)
+    return PiecewiseCubic(
+        np.array([0.0, ramp, 1.0 - ramp, 1.0]),
+        np.array([rising, [after, second, -peak / 2, 0.0], [later, third, -peak / 2, peak / (6 * ramp)]]),
+    )

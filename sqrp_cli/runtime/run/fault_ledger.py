@@ -1,0 +1,137 @@
+"""Makes faults happen, and keeps account of each: when it happened, was seen, was acted on and made good."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
+from sqrp_cli.runtime.monitor.attempt import Attempt
+from sqrp_cli.runtime.monitor.prediction_check import predicted_delay
+from sqrp_cli.runtime.monitor.step_monitor import Alarm
+from sqrp_cli.runtime.perception.detector_pool import PerceptionPool
+from sqrp_cli.runtime.perception.image_stream import Eyes
+from sqrp_cli.runtime.record.events import FaultHappened, FaultInjected, FaultSeen
+from sqrp_cli.runtime.record.publisher import Narrator
+from sqrp_cli.runtime.record.report import FaultRecord, Unwatched
+from sqrp_cli.runtime.run.injected_fault import InjectedFault
+
+PHYSICAL = ("slip", "miss-pick")
+"""Faults that befall the step; the others befall those who watch it."""
+
+TRUTH_SPACING = 0.01
+"""Time between two looks at what really is so, once a fault was injected [s]."""
+
+
+class FaultLedger:
+    """The faults of a run; records: of all, in the order in which they were injected or seen."""
+
+    def __init__(
+        self, cell: SimulatedCell, eyes: Eyes, pool: PerceptionPool, responses: Mapping[str, float], narrator: Narrator
+    ) -> None:
+        """responses: of each camera, from a change to the end of the first image that shows it [s]."""
+        self._cell, self._eyes, self._pool = cell, eyes, pool
+        self._responses, self._narrator = responses, narrator
+        self.records: list[FaultRecord] = []
+        self._open: list[FaultRecord] = []
+        self._of_watchers: list[FaultRecord] = []
+
+    def inject(self, fault: InjectedFault, t: float, attempt: Attempt) -> None:
+        """Make a fault happen."""
+        camera = fault.camera or ""
+        match fault.kind:
+            case "slip":
+                self._cell.slip()
+            case "miss-pick":
+                self._cell.miss_next_grasp()
+            case "camera-loss":
+                self._eyes.lose(camera)
+            case "frozen":
+                self._eyes.freeze(camera)
+            case "latency":
+                self._eyes.delay(camera, fault.delay)
+            case "perception-crash":
+                self._pool.crash(camera)
+        record = FaultRecord(_name(fault, attempt), injected=t, camera=fault.camera)
+        self.records.append(record)
+        if fault.kind in PHYSICAL:
+            self._open.append(record)
+            attempt.undisturbed &= fault.kind == "miss-pick"  # which changes nothing until the grasp
+        else:
+            self._of_watchers.append(record)
+        self._narrator.publish(FaultInjected(t=t, fault=fault.text))
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a fault of the step has been injected or seen, and not been made good."""
+        return bool(self._open)
+
+    @property
+    def is_pending(self) -> bool:
+        """Whether a fault was injected that has not come true yet."""
+        return any(record.injected is not None and record.happened is None for record in self._open)
+
+    def look(self, t: float, tau: float | None, attempt: Attempt, truths: Mapping[str, bool]) -> None:
+        """Note if the formula of a fault is true at time tau [s] of the step; truths: of all atoms now."""
+        if tau is None:
+            return
+        for operators in attempt.judge.faults():
+            for start, end, literals in operators:
+                if start <= tau <= end and all(truths[str(lit.atom)] == lit.positive for lit in literals):
+                    atoms = [str(literal.atom) for literal in literals]
+                    self._came_true(t, predicted_delay(attempt.step, atoms, self._responses, tau))
+                    return
+
+    def _came_true(self, t: float, delay: float | None) -> None:
+        for record in self._open:
+            if record.happened is None:
+                record.happened, record.predicted_delay = t, delay
+                self._narrator.publish(FaultHappened(t=t, fault=record.name))
+
+    def seen(self, alarm: Alarm, t: float) -> None:
+        """The images showed a fault: those that were injected and not seen yet, or one that nobody injected."""
+        unseen = [record for record in self._open if record.detected is None]
+        if not unseen:
+            unseen = [FaultRecord(alarm.name)]
+            self.records += unseen
+            self._open += unseen
+        for record in unseen:
+            record.name, record.detected = alarm.name, t
+        self._narrator.publish(FaultSeen(t=t, name=alarm.name, text=alarm.text, response=alarm.response.action))
+
+    def suspected(self, t: float) -> None:
+        """The images showed that something is wrong, if not what."""
+        for record in self._open:
+            record.detected = t if record.detected is None else record.detected
+
+    def moved_on(self, seconds: float) -> None:
+        """The robot moved on for a time [s], to where the condition of a retry can be seen."""
+        for record in self._seen():
+            record.moved_on = round(seconds, 6)
+
+    def acted(self, t: float) -> None:
+        """The robot does something about what was seen."""
+        for record in self._seen():
+            record.acted = t
+
+    def recovered(self, t: float) -> None:
+        """The step is done after all."""
+        for record in self._seen():
+            record.recovered = t
+        self._open.clear()
+
+    def stopped(self, t: float, failure: Unwatched | None) -> None:
+        """The robot stops for good; failure: of those who watch, if that is why."""
+        for record in self._seen():
+            record.acted = t if record.acted is None else record.acted
+        for record in self._of_watchers:
+            if failure is not None and record.name == failure.fault and record.camera in failure.cameras:
+                record.detected = record.acted = t
+
+    def _seen(self) -> list[FaultRecord]:
+        return [record for record in self._open if record.detected is not None]
+
+
+def _name(fault: InjectedFault, attempt: Attempt) -> str:
+    """The skill's own name for what is injected, if it has one."""
+    names = [entry.fault for entry in attempt.step.formulas if entry.fault is not None]
+    return names[0] if fault.kind in PHYSICAL and len(names) == 1 else fault.kind

@@ -1,0 +1,184 @@
+"""Running a program in a simulated cell, once or many times with a fault at other instants."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner
+from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
+from sqrp_cli.runtime.perception.detections import CellKnowledge
+from sqrp_cli.runtime.perception.detector_pool import PerceptionPool
+from sqrp_cli.runtime.record.events import VERSION, Listener, ProgramStep, RunBegan
+from sqrp_cli.runtime.record.film import Gallery
+from sqrp_cli.runtime.record.report import FaultRecord, RunReport, tolerance
+from sqrp_cli.runtime.run.injected_fault import InjectedFault
+from sqrp_cli.runtime.run.run import Execution
+from sqrp_cli.runtime.twin import Twin
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What runs of a program need; `replanner` plans retries."""
+
+    program: Program
+    workspace: Workspace
+    replanner: Replanner
+    seed: int
+
+    def run(
+        self,
+        faults: Sequence[InjectedFault] = (),
+        listeners: Sequence[Listener] = (),
+        gallery: Gallery | None = None,
+        *,
+        witnessed: bool = False,
+    ) -> RunReport:
+        """One run. Raises InputError where the simulator cannot be used.
+
+        witnessed: whether listeners are told where everything really is, too; the run itself is the same.
+        """
+        twin = Twin.load(self.workspace.robot)
+        with PerceptionPool(CellKnowledge.of(self.workspace, twin)) as pool, self.cell() as cell:
+            return self._execution(twin, cell, pool, faults, listeners, gallery, witnessed=witnessed).run()
+
+    def run_in(
+        self, cell: SimulatedCell, faults: Sequence[InjectedFault] = (), listeners: Sequence[Listener] = ()
+    ) -> RunReport:
+        """One run, as `run` but in a cell that `cell` made, which saves the time to make it."""
+        twin = Twin.load(self.workspace.robot)
+        cell.reset(self.program.steps[0].before)
+        with PerceptionPool(CellKnowledge.of(self.workspace, twin)) as pool:
+            return self._execution(twin, cell, pool, faults, listeners, None).run()
+
+    def _execution(
+        self,
+        twin: Twin,
+        cell: SimulatedCell,
+        pool: PerceptionPool,
+        faults: Sequence[InjectedFault],
+        listeners: Sequence[Listener],
+        gallery: Gallery | None,
+        *,
+        witnessed: bool = False,
+    ) -> Execution:
+        return Execution(
+            self.program,
+            self.workspace,
+            twin,
+            cell,
+            pool,
+            self.replanner,
+            faults,
+            listeners,
+            gallery,
+            witnessed=witnessed,
+        )
+
+    def cell(self) -> SimulatedCell:
+        """A cell at the start of the program."""
+        return SimulatedCell(self.workspace, self.program.steps[0].before, self.seed)
+
+
+@dataclass(frozen=True)
+class SweepRun:
+    """One run of a sweep: when the fault was injected, from the start of the step [s], and what came of it."""
+
+    x: float
+    fault: FaultRecord
+    report: RunReport
+
+
+@dataclass(frozen=True)
+class SweepSummary:
+    """How the delays of a sweep compare with their predictions.
+
+    A delay is as predicted if it is within `tolerance` [s] of the prediction: one frame period plus what it takes to
+    look at an image. predictable: runs whose fault came true and that the prediction says is seen. lateness: of each of
+    those that were seen, measured delay minus predicted [s]. delays: measured, of the same [s]. ends: when steps were
+    done after all [s].
+    """
+
+    tolerance: float
+    predictable: int
+    lateness: tuple[float, ...]
+    delays: tuple[float, ...]
+    ends: tuple[float, ...]
+
+    @classmethod
+    def of(cls, runs: Iterable[SweepRun], period: float) -> SweepSummary:
+        """The summary of a sweep; period: of the slowest camera [s]."""
+        faults = [run.fault for run in runs]
+        able = [fault for fault in faults if fault.predicted_delay is not None and fault.happened is not None]
+        pairs = [(fault.delay, fault.predicted_delay) for fault in able]
+        seen = [(delay, predicted) for delay, predicted in pairs if delay is not None and predicted is not None]
+        return cls(
+            tolerance(period),
+            len(able),
+            tuple(delay - predicted for delay, predicted in seen),
+            tuple(delay for delay, _ in seen),
+            tuple(fault.recovered for fault in faults if fault.recovered is not None),
+        )
+
+    @property
+    def seen(self) -> int:
+        """How many of the predictable faults were seen."""
+        return len(self.delays)
+
+    @property
+    def as_predicted(self) -> int:
+        """How many of those were seen as predicted."""
+        return self.seen - self.sooner - self.later
+
+    @property
+    def sooner(self) -> int:
+        """How many were seen sooner than predicted, because images showed more than they were predicted to."""
+        return sum(late < -self.tolerance - 1e-9 for late in self.lateness)
+
+    @property
+    def later(self) -> int:
+        """How many were seen later than predicted."""
+        return sum(late > self.tolerance + 1e-9 for late in self.lateness)
+
+
+def sweep(
+    simulation: Simulation, step: int, primitive: ProgramPrimitive, count: int, step_done: Callable[[], None]
+) -> Iterator[SweepRun]:
+    """Runs with a slip at `count` instants, in the middle of as many equal parts of a primitive.
+
+    step: its number, from 1. step_done: called after each run.
+    """
+    with simulation.cell() as cell:
+        for x in instants(primitive.start, primitive.end, count):
+            report = simulation.run_in(cell, [slip_at(x, step)])
+            step_done()
+            # A run may see a fault that nobody injected, or stop, before the step begins.
+            slip = next((fault for fault in report.faults if fault.injected is not None), FaultRecord("slip"))
+            yield SweepRun(x, slip, report)
+
+
+def instants(start: float, end: float, count: int) -> list[float]:
+    """The middles of `count` equal parts of a time [s]."""
+    return [start + (index + 0.5) / count * (end - start) for index in range(count)]
+
+
+def slip_at(x: float, step: int = 1) -> InjectedFault:
+    """A slip at time x [s] of a step; step: its number, from 1."""
+    return InjectedFault("slip", f"{'' if step == 1 else f'{step}:'}slip@{x:.3f}", x, step=step)
+
+
+def header(program: Program, workspace: Workspace, seed: int, faults: Sequence[InjectedFault]) -> RunBegan:
+    """What a log begins with."""
+    steps = [ProgramStep(skill=step.skill, parameters=dict(step.parameters), time=step.time) for step in program.steps]
+    return RunBegan(
+        t=0.0,
+        sqrp_log=VERSION,
+        workspace=workspace.name,
+        digest=workspace.digest,
+        seed=seed,
+        cameras=list(workspace.cameras),
+        rates={name: camera.rate for name, camera in workspace.cameras.items()},
+        faults=[fault.text for fault in faults],
+        steps=steps,
+    )

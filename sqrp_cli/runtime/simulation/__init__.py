@@ -1,1 +1,0 @@
-"""The simulated cell: physics and camera images. The only place that knows MuJoCo."""

@@ -1,0 +1,56 @@
+"""The background and the robot's colours, learned from images that are painted by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sqrp_cli.runtime.image import Pixels
+from sqrp_cli.runtime.perception.background import Backdrop
+from sqrp_cli.runtime.perception.vision import Mask
+
+GREY, WHITE, RED, BLUE = (60, 60, 66), (200, 200, 200), (200, 30, 30), (30, 30, 200)
+EVERYWHERE = (slice(0, 60), slice(0, 80))
+
+
+def area(rows: slice, columns: slice) -> Mask:
+    mask = np.zeros((60, 80), dtype=bool)
+    mask[rows, columns] = True
+    return mask
+
+
+ROBOT, WATCHED, OTHER = (
+    area(slice(0, 60), slice(20, 60)),
+    area(slice(10, 20), slice(30, 40)),
+    area(slice(40, 50), slice(30, 40)),
+)
+
+
+def painted() -> Pixels:
+    """A grey robot before a white wall; before the robot a red thing, which is watched, and a blue one."""
+    image = np.empty((60, 80, 3), dtype=np.uint8)
+    for mask, color in ((~ROBOT, WHITE), (ROBOT, GREY), (WATCHED, RED), (OTHER, BLUE)):
+        image[mask] = color
+    return image
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_what_stands_before_the_robot_does_not_colour_it(*, moving: bool) -> None:
+    image = painted()
+    robot_colored = Backdrop(image, ROBOT, WATCHED, OTHER, moving=moving).robot_colored(image, EVERYWHERE)
+    assert (robot_colored == ROBOT & ~WATCHED & ~OTHER).all()
+
+
+def test_the_background_is_what_neither_robot_nor_watched_thing_covers() -> None:
+    image = painted()
+    backdrop = Backdrop(image, ROBOT, WATCHED, OTHER, moving=False)
+    assert backdrop.matches(image, EVERYWHERE)[~ROBOT].all()
+    assert not backdrop.matches(image, EVERYWHERE)[WATCHED].any()
+
+
+def test_of_a_moving_camera_the_colours_around_robot_and_objects_are_the_background() -> None:
+    image = painted()
+    image[0:5, 0:5] = RED  # a movable object of the watched one's colour
+    aside = area(slice(0, 5), slice(0, 5))
+    backdrop = Backdrop(image, ROBOT, WATCHED, OTHER | aside, moving=True)
+    assert (backdrop.matches(image, EVERYWHERE) == ~ROBOT & ~aside).all()

@@ -1,0 +1,100 @@
+"""When a stream of images counts as failed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
+from sqrp_cli.runtime.image import Frame
+from sqrp_cli.runtime.perception.image_stream import Eyes
+from sqrp_cli.runtime.run.arm_motion import Playback
+from tests.runtime.steps import played
+
+WORKSPACES = Path(__file__).parents[3] / "workspaces"
+RATE, LATENCY = 10.0, 0.05
+STANDING = 0.5
+"""Asked of a robot whose cameras fail [s]."""
+
+
+class Looker:
+    """Stands for the processes that look at images: sees nothing in any of them."""
+
+    def submit(self, frame: Frame, posture: object) -> None:
+        assert posture is None
+        self.last = frame
+
+    def collect(self, camera: str) -> SimpleNamespace:
+        return SimpleNamespace(camera=camera, t=self.last.t, seconds=0.0)
+
+
+def eyes(*names: str) -> Eyes:
+    return Eyes([SimpleNamespace(name=name, rate=RATE, latency=LATENCY) for name in names or ("cam",)], Looker())
+
+
+def failure(found: Eyes, until: float, at: float = -1.0, fail=lambda _: None) -> tuple[float, str] | None:
+    """When a stream fails by a time, and how; at a time `fail` is done to the eyes."""
+    t = 0.0
+    while t <= until:
+        if at <= t:
+            fail(found)
+            at = np.inf
+        found.collect(t)
+        if found.next_exposure <= t + 1e-9:
+            found.expose(t, lambda names, t=t: {name: Frame(name, t, np.zeros(1)) for name in names}, None)
+        if (how := found.failure(t)) is not None:
+            assert how.cameras == ["cam"]
+            return t, f"{how.fault}: {how}"
+        t = min(found.next_exposure, found.next_arrival, found.next_check, at)
+    return None
+
+
+def test_a_stream_that_keeps_its_rate_never_fails() -> None:
+    assert failure(eyes(), 20.0) is None
+
+
+@pytest.mark.parametrize("at", np.linspace(3.0, 3.1, 7))
+def test_a_lost_camera_is_noticed_soon_after_its_first_image_is_missing(at: float) -> None:
+    told, how = failure(eyes(), 20.0, at, lambda found: found.lose("cam"))
+    assert how.startswith("camera-loss: cam is lost")
+    missing = np.ceil(at * RATE - 1e-6) / RATE + LATENCY
+    assert missing < told <= missing + 0.021
+
+
+def test_images_that_come_late_are_told_from_those_that_do_not_come() -> None:
+    told, how = failure(eyes(), 20.0, 3.05, lambda found: found.delay("cam", 0.4))
+    assert how.startswith("latency: the images of cam come too late")
+    assert told < 3.2
+
+
+def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_late_ones() -> None:
+    found, t = eyes("cam1", "cam2", "cam3", "cam4"), 0.0
+    while (how := found.failure(t)) is None:
+        found.collect(t)
+        if found.next_exposure <= t + 1e-9:
+            found.expose(t, lambda names, t=t: {name: Frame(name, t, np.zeros(1)) for name in names}, None)
+        if t > 1.0:
+            found.lose("cam1")
+            found.delay("cam2", 0.4)
+            found.lose("cam4")
+        t = min(found.next_exposure, found.next_arrival, found.next_check)
+    assert str(how) == "cam1 and cam4 are lost: no image for 0.17 s"
+    assert how.cameras == ["cam1", "cam4"]
+
+
+@pytest.mark.parametrize("name", ["tabletop", "screws"])
+def test_the_arm_stands_in_time_after_a_camera_is_lost_at_full_speed(name: str) -> None:
+    robot = load_workspace(WORKSPACES / name).robot
+    joints = list(robot.home)
+    limits, stops = ([of[joint] for joint in joints] for of in (robot.limits, robot.stop_limits))
+    fastest = MotionLimits(*(np.array([getattr(one, kind) for one in limits]) for kind in MotionLimits.__annotations__))
+    move = joint_move(np.zeros(len(joints)), np.linspace(1.5, 2.0, len(joints)), fastest)
+    told = 1.2 / RATE + LATENCY
+    for t in np.arange(0.0, move.duration, 0.1):
+        arm = Playback(joints, limits, stops, np.zeros(len(joints)))
+        arm.play([played(move)], 0.0)
+        assert told + arm.stop(float(t), protective=True) - t <= STANDING
