@@ -12,7 +12,7 @@ from sqrp_cli.knowledge.text.digest import ContentDigest
 from sqrp_cli.logic.domain import Conjunction, Constant, Domain, Holds, merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Plan, find_plan
-from sqrp_cli.logic.planning_task import Step
+from sqrp_cli.logic.planning_task import PlanStep
 
 SKILLS = Path(__file__).parents[1] / "skills"
 CUBES = ("a", "b", "c")
@@ -39,7 +39,7 @@ class Cubes:
     def clear(self, cube: str) -> bool:
         return cube != self.held and cube not in self.under.values()
 
-    def do(self, step: Step) -> None:
+    def do(self, step: PlanStep) -> None:
         cube, *rest = step.arguments
         if step.action in ("pickup", "unstack"):
             below = self.under.pop(cube)

@@ -8,10 +8,9 @@ from itertools import combinations
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.knowledge.skill.skill import Grasp, Requirement, Skill
-from sqrp_cli.logic.mtl import (
+from sqrp_cli.logic.formula import (
     Always,
     And,
-    ArgumentLists,
     Eventually,
     Formula,
     Implies,
@@ -20,9 +19,9 @@ from sqrp_cli.logic.mtl import (
     Not,
     Or,
     Predicate,
-    argument_lists,
     children,
 )
+from sqrp_cli.logic.formula_check import ArgumentLists, argument_lists
 from sqrp_cli.logic.truth import Truth
 
 Claim = tuple[str, tuple[str, ...] | None]

@@ -47,12 +47,12 @@ class UnmetCondition:
         return self.text
 
 
-Failure: TypeAlias = Literal | UnmetCondition
+UnmetPart: TypeAlias = Literal | UnmetCondition
 
 
 def failing_literals(
     action: Action, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: Domain
-) -> tuple[Failure, ...]:
+) -> tuple[UnmetPart, ...]:
     """Which parts of the grounded precondition do not hold, once each, from left to right; empty if it holds.
 
     facts: the atoms that hold; every other atom is false.
@@ -62,11 +62,11 @@ def failing_literals(
 
 def failures(
     condition: Condition, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: Domain
-) -> Iterator[Failure]:
+) -> Iterator[UnmetPart]:
     """The parts of a condition that do not hold, from left to right; none if the condition holds."""
     ground = ground_condition(condition, binding, objects, domain)
 
-    def failing(part: GroundCondition) -> Iterator[Failure]:
+    def failing(part: GroundCondition) -> Iterator[UnmetPart]:
         match part:
             case Literal(atom, positive):
                 if (atom in facts) != positive:

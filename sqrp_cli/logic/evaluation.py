@@ -18,7 +18,7 @@ from sqrp_cli.logic.truth import Signal, Truth, always, combine, nanoseconds, ne
 
 
 @dataclass(frozen=True)
-class Sample:
+class TraceSample:
     """What is known of atoms from a time [s] on, until the next sample; an atom that is not in it is unknown."""
 
     time: float
@@ -33,18 +33,18 @@ class Trace:
     `end`, included. Before the first sample and after `end` everything is unknown.
     """
 
-    samples: tuple[Sample, ...]
+    samples: tuple[TraceSample, ...]
     end: float
     total: float
 
 
 @dataclass(frozen=True)
-class Verdict:
+class FormulaVerdict:
     """A formula with its truth value at every instant, and the same for its direct sub-formulas."""
 
     formula: Formula
     signal: Signal
-    parts: tuple[Verdict, ...]
+    parts: tuple[FormulaVerdict, ...]
 
     @property
     def truth(self) -> Truth:
@@ -52,10 +52,10 @@ class Verdict:
         return self.signal.values[0]
 
 
-def evaluate(formula: Formula, trace: Trace) -> Verdict:
+def evaluate(formula: Formula, trace: Trace) -> FormulaVerdict:
     """The verdict on a bound formula whose intervals are numbers (see `with_times`) and on all its sub-formulas."""
     parts = tuple(evaluate(part, trace) for part in children(formula))
-    return Verdict(formula, _signal(formula, [part.signal for part in parts], trace), parts)
+    return FormulaVerdict(formula, _signal(formula, [part.signal for part in parts], trace), parts)
 
 
 class Monitor:
@@ -67,12 +67,12 @@ class Monitor:
     def __init__(self, formula: Formula, total: float) -> None:
         """Starts without evidence; formula as for `evaluate`, total: duration of what is judged [s]."""
         self._formula = formula
-        self._samples: list[Sample] = []
+        self._samples: list[TraceSample] = []
         self._last_time = -math.inf
         self._total = total
         self.verdict = self._judge(-1.0)
 
-    def observe(self, time: float, values: Mapping[Atom, Truth]) -> Verdict:
+    def observe(self, time: float, values: Mapping[Atom, Truth]) -> FormulaVerdict:
         """The verdict once it is known what holds from `time` [s] on; the sample before held until then.
 
         Raises ValueError for evidence that is not newer than the last.
@@ -82,11 +82,11 @@ class Monitor:
         self._last_time = time
         if self.verdict.truth == Truth.UNKNOWN:
             if not self._samples or self._samples[-1].values != values:
-                self._samples.append(Sample(time, dict(values)))
+                self._samples.append(TraceSample(time, dict(values)))
             self.verdict = self._judge(time)
         return self.verdict
 
-    def finish(self, end: float) -> Verdict:
+    def finish(self, end: float) -> FormulaVerdict:
         """The verdict once it is known that the last evidence held up to `end` [s], included."""
         if self.verdict.truth == Truth.UNKNOWN:
             self.verdict = self._judge(end)
@@ -98,7 +98,7 @@ class Monitor:
         found._samples = list(self._samples)
         return found
 
-    def _judge(self, end: float) -> Verdict:
+    def _judge(self, end: float) -> FormulaVerdict:
         return evaluate(self._formula, Trace(tuple(self._samples), end, self._total))
 
 

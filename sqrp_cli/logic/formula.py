@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.source_text import Origin
+from sqrp_cli.logic.source_text import TextOrigin
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Instant:
     primitive: str | None = None
     edge: str | None = None
     offset: float = 0.0
-    origin: Origin | None = field(default=None, compare=False, repr=False)
+    origin: TextOrigin | None = field(default=None, compare=False, repr=False)
 
     def __str__(self) -> str:
         if self.primitive is None:
@@ -56,7 +56,7 @@ class Predicate(_Printed):
 
     name: str
     arguments: tuple[str, ...] | None = None
-    origin: Origin | None = field(default=None, compare=False, repr=False)
+    origin: TextOrigin | None = field(default=None, compare=False, repr=False)
 
     @property
     def atom(self) -> Atom:
@@ -101,7 +101,7 @@ class Always(_Printed):
 
     interval: Interval
     operand: Formula
-    origin: Origin | None = field(default=None, compare=False, repr=False)
+    origin: TextOrigin | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class Eventually(_Printed):
 
     interval: Interval
     operand: Formula
-    origin: Origin | None = field(default=None, compare=False, repr=False)
+    origin: TextOrigin | None = field(default=None, compare=False, repr=False)
 
 
 Formula: TypeAlias = Predicate | Not | And | Or | Implies | Always | Eventually

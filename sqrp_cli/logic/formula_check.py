@@ -30,7 +30,7 @@ from sqrp_cli.logic.formula import (
     children,
     with_children,
 )
-from sqrp_cli.logic.source_text import Origin
+from sqrp_cli.logic.source_text import TextOrigin
 
 ArgumentLists = Mapping[str, tuple[tuple[str, ...], ...]]
 """For each predicate that an action uses, the lists of arguments it uses it with, without repetition: names of
@@ -91,7 +91,7 @@ def bind(formula: Formula, binding: Mapping[str, str], lists: ArgumentLists) -> 
     return Predicate(formula.name, tuple(binding.get(name, name) for name in arguments), formula.origin)
 
 
-def _problem(origin: Origin | None, code: str, message: str) -> Problem:
+def _problem(origin: TextOrigin | None, code: str, message: str) -> Problem:
     return origin.problem(code, message) if origin else Problem(code, message)
 
 

@@ -1,4 +1,14 @@
-"""Reading formulas of Metric Temporal Logic."""
+"""Reading formulas of Metric Temporal Logic.
+
+Grammar, from the loosest to the tightest binding; `and` and `or` join any number of formulas, `->` groups to the right:
+
+    formula     = formula -> formula  |  formula or formula  |  formula and formula
+                | not formula  |  always[instant, instant] formula  |  eventually[instant, instant] formula
+                | predicate  |  predicate(name, ...)  |  (formula)
+    instant     = primitive.start  |  primitive.end  |  either of them + seconds or - seconds  |  seconds
+
+Other spellings: `G` `F` `□` `◇` for the temporal operators, `!` `¬`, `&` `∧`, `|` `∨`, `→`.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +30,7 @@ from sqrp_cli.logic.formula import (
     Or,
     Predicate,
 )
-from sqrp_cli.logic.source_text import Origin, SourceText, character_name
-from sqrp_cli.logic.syntax_tree import depth, is_token
+from sqrp_cli.logic.source_text import SourceText, TextOrigin, character_name, depth, is_token
 
 if TYPE_CHECKING:
     from lark import Lark, Token, Tree
@@ -65,7 +74,7 @@ _KEYWORDS = {
 
 
 def parse_formula(text: str, place: Place, indent: int = 0) -> Formula:
-    """Reads a formula of the language that `sqrp_cli.logic.mtl` describes.
+    """Reads a formula of the language described above.
 
     place: where the text starts. indent: columns that stand before every further line of the text in the file and are
     not part of it. Raises InputError with line, column and an excerpt of the text; whether the names in the formula
@@ -101,8 +110,8 @@ def _parser() -> Lark:
 
 
 def _formula(tree: Tree[Token], source: SourceText) -> Formula:
-    def origin(token: Token) -> Origin:
-        return Origin(source, token.start_pos or 0)
+    def origin(token: Token) -> TextOrigin:
+        return TextOrigin(source, token.start_pos or 0)
 
     def instant(node: Tree[Token]) -> Instant:
         tokens = [part for part in node.children if is_token(part)]

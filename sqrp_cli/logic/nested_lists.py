@@ -9,8 +9,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, TypeAlias
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.logic.source_text import SourceText, character_name, is_unseen
-from sqrp_cli.logic.syntax_tree import depth, is_token
+from sqrp_cli.logic.source_text import SourceText, character_name, depth, is_token, is_unseen
 
 if TYPE_CHECKING:
     from lark import Lark, Token, Tree

@@ -12,14 +12,14 @@ from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import Protocol, TypeAlias
 
-from sqrp_cli.logic.conditions import Binding, Failure, Objects, Some, UnmetCondition
+from sqrp_cli.logic.conditions import Binding, Objects, Some, UnmetCondition, UnmetPart
 from sqrp_cli.logic.domain import Condition, Domain
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.planning_task import (
     GroundAction,
     Need,
     PlanningTask,
-    Step,
+    PlanStep,
     TaskLimits,
     TaskTooLargeError,
     planning_task,
@@ -30,7 +30,7 @@ from sqrp_cli.logic.planning_task import (
 class Plan:
     """Steps that lead from the facts to the goal."""
 
-    steps: tuple[Step, ...]
+    steps: tuple[PlanStep, ...]
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class ProvenImpossible:
     together, or if the budget did not suffice to tell them apart.
     """
 
-    never: tuple[Failure, ...]
+    never: tuple[UnmetPart, ...]
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def find_plan(
     return ProvenImpossible(tuple(dict.fromkeys(never)))
 
 
-def _failure(part: Literal | Some) -> Failure:
+def _failure(part: Literal | Some) -> UnmetPart:
     return part if isinstance(part, Literal) else UnmetCondition(part.text)
 
 

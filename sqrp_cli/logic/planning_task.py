@@ -38,7 +38,7 @@ from sqrp_cli.logic.literal import Atom, Literal
 
 
 @dataclass(frozen=True)
-class Step:
+class PlanStep:
     """An action with the objects that its parameters stand for, in order."""
 
     action: str
@@ -81,7 +81,7 @@ def joined(needs: Iterable[Need]) -> Need:
 class GroundAction:
     """A step with its precondition and the literals that it makes true (`gains`) and false (`losses`)."""
 
-    step: Step
+    step: PlanStep
     need: Need
     gains: int
     losses: int
@@ -174,7 +174,7 @@ def planning_task(
             adds = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.adds)
             deletes = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.deletes) & ~adds
             arguments = tuple(bound[parameter.name] for parameter in action.parameters)
-            step = Step(action.name, arguments)
+            step = PlanStep(action.name, arguments)
             actions.append(GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes))
     initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
     return PlanningTask(initial, joined(need for _, need in parts), tuple(parts), tuple(actions))

@@ -14,7 +14,7 @@ from typing import Any
 import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.text.source import MAX_BYTES, Document, read_document
+from sqrp_cli.knowledge.text.source import MAX_BYTES, SourceDocument, read_document
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.mtl_parser import parse_formula
@@ -47,7 +47,7 @@ def load_program(path: Path) -> Program:
     return program
 
 
-def _problems(document: Document, found: Iterable[Flaw]) -> list[Problem]:
+def _problems(document: SourceDocument, found: Iterable[Flaw]) -> list[Problem]:
     return [document.problem(flaw.code, flaw.at, flaw.message) for flaw in found]
 
 

@@ -13,7 +13,7 @@ from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene, SelfContacts, find_self_contacts
-from sqrp_cli.programming.motion.collision.collision_body import Pairs
+from sqrp_cli.programming.motion.collision.collision_body import NamePairs
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.solids import load_solid
@@ -56,7 +56,7 @@ class Cell:
         )
 
     @property
-    def unchecked_pairs(self) -> Pairs:
+    def unchecked_pairs(self) -> NamePairs:
         """Pairs of links whose contact is not checked, beside neighbours."""
         return self.workspace.robot.disabled_pairs if self.self_contacts is None else self.self_contacts.unchecked
 

@@ -22,7 +22,7 @@ def read_criterion(name: str) -> Criterion:
     raise InputError(Problem("bad-option", f"--by is `{name}`; {expected_names(name, CRITERIA)}"))
 
 
-Figure = Callable[[Assessment], float | None]
+_Figure = Callable[[Assessment], float | None]
 """A figure of a candidate by which it may be ranked; None where it is undefined."""
 
 _QUALITY_STEP = 1e-3
@@ -48,7 +48,7 @@ def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]
     apart.
     """
     feasible = [assessment for assessment in assessments if assessment.feasible]
-    ties: list[Figure] = [_CRITERIA["q_avg"], _CRITERIA["time"], lambda assessment: assessment.delay_worst]
+    ties: list[_Figure] = [_CRITERIA["q_avg"], _CRITERIA["time"], lambda assessment: assessment.delay_worst]
     columns = [_CRITERIA[by], *ties]
     usable = [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
 
@@ -89,7 +89,7 @@ def _expected_time(assessment: Assessment) -> float | None:
     return max((fault.expected_time for name, fault in assessment.faults.items() if name in retried), default=None)
 
 
-_CRITERIA: dict[Criterion, Figure] = {
+_CRITERIA: dict[Criterion, _Figure] = {
     "q_eoi": lambda assessment: _rounded(assessment.q_eoi),
     "q_avg": lambda assessment: _rounded(assessment.q_avg),
     "time": lambda assessment: assessment.time,

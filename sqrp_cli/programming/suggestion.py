@@ -16,7 +16,7 @@ from sqrp_cli.logic.planner import (
     ProvenImpossible,
     find_plan,
 )
-from sqrp_cli.logic.planning_task import Step
+from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Adaptive
@@ -48,7 +48,7 @@ class SuggestedStep:
     def of(cls, assessment: Assessment, world: World) -> SuggestedStep:
         """A candidate that was assessed in a world."""
         candidate = assessment.candidate
-        action = Step(candidate.skill.action.name, tuple(candidate.binding.values()))
+        action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
         return cls(candidate.task, str(action), world, assessment)
 
     @property
@@ -94,7 +94,7 @@ class Suggester:
         self._planner = planner
         self._domain = merge_domains([skill.domain for skill in cell.workspace.skills.values()])
         self._plans: dict[tuple[str, ...], PlanningResult] = {}
-        self._done: dict[tuple[Step, ...], tuple[SuggestedStep, World | None]] = {}
+        self._done: dict[tuple[PlanStep, ...], tuple[SuggestedStep, World | None]] = {}
 
     def suggest(self, candidate: Candidate) -> Suggestion:
         """Plan with the skills of the workspace to the candidate's precondition, and check every step."""
@@ -123,14 +123,14 @@ class Suggester:
             self._plans[key] = self._planner(self._domain, objects, self.world.facts, goal, candidate.binding)
         return self._plans[key]
 
-    def _after(self, steps: tuple[Step, ...]) -> tuple[SuggestedStep, World | None]:
+    def _after(self, steps: tuple[PlanStep, ...]) -> tuple[SuggestedStep, World | None]:
         """The last of several steps in the world that those before it leave, and the world that it leaves itself."""
         if steps not in self._done:
             world = self._after(steps[:-1])[1] if len(steps) > 1 else self.world
             self._done[steps] = self._in_best_way(steps[-1], world)
         return self._done[steps]
 
-    def _in_best_way(self, step: Step, world: World | None) -> tuple[SuggestedStep, World | None]:
+    def _in_best_way(self, step: PlanStep, world: World | None) -> tuple[SuggestedStep, World | None]:
         task = self._task(step)
         if world is None:
             return SuggestedStep(task.text, str(step), None, None), None
@@ -140,7 +140,7 @@ class Suggester:
 
     def _last(self, candidate: Candidate, world: World | None) -> SuggestedStep:
         if world is None:
-            action = Step(candidate.skill.action.name, tuple(candidate.binding.values()))
+            action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
             return SuggestedStep(candidate.task, str(action), None, None)
         return SuggestedStep.of(Assignment(self.cell, world, Adaptive()).assess(candidate), world)
 
@@ -150,7 +150,7 @@ class Suggester:
         motion = feasible_motion(self.cell, assessment.candidate, world)
         return None if isinstance(motion, Infeasible) else world_after(assessment.candidate, motion, world)
 
-    def _task(self, step: Step) -> Task:
+    def _task(self, step: PlanStep) -> Task:
         """All ways to do a step."""
         workspace = self.cell.workspace
         skill = next(skill for skill in workspace.skills.values() if skill.action.name == step.action)

@@ -13,7 +13,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.text.edit import edited
-from sqrp_cli.knowledge.text.source import Document
+from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.scoring.baselines.findings import Findings, Progress, score_cells
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
@@ -84,7 +84,7 @@ class Sweep:
     `margin`; others that are equal are in the order of their values. equals: how many variants are best.
     """
 
-    document: Document
+    document: SourceDocument
     variants: tuple[ScoredVariant, ...]
     equals: int = 1
     interrupted: bool = False
@@ -104,7 +104,9 @@ class Sweep:
         return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
 
 
-def read_variants(file: Path, values: Sequence[Values], advance: Callable[[], None]) -> tuple[Document, list[Variant]]:
+def read_variants(
+    file: Path, values: Sequence[Values], advance: Callable[[], None]
+) -> tuple[SourceDocument, list[Variant]]:
     """A workspace as it is, and with each of these values; `advance` is called after each.
 
     Raises InputError where a value is not in the file, or the workspace as it is cannot be used.
@@ -123,7 +125,7 @@ def read_variants(file: Path, values: Sequence[Values], advance: Callable[[], No
 
 
 def sweep(
-    document: Document,
+    document: SourceDocument,
     variants: Sequence[Variant],
     shape: tuple[int, ...] | None,
     computer: Computer,

@@ -17,7 +17,7 @@ from sqrp_cli.knowledge.skill import skill
 from sqrp_cli.knowledge.skill.settings import Kind
 from sqrp_cli.knowledge.skill.skill import SkillFile
 from sqrp_cli.knowledge.text.entries import CameraPose, Entry, Pose
-from sqrp_cli.knowledge.text.source import Document, KeyPath, dotted, read_document
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted, read_document
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.workspace import workspace_file
 from sqrp_cli.knowledge.workspace.workspace_file import WorkspaceFile
@@ -41,7 +41,7 @@ class FieldUse:
 
 
 @cache
-def document(file: str) -> Document:
+def document(file: str) -> SourceDocument:
     return read_document(CASES / file)
 
 

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise, product
 from pathlib import Path
 
-from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.pddl import (
+from sqrp_cli.logic.domain import (
     Condition,
     Conjunction,
     Constant,
@@ -20,10 +19,11 @@ from sqrp_cli.logic.pddl import (
     Holds,
     Negation,
     Term,
-    parse_domain,
 )
+from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.pddl_parser import parse_domain
 from sqrp_cli.logic.planner import Plan, PlanningResult
-from sqrp_cli.logic.planning_task import Step
+from sqrp_cli.logic.planning_task import PlanStep
 
 Facts = frozenset[tuple[str, ...]]
 Objects = Mapping[str, frozenset[str]]
@@ -66,7 +66,7 @@ class Simulator:
         ]
         return all(found) if isinstance(condition, ForAll) else any(found)
 
-    def act(self, step: Step, facts: Facts) -> Facts:
+    def act(self, step: PlanStep, facts: Facts) -> Facts:
         action = self.domain.actions[step.action]
         names = dict(zip([parameter.name for parameter in action.parameters], step.arguments, strict=True))
         assert all(names[p.name] in self.of_type(p.type) for p in action.parameters)
@@ -80,9 +80,9 @@ class Simulator:
 
         return (facts - changed(action.effect.deletes)) | changed(action.effect.adds)
 
-    def steps(self) -> list[Step]:
+    def steps(self) -> list[PlanStep]:
         return [
-            Step(action.name, chosen)
+            PlanStep(action.name, chosen)
             for action in self.domain.actions.values()
             for chosen in product(*(self.of_type(parameter.type) for parameter in action.parameters))
         ]

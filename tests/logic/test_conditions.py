@@ -4,9 +4,17 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.logic.conditions import All, GroundCondition, Some, ground_condition, literal_count
+from sqrp_cli.logic.conditions import (
+    All,
+    GroundCondition,
+    Some,
+    apply_effect,
+    failing_literals,
+    ground_condition,
+    literal_count,
+)
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.pddl import apply_effect, failing_literals, parse_domain
+from sqrp_cli.logic.pddl_parser import parse_domain
 
 OBJECTS = {
     "g1": frozenset({"cube", "movable", "object"}),

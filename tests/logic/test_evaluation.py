@@ -7,10 +7,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sqrp_cli.logic.evaluation import Monitor, Sample, Trace, Verdict, evaluate
-from sqrp_cli.logic.formula import children
+from sqrp_cli.logic.evaluation import FormulaVerdict, Monitor, Trace, TraceSample, evaluate
+from sqrp_cli.logic.formula import (
+    Always,
+    And,
+    Eventually,
+    Formula,
+    Implies,
+    Instant,
+    Interval,
+    Not,
+    Or,
+    Predicate,
+    children,
+)
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.mtl import Always, And, Eventually, Formula, Implies, Instant, Interval, Not, Or, Predicate
 from sqrp_cli.logic.truth import Signal, Truth
 
 P, Q = Predicate("p", ()), Predicate("q", ())
@@ -78,7 +89,7 @@ def random_trace(random: Random, most_samples: int) -> Trace:
     times = sorted(random.sample(range(9), random.randint(0, most_samples)))
     total = random.randint(0, 8)
     end = max([random.randint(-1, 8), *times])
-    samples = (Sample(time, {atom: random.choice(list(Truth)) for atom in (P.atom, Q.atom)}) for time in times)
+    samples = (TraceSample(time, {atom: random.choice(list(Truth)) for atom in (P.atom, Q.atom)}) for time in times)
     return Trace(tuple(samples), end, total)
 
 
@@ -107,7 +118,7 @@ def test_the_verdict_equals_that_of_a_brute_force_evaluator_at_every_instant(cas
 @settings(max_examples=50, deadline=None)
 @given(ten_cases())
 def test_every_sub_formula_has_its_own_verdict(cases: Cases) -> None:
-    def check(verdict: Verdict) -> None:
+    def check(verdict: FormulaVerdict) -> None:
         assert verdict == evaluate(verdict.formula, trace)
         for part in verdict.parts:
             check(part)
@@ -129,7 +140,7 @@ def test_a_decision_is_the_same_under_every_completion_of_the_evidence(cases: Ca
         outcomes = set()
         for values in product(*choices):
             rows = zip(times, values[::2], values[1::2], strict=True)
-            samples = tuple(Sample(time, {P.atom: p, Q.atom: q}) for time, p, q in rows)
+            samples = tuple(TraceSample(time, {P.atom: p, Q.atom: q}) for time, p, q in rows)
             outcomes.add(evaluate(formula, Trace(samples, trace.total, trace.total)).truth)
         assert UNKNOWN not in outcomes
         if truth != UNKNOWN:
@@ -151,13 +162,13 @@ def test_the_monitor_says_the_same_as_the_evaluation_of_the_evidence_so_far(case
 
 
 def test_what_was_seen_up_to_an_instant_is_unknown_right_after_it() -> None:
-    trace = Trace((Sample(0.0, {P.atom: TRUE}),), 5.0, 7.0)
+    trace = Trace((TraceSample(0.0, {P.atom: TRUE}),), 5.0, 7.0)
     # At 0 s, after it, at 5 s, after it, at 7 s.
     assert evaluate(P, trace).signal == Signal((0, 5 * 10**9, 7 * 10**9), (TRUE, TRUE, TRUE, UNKNOWN, UNKNOWN))
 
 
 def known(*samples: tuple[float, Truth]) -> Trace:
-    return Trace(tuple(Sample(time, {P.atom: value}) for time, value in samples), 10.0, 10.0)
+    return Trace(tuple(TraceSample(time, {P.atom: value}) for time, value in samples), 10.0, 10.0)
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,8 @@ import random
 
 import pytest
 
-from sqrp_cli.logic.evaluation import Sample, Trace, evaluate
-from sqrp_cli.logic.mtl import Always, And, Eventually, Formula, Implies, Instant, Interval, Not, Or, Predicate
+from sqrp_cli.logic.evaluation import Trace, TraceSample, evaluate
+from sqrp_cli.logic.formula import Always, And, Eventually, Formula, Implies, Instant, Interval, Not, Or, Predicate
 from sqrp_cli.logic.truth import Truth
 
 rtamt = pytest.importorskip("rtamt")
@@ -68,7 +68,7 @@ def test_verdicts_on_complete_traces_agree(seed: int) -> None:
     (_, robustness), *_ = specification.evaluate({"time": list(range(SECONDS)), **values})
 
     samples = tuple(
-        Sample(time, {Predicate(name, ()).atom: Truth(int(value[time])) for name, value in values.items()})
+        TraceSample(time, {Predicate(name, ()).atom: Truth(int(value[time])) for name, value in values.items()})
         for time in range(SECONDS)
     )
     assert evaluate(formula, Trace(samples, SECONDS, SECONDS)).truth == (1 if robustness > 0 else -1)

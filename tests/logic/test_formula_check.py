@@ -5,9 +5,11 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.errors import Place
+from sqrp_cli.logic.formula import Formula, Predicate
+from sqrp_cli.logic.formula_check import argument_lists, bind, check_formula
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.mtl import Formula, Predicate, argument_lists, bind, check_formula, parse_formula
-from sqrp_cli.logic.pddl import parse_domain
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.logic.pddl_parser import parse_domain
 
 TEXT = """(define (domain place)
   (:requirements :typing :negative-preconditions :existential-preconditions :disjunctive-preconditions)

@@ -8,21 +8,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Place
-from sqrp_cli.logic.literal import Atom, Literal
-from sqrp_cli.logic.mtl import (
+from sqrp_cli.logic.formula_check import argument_lists, bind
+from sqrp_cli.logic.formula_time import (
     GroundOperator,
     Stretch,
-    argument_lists,
-    bind,
     events_of_interest,
     formula_time,
     ground_operators,
     merge,
-    parse_formula,
     union_length,
     with_times,
 )
-from sqrp_cli.logic.pddl import parse_domain
+from sqrp_cli.logic.literal import Atom, Literal
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.logic.pddl_parser import parse_domain
 
 SPANS = {"a1": (0.0, 2.0), "a2": (2.0, 3.0), "a3": (3.0, 4.0), "a4": (4.0, 5.5), "a5": (5.5, 8.0)}
 TOTAL = 8.0

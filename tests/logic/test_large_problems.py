@@ -21,9 +21,10 @@ from sqrp_cli.logic.domain import (
     Holds,
     Negation,
     Parameter,
+    Variable,
 )
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.pddl import Variable, parse_domain
+from sqrp_cli.logic.pddl_parser import parse_domain
 from sqrp_cli.logic.planner import GaveUp, find_plan
 
 NEEDS = "(:requirements :negative-preconditions :universal-preconditions)"

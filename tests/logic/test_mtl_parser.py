@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Place
-from sqrp_cli.logic.mtl import (
+from sqrp_cli.logic.formula import (
     Always,
     And,
     Eventually,
@@ -19,11 +19,11 @@ from sqrp_cli.logic.mtl import (
     Not,
     Or,
     Predicate,
-    check_formula,
-    parse_formula,
     to_unicode,
 )
-from sqrp_cli.logic.pddl import parse_domain
+from sqrp_cli.logic.formula_check import check_formula
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.logic.pddl_parser import parse_domain
 
 PLACE = Place(Path("skill.yaml"), 3, 5)
 CASES = yaml.safe_load((Path(__file__).parent.parent / "cases" / "mtl_errors.yaml").read_text())

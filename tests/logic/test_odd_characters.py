@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.logic.mtl_parser import parse_formula
-from sqrp_cli.logic.pddl import parse_domain
+from sqrp_cli.logic.pddl_parser import parse_domain
 
 FILE = Path("odd.txt")
 DOMAIN = "(define (domain d)\n  (:predicates (hold ?x))\n  (:action go :parameters (?x) :effect (hold ?x)))"

@@ -10,7 +10,7 @@ import pytest
 import yaml
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.logic.pddl import parse_domain
+from sqrp_cli.logic.pddl_parser import parse_domain
 
 pytest.importorskip("unified_planning")
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.logic.pddl import (
+from sqrp_cli.logic.domain import (
     Conjunction,
     Constant,
     Disjunction,
@@ -22,8 +22,8 @@ from sqrp_cli.logic.pddl import (
     Parameter,
     Variable,
     merge_domains,
-    parse_domain,
 )
+from sqrp_cli.logic.pddl_parser import parse_domain
 
 CASES = yaml.safe_load((Path(__file__).parent.parent / "cases" / "pddl_errors.yaml").read_text())
 

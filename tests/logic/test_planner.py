@@ -7,7 +7,7 @@ import pytest
 
 from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.planner import AlreadySatisfied, Budget, GaveUp, Plan, ProvenImpossible, find_plan
-from sqrp_cli.logic.planning_task import Step
+from sqrp_cli.logic.planning_task import PlanStep
 from tests.logic.planning import (
     TOWERS,
     Objects,
@@ -54,7 +54,7 @@ def test_a_full_hand_is_emptied_before_the_next_pick() -> None:
     facts = facts - {atom("on c0 t0"), atom("hand_empty")} | {atom("hold c0")}
     precondition = CELL.actions["pick"].precondition
     result = find_plan(CELL, objects, facts, precondition, {"x": "c1", "t": "t1"})
-    assert result == Plan((Step("place", ("c0", "t0")),))
+    assert result == Plan((PlanStep("place", ("c0", "t0")),))
     assert str(result.steps[0]) == "place(c0, t0)"
 
 

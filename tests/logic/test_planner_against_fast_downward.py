@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.logic.planner import AlreadySatisfied, Plan, ProvenImpossible, find_plan
-from sqrp_cli.logic.planning_task import Step
+from sqrp_cli.logic.planning_task import PlanStep
 from sqrp_cli.logic.unified_planner import engine_planner
 from tests.logic.planning import Problem, assert_reaches, random_problem
 
@@ -47,7 +47,7 @@ def by_fast_downward(problem: Problem, folder: Path) -> Plan | None:
     if result.plan is None:
         assert result.status in (Status.UNSOLVABLE_PROVEN, Status.UNSOLVABLE_INCOMPLETELY), result.status
         return None
-    return Plan(tuple(Step(a.action.name, tuple(map(str, a.actual_parameters))) for a in result.plan.actions))
+    return Plan(tuple(PlanStep(a.action.name, tuple(map(str, a.actual_parameters))) for a in result.plan.actions))
 
 
 @pytest.mark.parametrize("seed", range(PROBLEMS))

@@ -13,7 +13,7 @@ from typing import Literal
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
-from sqrp_cli.knowledge.text.source import Document, KeyPath, dotted, read_document
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted, read_document
 from sqrp_cli.knowledge.text.validation import validate
 
 
@@ -80,7 +80,7 @@ class _FlatFile(_Result, _Parameters):
     """As early versions wrote it: the parameters beside the transformation."""
 
 
-def read_hand_eye(path: Path) -> tuple[HandEye, Document]:
+def read_hand_eye(path: Path) -> tuple[HandEye, SourceDocument]:
     """The pose in a file that easy_handeye or easy_handeye2 wrote.
 
     Raises InputError, with the line, for missing keys, values of the wrong kind and a quaternion whose length is not 1.
@@ -93,7 +93,7 @@ def read_hand_eye(path: Path) -> tuple[HandEye, Document]:
     return _hand_eye(document, file, file.parameters, ("parameters",)), document
 
 
-def _hand_eye(document: Document, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:
+def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:
     """owner: where the parameters stand."""
     key = "robot_effector_frame" if _in_hand(document, parameters, owner) else "robot_base_frame"
     frame = parameters.robot_effector_frame if key == "robot_effector_frame" else parameters.robot_base_frame
@@ -103,7 +103,7 @@ def _hand_eye(document: Document, result: _Result, parameters: _Parameters, owne
     return HandEye(frame.lstrip("/"), place, parameters.tracking_base_frame, _pose(document, result))
 
 
-def _in_hand(document: Document, parameters: _Parameters, owner: KeyPath) -> bool:
+def _in_hand(document: SourceDocument, parameters: _Parameters, owner: KeyPath) -> bool:
     if parameters.calibration_type is not None:
         return parameters.calibration_type == "eye_in_hand"
     if parameters.eye_on_hand is None:
@@ -111,12 +111,12 @@ def _in_hand(document: Document, parameters: _Parameters, owner: KeyPath) -> boo
     return parameters.eye_on_hand
 
 
-def _lacks(document: Document, owner: KeyPath, key: str) -> InputError:
+def _lacks(document: SourceDocument, owner: KeyPath, key: str) -> InputError:
     who = f"`{dotted(owner)}`" if owner else "the file"
     return InputError(Problem("missing-key", f"{who} lacks the key {key}", document.key_place(owner)))
 
 
-def _pose(document: Document, file: _Result) -> Array:
+def _pose(document: SourceDocument, file: _Result) -> Array:
     path: KeyPath
     if file.transform is not None:
         t, r = file.transform.translation, file.transform.rotation

@@ -27,12 +27,15 @@ from sqrp_cli.knowledge.skill.skill import (
 from sqrp_cli.knowledge.text.digest import ContentDigest
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
-from sqrp_cli.knowledge.text.source import MAX_BYTES, Document, KeyPath, describe, dotted, read_document
+from sqrp_cli.knowledge.text.source import MAX_BYTES, KeyPath, SourceDocument, describe, dotted, read_document
 from sqrp_cli.knowledge.text.units import Quantity
 from sqrp_cli.knowledge.text.usual_values import SKILL, unusual_values
 from sqrp_cli.knowledge.text.validation import validate
-from sqrp_cli.logic.mtl import Always, Eventually, Formula, check_formula, children, parse_formula
-from sqrp_cli.logic.pddl import Action, Domain, parse_domain
+from sqrp_cli.logic.domain import Action, Domain
+from sqrp_cli.logic.formula import Always, Eventually, Formula, children
+from sqrp_cli.logic.formula_check import check_formula
+from sqrp_cli.logic.mtl_parser import parse_formula
+from sqrp_cli.logic.pddl_parser import parse_domain
 
 SKILL_FILE = "skill.yaml"
 
@@ -73,7 +76,7 @@ def _read_domain(path: Path, digest: ContentDigest) -> Domain:
 class _SkillReader:
     """Checks what one skill file says beyond its format, and collects every problem on the way."""
 
-    def __init__(self, document: Document, file: SkillFile, domain: Domain, action: Action) -> None:
+    def __init__(self, document: SourceDocument, file: SkillFile, domain: Domain, action: Action) -> None:
         self.document = document
         self.file = file
         self.domain = domain

@@ -33,8 +33,8 @@ from sqrp_cli.knowledge.text.entries import (
     one_of,
 )
 from sqrp_cli.knowledge.text.source import dotted
-from sqrp_cli.logic.mtl import Formula
-from sqrp_cli.logic.pddl import Action, Domain
+from sqrp_cli.logic.domain import Action, Domain
+from sqrp_cli.logic.formula import Formula
 
 HOME = "home"
 """The waypoint that every skill has: the robot's home configuration."""
@@ -48,14 +48,14 @@ class Names:
     home: bool = False
 
 
-Parameter = Annotated[Name, Names("skill parameter")]
+ParameterName = Annotated[Name, Names("skill parameter")]
 Origin = Annotated[Name, Field(alias="from", description="The other waypoint.")]
 
 
 class GraspWaypoint(Entry):
     """The tool at the centre of one side of an object, pointing into it."""
 
-    object: Parameter = Field(description="The skill parameter that names the object.")
+    object: ParameterName = Field(description="The skill parameter that names the object.")
     side: settings.Side = Field(description="Outward axis of that side: +x, -x, +y, -y, +z or -z.")
     yaw: settings.Yaw = Field(
         default=0.0,
@@ -70,8 +70,8 @@ class GraspWaypoint(Entry):
 class PutWaypoint(Entry):
     """The held object standing upright on top of another object."""
 
-    object: Parameter = Field(alias="put", description="The skill parameter that names the held object.")
-    on: Parameter = Field(alias="onto", description="The skill parameter that names what it is put on.")
+    object: ParameterName = Field(alias="put", description="The skill parameter that names the held object.")
+    on: ParameterName = Field(alias="onto", description="The skill parameter that names what it is put on.")
     along: settings.OffsetShare = Field(
         default=0.0, description="Where along its x axis: 0 in the middle, -1 and 1 at the edges."
     )
@@ -153,7 +153,7 @@ class Grasp(Entry):
     """The tool takes hold of an object, at the end of `duration`."""
 
     name: PrimitiveName
-    object: Parameter = Field(alias="grasp", description="The skill parameter that names the object.")
+    object: ParameterName = Field(alias="grasp", description="The skill parameter that names the object.")
     duration: settings.Duration = Field(description="How long that takes.")
 
 

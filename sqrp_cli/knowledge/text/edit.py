@@ -7,10 +7,10 @@ from collections.abc import Mapping
 import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.knowledge.text.source import Document, parse_document
+from sqrp_cli.knowledge.text.source import SourceDocument, parse_document
 
 
-def edited(document: Document, values: Mapping[str, str]) -> bytes:
+def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
     """The content of a document with other values, by dotted path (`cameras.cam1.pose.position.0`), as YAML text.
 
     Raises InputError for a path that leads to no value of its own in the file: it is not there, is a list or a mapping,

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.text.source import Document, KeyPath, describe
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
 
 MAX_DEPTH = 32
 """Deepest nesting of objects and lists."""
@@ -30,7 +30,7 @@ _BRACKET = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[{]|[\]}]', re.DOTALL)
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 
 
-class JsonDocument(Document):
+class JsonDocument(SourceDocument):
     """The content of a JSON file, with the place of every key and value."""
 
     def name(self, path: KeyPath) -> str:

@@ -28,7 +28,7 @@ MAX_DEPTH = 32
 KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top of a document to a value."""
 
-Scalar = str | float | int | bool | None
+LeafValue = str | float | int | bool | None
 
 _INTEGER = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
@@ -62,7 +62,7 @@ def dotted(path: KeyPath) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Document:
+class SourceDocument:
     """The content of a YAML file.
 
     data: nested dicts, lists, text, numbers, booleans and None. content: the file's bytes.
@@ -81,7 +81,7 @@ class Document:
         return {dotted(path): place for path, place in self.keys.items()}
 
     @property
-    def leaves(self) -> Mapping[str, Scalar]:
+    def leaves(self) -> Mapping[str, LeafValue]:
         """Every value that is neither a mapping nor a list (or an empty one, as None), by its dotted path."""
         return {dotted(path): value for path, value in _leaves(self.data, ())}
 
@@ -104,7 +104,7 @@ class Document:
         return Problem(code, f"`{self.name(path)}`: {message}", self.value_place(path), mend=mend)
 
 
-def read_document(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()) -> Document:
+def read_document(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()) -> SourceDocument:
     """The YAML file at `path`, which must hold a mapping.
 
     tags: explicit tags (such as `!!opencv-matrix`) that are accepted and ignored; every other one is refused.
@@ -119,7 +119,7 @@ def read_document(path: Path, tags: frozenset[str] = frozenset(), keys: Collecti
 
 def parse_document(
     path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()
-) -> Document:
+) -> SourceDocument:
     """As `read_document`, of content that is at hand; path: what problems name."""
     text = _decode(path, content)
     try:
@@ -141,7 +141,7 @@ def _unquoted(problem: Problem) -> Problem:
     return replace(problem, message=problem.message if hint else _QUOTED.sub("`...`", problem.message), excerpt=None)
 
 
-def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> Document:
+def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> SourceDocument:
     root = _compose(path, text)
     if root is None:
         raise InputError(Problem("empty-file", "the file is empty, expected a mapping of keys to values", Place(path)))
@@ -151,15 +151,15 @@ def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> Docu
         place = builder.values[()]
         found = "text" if isinstance(data, str) else describe(data)
         raise InputError(Problem("not-a-mapping", f"found {found}, expected a mapping of keys to values", place))
-    return Document(path, content, data, builder.keys, builder.values)
+    return SourceDocument(path, content, data, builder.keys, builder.values)
 
 
-def _leaves(value: object, path: KeyPath) -> Iterator[tuple[KeyPath, Scalar]]:
+def _leaves(value: object, path: KeyPath) -> Iterator[tuple[KeyPath, LeafValue]]:
     if isinstance(value, dict | list) and value:
         for key, child in value.items() if isinstance(value, dict) else enumerate(value):
             yield from _leaves(child, (*path, key))
     else:
-        yield path, value if isinstance(value, Scalar) else None
+        yield path, value if isinstance(value, LeafValue) else None
 
 
 def describe(value: object) -> str:
@@ -343,7 +343,7 @@ class _Builder:
                 if pair[0].value not in own:
                     yield pair
 
-    def _scalar(self, node: yaml.ScalarNode) -> Scalar:
+    def _scalar(self, node: yaml.ScalarNode) -> LeafValue:
         text = str(node.value)
         if node.style:
             return text

@@ -12,7 +12,7 @@ from math import radians
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.text import units
-from sqrp_cli.knowledge.text.source import Document, KeyPath
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.units import Dimension, in_unit, meant_instead, read_quantity
 
 
@@ -147,7 +147,7 @@ HAND_EYE = tuple(
 """Usual values of a hand-eye calibration file."""
 
 
-def unusual_values(document: Document, usual: Sequence[Usual]) -> Iterator[Problem]:
+def unusual_values(document: SourceDocument, usual: Sequence[Usual]) -> Iterator[Problem]:
     """Warnings about the numbers of a file that are out of the usual ranges, one for each list."""
     told: set[KeyPath] = set()
     for path, value, row in rows_that_apply(document, usual):
@@ -158,12 +158,12 @@ def unusual_values(document: Document, usual: Sequence[Usual]) -> Iterator[Probl
             yield doubt
 
 
-def warning(document: Document, path: KeyPath, code: str, message: str, mend: str) -> Problem:
+def warning(document: SourceDocument, path: KeyPath, code: str, message: str, mend: str) -> Problem:
     """A warning about the value at a path of a document."""
     return replace(document.problem(code, path, message, mend), severity="warning")
 
 
-def _doubt(document: Document, path: KeyPath, value: object, row: Usual) -> Problem | None:
+def _doubt(document: SourceDocument, path: KeyPath, value: object, row: Usual) -> Problem | None:
     read = read_quantity(value)
     if read is None or row.least <= read.value <= row.most:
         return None
@@ -176,7 +176,7 @@ def _doubt(document: Document, path: KeyPath, value: object, row: Usual) -> Prob
     )
 
 
-def rows_that_apply(document: Document, usual: Sequence[Usual]) -> Iterator[tuple[KeyPath, object, Usual]]:
+def rows_that_apply(document: SourceDocument, usual: Sequence[Usual]) -> Iterator[tuple[KeyPath, object, Usual]]:
     """The values that a row is about, each with the first of its rows."""
     rows = _tree(tuple(usual))
     found: dict[KeyPath, tuple[object, Usual]] = {}
@@ -221,7 +221,7 @@ def _is_meant(step: str, key: str | int, child: object) -> bool:
     return not wanted or (isinstance(child, Mapping) and child.get(wanted) not in (None, False, "world"))
 
 
-def _followed(document: Document, path: KeyPath, value: object) -> Iterator[tuple[KeyPath, object]]:
+def _followed(document: SourceDocument, path: KeyPath, value: object) -> Iterator[tuple[KeyPath, object]]:
     """A value, or those of the motion parameter that it names."""
     if not (isinstance(value, str) and value.startswith("$")):
         yield path, value

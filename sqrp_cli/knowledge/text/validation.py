@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from sqrp_cli.errors import InputError, Problem, nearest
-from sqrp_cli.knowledge.text.source import Document, KeyPath, describe
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -42,7 +42,7 @@ _EXPECTED = {
 }
 
 
-def validate(document: Document, model: type[Model]) -> Model:
+def validate(document: SourceDocument, model: type[Model]) -> Model:
     """The document as an instance of `model`.
 
     Raises InputError with one problem for each error: its place, the key's dotted path, what was found and what was
@@ -54,7 +54,7 @@ def validate(document: Document, model: type[Model]) -> Model:
         raise InputError(*problems_of(document, error)) from error
 
 
-def problems_of(document: Document, error: ValidationError) -> list[Problem]:
+def problems_of(document: SourceDocument, error: ValidationError) -> list[Problem]:
     """What Pydantic says is wrong with a document, as `validate` tells it, in order of place."""
     problems = [problem for details in error.errors() for problem in _problems(document, details)]
     return sorted(problems, key=_position)
@@ -65,7 +65,7 @@ def _position(problem: Problem) -> tuple[int, int]:
     return (place.line or 0, place.column or 0) if place else (0, 0)
 
 
-def _problems(document: Document, details: ErrorDetails) -> list[Problem]:
+def _problems(document: SourceDocument, details: ErrorDetails) -> list[Problem]:
     path, absent = _path_in(document.data, details["loc"])
     context: dict[str, Any] = details.get("ctx", {})
     kind = details["type"]

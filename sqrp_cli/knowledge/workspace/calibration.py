@@ -19,7 +19,7 @@ from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, DistortionModel
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Number, mapping_or_else
-from sqrp_cli.knowledge.text.source import Document, KeyPath, read_document
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, read_document
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.workspace.workspace_file import DistortionEntry, ImageEntry, PixelCount, check_pixels
 
@@ -84,7 +84,7 @@ class _CalibrationFile(ForeignEntry):
         return self
 
 
-def read_calibration(path: Path) -> tuple[Intrinsics, Document]:
+def read_calibration(path: Path) -> tuple[Intrinsics, SourceDocument]:
     """Intrinsics from a camera calibration file in one of the formats that this module reads.
 
     The projection matrix, if any, is that of the rectified image and is not used: cameras see through their lens.
@@ -100,7 +100,7 @@ def read_calibration(path: Path) -> tuple[Intrinsics, Document]:
     return Intrinsics(file.image_width, file.image_height, matrix, model, distortion), document
 
 
-def doubtful_projection(intrinsics: Intrinsics, document: Document) -> Iterator[Problem]:
+def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Iterator[Problem]:
     """A warning about a projection matrix that cannot belong to the camera matrix beside it in a calibration file.
 
     It is that of the rectified image, which has the same size: `camera_calibration` scales the focal lengths so that
@@ -142,7 +142,7 @@ def _why_another(P: Array, intrinsics: Intrinsics) -> str | None:
 
 
 def _numbers(
-    document: Document, keys: tuple[str, ...], entry: _Matrix | list[float], count: int | None
+    document: SourceDocument, keys: tuple[str, ...], entry: _Matrix | list[float], count: int | None
 ) -> tuple[KeyPath, list[float]]:
     """The numbers of a matrix, as many as its rows and columns say and as `count` asks for, and where they stand."""
     key = next(key for key in keys if key in document.data)
@@ -160,7 +160,7 @@ def _numbers(
     return path, numbers
 
 
-def image_intrinsics(document: Document, path: KeyPath, image: ImageEntry) -> Intrinsics:
+def image_intrinsics(document: SourceDocument, path: KeyPath, image: ImageEntry) -> Intrinsics:
     """Intrinsics from the `image` entry at `path`: pixels are square unless `fy` is given.
 
     Raises InputError for a wrong number of distortion coefficients.
@@ -175,7 +175,7 @@ def image_intrinsics(document: Document, path: KeyPath, image: ImageEntry) -> In
     return Intrinsics(image.width, image.height, matrix, lens.model, distortion)
 
 
-def _camera_matrix(document: Document, path: KeyPath, numbers: list[float]) -> Array:
+def _camera_matrix(document: SourceDocument, path: KeyPath, numbers: list[float]) -> Array:
     K = np.array(numbers).reshape(3, 3)
     if K[0, 0] <= 0 or K[1, 1] <= 0:
         message = (
@@ -188,7 +188,7 @@ def _camera_matrix(document: Document, path: KeyPath, numbers: list[float]) -> A
     return read_only(K)
 
 
-def _model(document: Document, name: str | None, path: KeyPath, count: int) -> DistortionModel:
+def _model(document: SourceDocument, name: str | None, path: KeyPath, count: int) -> DistortionModel:
     if name is not None:
         for model in DISTORTION_LENGTHS:
             if name == model and model != "none":
@@ -202,7 +202,7 @@ def _model(document: Document, name: str | None, path: KeyPath, count: int) -> D
     return _OPENCV_MODELS[count]
 
 
-def _distortion(document: Document, path: KeyPath, model: DistortionModel, coefficients: list[float]) -> Array:
+def _distortion(document: SourceDocument, path: KeyPath, model: DistortionModel, coefficients: list[float]) -> Array:
     expected = DISTORTION_LENGTHS[model]
     if len(coefficients) != expected:
         message = f"found {len(coefficients)} distortion coefficients, expected {expected} for `{model}`"

@@ -13,10 +13,9 @@ from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference, Setting
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Grasp, GraspWaypoint, Release, Skill
-from sqrp_cli.knowledge.text.source import Document
-from sqrp_cli.logic.domain import Holds
+from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.logic.domain import Holds, Variable
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.logic.pddl import Variable
 
 _Facts = Mapping[Atom, int]
 """The facts of a state, each with its place in the list."""
@@ -47,7 +46,7 @@ def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[st
 
 
 def with_held_by_facts(
-    objects: Mapping[str, SceneObject], facts: _Facts, skills: Collection[Skill], document: Document
+    objects: Mapping[str, SceneObject], facts: _Facts, skills: Collection[Skill], document: SourceDocument
 ) -> tuple[dict[str, SceneObject], tuple[Problem, ...]]:
     """The objects, with the one in the tool that the facts say is held; and a warning if its entry does not say so.
 
@@ -113,7 +112,7 @@ def _held_at_the_end(skill: Skill) -> str | None:
 
 
 def _contradictions(
-    facts: _Facts, holding: Mapping[str, tuple[Skill, ...]], skills: Collection[Skill], document: Document
+    facts: _Facts, holding: Mapping[str, tuple[Skill, ...]], skills: Collection[Skill], document: SourceDocument
 ) -> Iterator[Problem]:
     """Facts beside one that says that an object is held, which no sequence of skills can make true together with it."""
     for fact in facts:
@@ -162,7 +161,7 @@ def _grips(fact: Atom, skills: Iterable[Skill], thing: SceneObject) -> Iterator[
             yield _Grip(fact, skill, side, X_TO)
 
 
-def _ambiguous(name: str, one: _Grip, other: _Grip, document: Document) -> Problem:
+def _ambiguous(name: str, one: _Grip, other: _Grip, document: SourceDocument) -> Problem:
     facts = " and ".join(f"`{fact}`" for fact in dict.fromkeys((one.fact, other.fact)))
     message = (
         f"the state has {facts}, so `{name}` begins in the tool, but `{one.skill.name}` holds it by its side {one.side}"

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.skill.read_skill import read_skill
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.text.digest import ContentDigest
 from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, nearest_entry
-from sqrp_cli.knowledge.text.source import Document, KeyPath, dotted, parse_document, read_document
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted, parse_document, read_document
 from sqrp_cli.knowledge.text.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.workspace.held import with_held_by_facts
@@ -92,7 +92,7 @@ def _each_once(*warnings: Problem) -> tuple[Problem, ...]:
     return tuple(dict.fromkeys(warnings))
 
 
-def read_workspace_document(path: Path, content: bytes | None = None) -> Document:
+def read_workspace_document(path: Path, content: bytes | None = None) -> SourceDocument:
     """A workspace file as YAML; content: what to read in place of the file's own. Raises as `read_document`."""
     keys = ("robot", "cameras", "objects", "skills")
     return read_document(path, keys=keys) if content is None else parse_document(path, content, keys=keys)
@@ -132,7 +132,9 @@ def _is_workspace(path: Path) -> bool:
     return (path / WORKSPACE_FILE).is_file() or (path.suffix in YAML_ENDINGS and path.is_file())
 
 
-def _skills(document: Document, file: WorkspaceFile, digest: ContentDigest) -> tuple[dict[str, Skill], list[Problem]]:
+def _skills(
+    document: SourceDocument, file: WorkspaceFile, digest: ContentDigest
+) -> tuple[dict[str, Skill], list[Problem]]:
     skills: dict[str, Skill] = {}
     problems: list[Problem] = []
     for index, name in enumerate(file.skills):
@@ -217,7 +219,7 @@ def _check_box(
 
 
 def _words_of_two_meanings(
-    document: Document, file: WorkspaceFile, robot: RobotReader, skills: Iterable[Skill]
+    document: SourceDocument, file: WorkspaceFile, robot: RobotReader, skills: Iterable[Skill]
 ) -> Iterator[Problem]:
     """Warnings that say which was meant where a frame could as well be a link of the robot that is somewhere else."""
     meanings: dict[str, tuple[str, str | None]] = {}
@@ -256,7 +258,7 @@ def _task(entry: TaskEntry) -> ExpectedTask:
 
 
 def _check_tasks(
-    document: Document, tasks: Sequence[ExpectedTask], skills: Sequence[str], objects: Sequence[str]
+    document: SourceDocument, tasks: Sequence[ExpectedTask], skills: Sequence[str], objects: Sequence[str]
 ) -> Iterator[Problem]:
     for index, task in enumerate(tasks):
         skill = task.task.split()[0] if task.task.split() else ""

@@ -19,7 +19,7 @@ from sqrp_cli.knowledge.text import packages, units
 from sqrp_cli.knowledge.text.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.digest import ContentDigest
 from sqrp_cli.knowledge.text.entries import Pose
-from sqrp_cli.knowledge.text.source import Document, KeyPath
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity
 from sqrp_cli.knowledge.workspace.read_cell import add_mesh
 from sqrp_cli.knowledge.workspace.workspace_file import RobotEntry, ToolEntry
@@ -52,7 +52,7 @@ class RobotReader:
     The files themselves are read first: an InputError for them is raised at once, since nothing can be checked without.
     """
 
-    document: Document
+    document: SourceDocument
     entry: RobotEntry
     digest: ContentDigest
     problems: list[Problem] = field(default_factory=list)

@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.text.digest import SourceFile
 from sqrp_cli.knowledge.text.entries import Finite, PoseMatrix, Stored, Written, refused
-from sqrp_cli.knowledge.text.source import Scalar
+from sqrp_cli.knowledge.text.source import LeafValue
 from sqrp_cli.logic.literal import Atom
 
 _NAME = r"[A-Za-z_][\w-]*"
@@ -96,7 +96,7 @@ class Workspace:
     padding: float
     digest: str
     files: Mapping[str, SourceFile]
-    values: Mapping[str, Scalar]
+    values: Mapping[str, LeafValue]
     warnings: tuple[Problem, ...]
     places: Mapping[str, Place]
 

@@ -16,7 +16,7 @@ from sqrp_cli.programming.arm.branches import BranchChoice
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
-from sqrp_cli.programming.motion.collision.collision_body import Pairs, pair
+from sqrp_cli.programming.motion.collision.collision_body import NamePairs, pair
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
 from sqrp_cli.programming.motion.waypoints import WaypointGrounder, setting_number, setting_value
 from sqrp_cli.trajectory import Trajectory
@@ -64,7 +64,7 @@ class GroundPrimitive:
     hold: float
     world: World
     fingers: Trajectory | None
-    allowed: Pairs
+    allowed: NamePairs
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from sqrp_cli.logic.evaluation import Sample, Trace, evaluate
+from sqrp_cli.logic.evaluation import Trace, TraceSample, evaluate
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
@@ -27,7 +27,7 @@ def against_the_plan(expectation: Expectation) -> Iterator[str]:
     for entry in expectation.step.formulas:
         formula = read_formula(entry.formula)
         operators = ground_operators(formula, {}, total)
-        samples = tuple(Sample(t, _settled(expectation, operators, t)) for t in expectation.times)
+        samples = tuple(TraceSample(t, _settled(expectation, operators, t)) for t in expectation.times)
         truth = evaluate(formula, Trace(samples, total, total)).truth
         if truth == (Truth.FALSE if entry.fault is None else Truth.TRUE):
             what = "fails" if entry.fault is None else f"is true, and so the fault `{entry.fault}` is seen,"

@@ -250,10 +250,10 @@ def read_formula(text: str) -> Formula:
 
 def condition_value(text: str, values: Mapping[str, Truth]) -> Truth:
     """The value of a formula without temporal operators, such as the condition of a retry."""
-    from sqrp_cli.logic.evaluation import Sample, Trace, evaluate
+    from sqrp_cli.logic.evaluation import Trace, TraceSample, evaluate
 
     known = {Atom.of(name): value for name, value in values.items()}
-    return evaluate(read_formula(text), Trace((Sample(0.0, known),), 0.0, 0.0)).truth
+    return evaluate(read_formula(text), Trace((TraceSample(0.0, known),), 0.0, 0.0)).truth
 
 
 def condition_atoms(text: str) -> tuple[str, ...]:

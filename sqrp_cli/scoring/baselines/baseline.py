@@ -14,7 +14,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.text.input_file import missing_file, read_text
 from sqrp_cli.knowledge.text.json_file import json_document, parse_json
-from sqrp_cli.knowledge.text.source import Scalar, describe
+from sqrp_cli.knowledge.text.source import LeafValue, describe
 from sqrp_cli.knowledge.text.validation import problems_of
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.paths_as_text import json_line
@@ -64,8 +64,8 @@ def _sampling_text(sampling: Sampling) -> str:
             return f"FixedStep(dt={sampling.dt!r})"
 
 
-def _scalar(value: object) -> Scalar:
-    if isinstance(value, Scalar):
+def _scalar(value: object) -> LeafValue:
+    if isinstance(value, LeafValue):
         return value
     raise PydanticCustomError("wrong-type", "{message}", {"message": f"found {describe(value)}, expected one value"})
 
@@ -135,7 +135,7 @@ def baseline_of(
 ) -> Baseline:
     """The baseline that these scores make; workspaces and tasks with errors are left out."""
     workspaces: dict[str, WorkspaceRecord] = {}
-    fields: dict[str, dict[str, Scalar]] = {}
+    fields: dict[str, dict[str, LeafValue]] = {}
     for cell in cells:
         if cell.workspace is None:
             continue

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from sqrp_cli.knowledge.text.source import Scalar
+from sqrp_cli.knowledge.text.source import LeafValue
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.scoring.baselines.baseline import WorkspaceRecord
 from sqrp_cli.scoring.baselines.source_fields import WORKSPACE, changed_fields, fields_of
@@ -23,8 +23,8 @@ class Change:
 
     file: str
     field: str | None
-    before: Scalar
-    now: Scalar
+    before: LeafValue
+    now: LeafValue
 
     def __str__(self) -> str:
         what = "content" if self.field is None else self.field
@@ -37,7 +37,7 @@ class Change:
 
 
 def workspace_changes(
-    before: WorkspaceRecord, known: Mapping[str, Mapping[str, Scalar]], now: Workspace
+    before: WorkspaceRecord, known: Mapping[str, Mapping[str, LeafValue]], now: Workspace
 ) -> tuple[Change, ...]:
     """The differences that may matter, so not those of comments and layout; known: fields of files by digest.
 
@@ -46,7 +46,7 @@ def workspace_changes(
     return tuple(_changes(before, known, now))
 
 
-def _changes(before: WorkspaceRecord, known: Mapping[str, Mapping[str, Scalar]], now: Workspace) -> Iterator[Change]:
+def _changes(before: WorkspaceRecord, known: Mapping[str, Mapping[str, LeafValue]], now: Workspace) -> Iterator[Change]:
     digests = {role: file.digest for role, file in now.files.items()}
     for role in sorted({*before.files, *digests}, key=lambda role: (role != WORKSPACE, role)):
         old, new = before.files.get(role), digests.get(role)

@@ -10,12 +10,12 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.text.input_file import read_input
-from sqrp_cli.knowledge.text.source import MAX_BYTES, Scalar, read_document
+from sqrp_cli.knowledge.text.source import MAX_BYTES, LeafValue, read_document
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.text.xml_file import Element, read_xml
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 
-Fields = dict[str, Scalar]
+Fields = dict[str, LeafValue]
 
 _SECTION = re.compile(r":(requirements|types|constants|predicates|functions|action|parameters|precondition|effect)\b")
 
@@ -45,7 +45,7 @@ def fields_of(workspace: Workspace, role: str) -> Fields:
         return {}
 
 
-def _attributes(element: Element, path: str) -> Iterator[tuple[str, Scalar]]:
+def _attributes(element: Element, path: str) -> Iterator[tuple[str, LeafValue]]:
     """Attributes by where they stand: elements by name where they have one, else by number where there are several."""
     for attribute, value in element.attributes.items():
         yield f"{path}{attribute}", value
@@ -58,7 +58,7 @@ def _attributes(element: Element, path: str) -> Iterator[tuple[str, Scalar]]:
         yield from _attributes(child, f"{path}{child.tag}{label}.")
 
 
-def _statements(path: Path) -> Iterator[tuple[str, Scalar]]:
+def _statements(path: Path) -> Iterator[tuple[str, LeafValue]]:
     """The sections of a PDDL file, those of an action by its name; without comments and layout."""
     lines = (line.split(";")[0] for line in read_input(path, MAX_BYTES).decode(errors="replace").splitlines())
     words = " ".join(" ".join(lines).replace("(", " (").replace(")", ") ").split())
@@ -73,7 +73,9 @@ def _statements(path: Path) -> Iterator[tuple[str, Scalar]]:
             yield f"{action}{keyword}", text
 
 
-def changed_fields(before: Mapping[str, Scalar], now: Mapping[str, Scalar]) -> Iterator[tuple[str, Scalar, Scalar]]:
+def changed_fields(
+    before: Mapping[str, LeafValue], now: Mapping[str, LeafValue]
+) -> Iterator[tuple[str, LeafValue, LeafValue]]:
     """The fields that differ, with both values; None where a field is not there.
 
     Two spellings of a quantity, such as `5 cm` and `50 mm` or 0.05, do not differ, nor do `0 0 1` and `0 0 1.0`.
@@ -84,7 +86,7 @@ def changed_fields(before: Mapping[str, Scalar], now: Mapping[str, Scalar]) -> I
             yield field, old, new
 
 
-def _same_numbers(before: Scalar, now: Scalar) -> bool:
+def _same_numbers(before: LeafValue, now: LeafValue) -> bool:
     """Whether two attributes of an XML file are the same row of numbers."""
     try:
         old, new = ([float(word) for word in str(value).split()] for value in (before, now))
@@ -93,7 +95,7 @@ def _same_numbers(before: Scalar, now: Scalar) -> bool:
     return old == new
 
 
-def _same_quantity(field: str, before: Scalar, now: Scalar) -> bool:
+def _same_quantity(field: str, before: LeafValue, now: LeafValue) -> bool:
     old, new = read_quantity(before), read_quantity(now)
     if old is None or new is None or not math.isclose(old.value, new.value, rel_tol=1e-12):
         return False

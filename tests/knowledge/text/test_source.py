@@ -12,14 +12,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.text.source import Document, read_document
+from sqrp_cli.knowledge.text.source import SourceDocument, read_document
 
-Read = Callable[[str], Document]
+Read = Callable[[str], SourceDocument]
 
 
 @pytest.fixture
 def read(tmp_path: Path) -> Read:
-    def read_text(text: str) -> Document:
+    def read_text(text: str) -> SourceDocument:
         path = tmp_path / "file.yaml"
         path.write_text(text, encoding="utf-8")
         return read_document(path)

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import Place
 from sqrp_cli.geometry import box_corners, transform
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.logic.formula_check import bind
 from sqrp_cli.logic.formula_time import ground_operators
 from sqrp_cli.logic.literal import Literal
-from sqrp_cli.logic.mtl import bind, parse_formula
+from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study

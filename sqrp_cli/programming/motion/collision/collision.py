@@ -19,7 +19,7 @@ from sqrp_cli.programming.motion.collision.collision_body import (
     CLEARANCE,
     Body,
     Contact,
-    Pairs,
+    NamePairs,
     distance_within,
     pair,
     placement_at,
@@ -69,7 +69,7 @@ class CollisionScene:
         self._placed: WeakKeyDictionary[World, PlacedScene] = WeakKeyDictionary()
         self._contacts: WeakKeyDictionary[World, Contact | None] = WeakKeyDictionary()
 
-    def placed(self, world: World, allowed: Pairs = frozenset()) -> PlacedScene:
+    def placed(self, world: World, allowed: NamePairs = frozenset()) -> PlacedScene:
         """The scene with every object where `world` has it; contacts of `allowed` pairs do not count.
 
         The held object moves with the tool and may touch it. Objects of unknown pose are left out.
@@ -146,12 +146,12 @@ class SelfContacts:
     are not checked. never: in none of them; that proves little, so they are checked all the same.
     """
 
-    at_home: Pairs
-    always: Pairs
-    never: Pairs
+    at_home: NamePairs
+    always: NamePairs
+    never: NamePairs
 
     @property
-    def unchecked(self) -> Pairs:
+    def unchecked(self) -> NamePairs:
         """The pairs whose contact is not checked."""
         return self.at_home | self.always
 

@@ -15,7 +15,7 @@ from sqrp_cli.shapes import Mesh
 CLEARANCE = 1e-3
 """Distance that the arm keeps from everything [m]; from fixed objects the workspace's padding comes on top."""
 
-Pairs = frozenset[tuple[str, str]]
+NamePairs = frozenset[tuple[str, str]]
 """Pairs of names of links or objects, each in alphabetical order."""
 
 MESHES_WITHIN = 0.02
@@ -24,10 +24,10 @@ MESHES_WITHIN = 0.02
 SPHERES = 5
 """Spheres that cover a solid for culling."""
 
-Geometry = Any
+CoalGeometry = Any
 """One of coal's collision geometries."""
 
-Placement = Any
+CoalPlacement = Any
 """One of coal's transforms."""
 
 _REQUEST = coal.CollisionRequest()
@@ -69,8 +69,8 @@ class Body:
     """
 
     name: str
-    geometry: Geometry
-    hull: Geometry
+    geometry: CoalGeometry
+    hull: CoalGeometry
     X_PG: Array
     center: Array
     radius: float
@@ -141,12 +141,14 @@ def _covering_spheres(solid: Solid, X_PB: Array, half: Array) -> tuple[Array, Ar
     return box_centers, np.full(SPHERES, box_radius)
 
 
-def placement_at(X: Array) -> Placement:
+def placement_at(X: Array) -> CoalPlacement:
     """A pose, shape (4, 4), as coal wants it."""
     return coal.Transform3s(X[:3, :3], X[:3, 3])
 
 
-def distance_within(first: Geometry, X_1: Placement, second: Geometry, X_2: Placement, within: float) -> float | None:
+def distance_within(
+    first: CoalGeometry, X_1: CoalPlacement, second: CoalGeometry, X_2: CoalPlacement, within: float
+) -> float | None:
     """Signed distance [m] of two of coal's geometries if it is at most `within`, otherwise None.
 
     Between meshes, it is that of the first two triangles that are found within, which need not be the nearest.
@@ -159,7 +161,7 @@ def distance_within(first: Geometry, X_1: Placement, second: Geometry, X_2: Plac
 
 
 def body_distance(
-    first: Body, X_1: Placement, second: Body, X_2: Placement, clearance: float, need: float
+    first: Body, X_1: CoalPlacement, second: Body, X_2: CoalPlacement, clearance: float, need: float
 ) -> float | None:
     """None only if two bodies are further than `need` [m] apart; at most `clearance` only if they are that close.
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, transform
 from sqrp_cli.knowledge.robot.joint_tree import Mount
-from sqrp_cli.programming.motion.collision.collision_body import SPHERES, Body, Pairs, Placement, placement_at
+from sqrp_cli.programming.motion.collision.collision_body import SPHERES, Body, CoalPlacement, NamePairs, placement_at
 from sqrp_cli.programming.motion.collision.motion_bound import LowBodies
 
 Indices = NDArray[np.intp]
@@ -79,7 +79,7 @@ class PlacedBodies:
         gap: Array = (np.sqrt(np.einsum("kci,kci->kc", outside, outside)) - self.radii[covered]).min(axis=-1)
         return gap
 
-    def placements(self, X_WF: Array, at: Indices, body: Indices) -> Iterator[Placement]:
+    def placements(self, X_WF: Array, at: Indices, body: Indices) -> Iterator[CoalPlacement]:
         """Where geometries are, for coal, by row of X_WF, (m, N + 1, 4, 4), and body; both of shape (k,)."""
         return map(placement_at, X_WF[at, self.frame[body]] @ self.X_FG[body])
 
@@ -123,7 +123,7 @@ class BodyPairs:
             low=np.where(inner_is_larger & (bodies.frame[inner] < 0), low_row[outer], -1),
         )
 
-    def without(self, allowed: Pairs, bodies: PlacedBodies) -> BodyPairs:
+    def without(self, allowed: NamePairs, bodies: PlacedBodies) -> BodyPairs:
         """Those whose names are not of an allowed pair."""
         names = np.array([body.name for body in bodies.bodies])
         kept = np.ones(len(self.inner), dtype=bool)

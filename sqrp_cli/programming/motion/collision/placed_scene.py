@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.motion.collision.collision_body import Contact, Pairs, body_distance, pair
+from sqrp_cli.programming.motion.collision.collision_body import Contact, NamePairs, body_distance, pair
 from sqrp_cli.programming.motion.collision.motion_bound import LowBodies, MotionBound, finger_steps
 from sqrp_cli.programming.motion.collision.placed_bodies import BodyPairs, Indices, PlacedBodies
 from sqrp_cli.trajectory import JointPath, Trajectory
@@ -48,7 +48,7 @@ class PlacedScene:
         self.bound = bound
         self._model, self._low, self._bodies, self._pairs, self._fingers = model, low, bodies, pairs, fingers
 
-    def allowing(self, allowed: Pairs) -> PlacedScene:
+    def allowing(self, allowed: NamePairs) -> PlacedScene:
         """The same scene, in which contacts of these pairs of names do not count."""
         pairs = self._pairs.without(allowed, self._bodies)
         return PlacedScene(self._model, self.bound, self._low, self._bodies, pairs, self._fingers)
@@ -64,7 +64,7 @@ class PlacedScene:
             found[near.stretch] = near.contact
         return tuple(found.get(k) for k in range(len(q)))
 
-    def touching_pairs(self, q: Array) -> tuple[Pairs, ...]:
+    def touching_pairs(self, q: Array) -> tuple[NamePairs, ...]:
         """All pairs of names that touch at each of m joint positions, shape (m, n)."""
         found: list[set[tuple[str, str]]] = [set() for _ in q]
         for near in self._near(self._still(q)):
