@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
-    from sqrp_cli.api.results import Check, Explanation, Ranking, Scene, Scores
+    from sqrp_cli.api.results import Check, Explanation, NewCell, Ranking, Scene, Scores
     from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.workspace.workspace import Workspace
     from sqrp_cli.logic.planner import Planner
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
     from sqrp_cli.scoring.baselines.findings import Progress
+    from sqrp_cli.starter.random_cell import Crowd
 
 
 @contextmanager
@@ -39,6 +40,19 @@ def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
     if cell.errors:
         raise InputError(*cell.errors)
     return cell
+
+
+def new_cell(folder: str | Path, *, urdf: str | Path | None = None, crowd: Crowd | None = None) -> NewCell:
+    """Make a new workspace with its skill, which ranks at once, in a folder that does not exist or is empty.
+
+    urdf: the arm; by default one that comes with the package. crowd: how many objects and cameras stand in it at
+    random. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
+    """
+    from sqrp_cli.api.results import NewCell
+    from sqrp_cli.starter.make import make_starter
+
+    made = make_starter(Path(folder), None if urdf is None else str(urdf), crowd)
+    return NewCell(made, Path(folder), own_arm=urdf is not None)
 
 
 @dataclass(frozen=True, eq=False)

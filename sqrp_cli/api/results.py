@@ -12,18 +12,29 @@ from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument,
 from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
 from sqrp_cli.report.documents.document import Document, TaskDocument, as_text
 from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
+from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
+from sqrp_cli.report.documents.starters import InitDocument
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from sqrp_cli.api.session import Session
     from sqrp_cli.checks.dependency_check import Feasibility
     from sqrp_cli.errors import Problem
+    from sqrp_cli.program.record import Program
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.assessment import Study
     from sqrp_cli.programming.ranking import Criterion, Ranked
     from sqrp_cli.programming.suggestion import SuggestedStep
+    from sqrp_cli.report.pages.run_page import RunCell
+    from sqrp_cli.runtime.monitor.frame_audit import AuditReport
+    from sqrp_cli.runtime.record.events import Event
+    from sqrp_cli.runtime.record.report import RunReport
+    from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
     from sqrp_cli.scoring.baselines.findings import Findings
+    from sqrp_cli.starter.make import Starter
 
 AnyDocument = TypeVar("AnyDocument", bound=Document, covariant=True)
 
@@ -229,3 +240,127 @@ class Scores(Result[ScoreDocument]):
         from sqrp_cli.terminal.score_table import print_report
 
         print_report(self.findings)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SimulatedRun(Result[RunDocument]):
+    """How a run of a program went."""
+
+    cell: RunCell
+    report: RunReport
+    events: Sequence[Event]
+    """What happened, in order."""
+    period: float | None
+    """Between images of the slowest camera [s]; None where a log does not tell."""
+    never_happened: tuple[str, ...] = ()
+    """Faults whose time never came."""
+    problems: tuple[Problem, ...] = ()
+    """Warnings about what a log does not tell."""
+
+    @property
+    def done(self) -> bool:
+        """Whether the program got done."""
+        return self.report.outcome == "done"
+
+    @cached_property
+    def document(self) -> RunDocument:
+        """The document of `sqrp run`."""
+        return RunDocument.of(self.cell.name, self.report)
+
+    def show(self) -> None:
+        """Print what `sqrp run` prints."""
+        from sqrp_cli.terminal.run_view import print_run
+
+        print_run(self.cell.name, self.report, self.period)
+
+    def write_page(self, path: Path, arguments: Sequence[str] = ()) -> None:
+        """Write a page that plays the run; arguments: of the command that it names. Raises InputError if it cannot."""
+        from sqrp_cli.report.pages.run_page import write_run
+
+        write_run(self.cell, self.report, self.events, path, arguments)
+
+
+@dataclass(frozen=True, eq=False)
+class SlipSweep(Result[SweepDocument]):
+    """Runs of a program with a slip at different instants, and how well the delays were predicted."""
+
+    program: Program
+    workspace: str
+    text: str
+    """What was swept, as it was asked."""
+    step: int
+    """Number of the step that was swept, from 1."""
+    runs: Sequence[SweepRun]
+    summary: SweepSummary
+
+    @property
+    def done(self) -> bool:
+        """Whether all runs got done."""
+        return all(run.report.outcome == "done" for run in self.runs)
+
+    @cached_property
+    def document(self) -> SweepDocument:
+        """The document of `sqrp run --sweep`."""
+        return SweepDocument.of(self.workspace, self.text, self.step, self.runs, self.summary)
+
+    def show(self) -> None:
+        """Print what `sqrp run --sweep` prints."""
+        from sqrp_cli.terminal.run_view import print_sweep
+
+        print_sweep(self.program, self.step, self.workspace, self.text, self.runs, self.summary)
+
+
+@dataclass(frozen=True, eq=False)
+class Audit(Result[AuditDocument]):
+    """What recorded frames say about the predictions of a program."""
+
+    program: Program
+    workspace: str
+    report: AuditReport
+    threshold: float
+    """Least share of predicted detections that must have come true."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether so many came true."""
+        precision = self.report.total.precision
+        return precision is not None and precision >= self.threshold
+
+    @cached_property
+    def document(self) -> AuditDocument:
+        """The document of `sqrp audit`."""
+        return AuditDocument.of(self.workspace, self.report, self.threshold)
+
+    def show(self) -> None:
+        """Print what `sqrp audit` prints."""
+        from sqrp_cli.terminal.run_view import print_audit
+
+        print_audit(self.program, self.workspace, self.report, self.threshold)
+
+
+@dataclass(frozen=True, eq=False)
+class NewCell(Result[InitDocument]):
+    """A workspace that was just made."""
+
+    starter: Starter
+    path: Path
+    """Of its folder, as it was given."""
+    own_arm: bool
+    """Whether the arm is the user's, about which some things were guessed."""
+
+    @property
+    def problems(self) -> Sequence[Problem]:
+        """Warnings about the arm."""
+        return self.starter.warnings
+
+    @cached_property
+    def document(self) -> InitDocument:
+        """The document of `sqrp init`."""
+        made = self.starter
+        return InitDocument(workspace=str(made.folder), tool_link=made.tip, objects=list(made.cubes), task=made.task)
+
+    def show(self) -> None:
+        """Print what `sqrp init` prints."""
+        from sqrp_cli.terminal.scene_table import print_new_cell
+
+        print_new_cell(self.path, self.starter, own_arm=self.own_arm)

@@ -13,6 +13,8 @@ from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from sqrp_cli.api.cell import OpenCell
+    from sqrp_cli.api.program import OpenProgram
+    from sqrp_cli.api.results import AnyDocument, Result
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
 
@@ -62,13 +64,54 @@ MOST_SAMPLES = 20_000
 def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
     """Open a workspace and print its warnings. Raises InputError where `sqrp check` finds errors in it."""
     from sqrp_cli.api.cell import OpenCell
-    from sqrp_cli.terminal.console import print_problems
 
     cell = OpenCell.read(path, seed)
+    _print_warnings(cell)
+    return cell
+
+
+def read_program(path: Path, seed: int = 0) -> OpenProgram:
+    """Read a program, which may no longer fit its workspace, and print the warnings about that."""
+    from sqrp_cli.api.program import OpenProgram
+
+    program = OpenProgram.read(path, seed)
+    _print_warnings(program.cell)
+    return program
+
+
+def program_with_warnings(path: Path, seed: int = 0) -> OpenProgram:
+    """Open a program and print the warnings about its workspace. Raises InputError where it cannot be run."""
+    program = read_program(path, seed)
+    program.check()
+    return program
+
+
+def check_report(path: Path) -> None:
+    """Raises InputError, before anything is computed, where a page cannot be written or a library is missing."""
+    from sqrp_cli.platform.files import check_writable
+    from sqrp_cli.report.pages.libraries import check_libraries
+
+    check_writable(path)
+    check_libraries()
+
+
+def answer(result: Result[AnyDocument], *, as_json: bool) -> None:
+    """Print a result, for people or as a document."""
+    from sqrp_cli.terminal.console import say_raw
+
+    if as_json:
+        say_raw(result.to_json())
+    else:
+        result.show()
+
+
+def _print_warnings(cell: OpenCell) -> None:
+    """Raises InputError with the errors, if there are any."""
+    from sqrp_cli.terminal.console import print_problems
+
     print_problems(problem for problem in cell.findings if problem.severity != "error")
     if cell.errors:
         raise InputError(*cell.errors)
-    return cell
 
 
 def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) -> Sampling:

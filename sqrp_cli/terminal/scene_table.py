@@ -1,13 +1,17 @@
-"""What `sqrp show` prints."""
+"""What `sqrp show` and `sqrp init` print about a cell."""
 
 from __future__ import annotations
+
+import shlex
+from pathlib import Path
 
 import numpy as np
 
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision import SAMPLES
-from sqrp_cli.terminal.console import Column, print_table, say
+from sqrp_cli.starter.make import Starter
+from sqrp_cli.terminal.console import Column, print_table, say, say_command
 
 
 def print_scene(cell: Cell) -> None:
@@ -55,6 +59,17 @@ def print_scene(cell: Cell) -> None:
     say(f"\nskills  {', '.join(workspace.skills)}")
     say(f"state   {', '.join(sorted(map(str, workspace.state))) or 'nothing holds'}")
     say(f"tasks   {', '.join(expected.task for expected in workspace.tasks) or 'none'}")
+
+
+def print_new_cell(folder: Path, starter: Starter, *, own_arm: bool) -> None:
+    """What was made, and how to go on. folder: as it was given; own_arm: whether the arm is the user's."""
+    where = shlex.quote(str(folder))
+    say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
+    if own_arm:
+        guessed = f"The tool is fixed to `{starter.tip}`. Lines marked `check:` were guessed; compare with:"
+        say_command(guessed, f"sqrp show {where}")
+    if starter.task is not None:
+        say_command("Try:", f'sqrp rank {where} "{starter.task}"')
 
 
 def _print_hand(robot: Robot) -> None:

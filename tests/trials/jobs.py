@@ -13,7 +13,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from sqrp_cli.cli.lazy_replanner import LazyReplanner
+from sqrp_cli.api.program import LazyReplanner
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.program.file import load_program, new_program, save_program
 from sqrp_cli.program.record import Step

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json
+from sqrp_cli.cli.options import Json, answer, program_with_warnings
 from sqrp_cli.errors import ExitCode, InputError, Problem
 
 NAME = "audit"
@@ -25,26 +25,12 @@ def command(
 
     Tells how often each camera showed each literal when it was predicted to.
     """
-    from sqrp_cli.cli.program_input import open_program
-    from sqrp_cli.report.documents.document import as_text
-    from sqrp_cli.report.documents.runs import AuditDocument
     from sqrp_cli.runtime.cell.requirements import check_packages
-    from sqrp_cli.terminal.console import progress, say_raw
-    from sqrp_cli.terminal.run_view import print_audit
+    from sqrp_cli.terminal.console import progress
 
     if not 0.0 <= threshold <= 1.0:
         raise InputError(Problem("bad-option", f"--threshold is {threshold:g}, expected 0 to 1"))
     check_packages()
-    from sqrp_cli.runtime.monitor.frame_audit import audit
-    from sqrp_cli.runtime.record.frames import read_frames
-
-    found, workspace = open_program(program)
-    total = sum(1 for _ in read_frames(folder, list(workspace.cameras), len(found.steps)))
-    with progress(f"Looking at {folder}", total) as advance:
-        report = audit(found, workspace, folder, advance)
-    if as_json:
-        say_raw(as_text(AuditDocument.of(workspace.name, report, threshold)))
-    else:
-        print_audit(found, workspace.name, report, threshold)
-    precision = report.total.precision
-    return ExitCode.OK if precision is not None and precision >= threshold else ExitCode.NONE_FEASIBLE
+    audit = program_with_warnings(program).audit(folder, threshold, progress=progress)
+    answer(audit, as_json=as_json)
+    return ExitCode.OK if audit.passed else ExitCode.NONE_FEASIBLE

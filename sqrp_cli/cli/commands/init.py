@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json
+from sqrp_cli.cli.options import Json, answer
 from sqrp_cli.errors import ExitCode, InputError, Problem
-
-if TYPE_CHECKING:
-    from sqrp_cli.starter.make import Starter
 
 NAME = "init"
 
@@ -42,35 +38,15 @@ def command(
 
     What is guessed about your arm is marked `check:` in the file. Nothing is ever overwritten.
     """
-    from sqrp_cli.report.documents.document import as_text
-    from sqrp_cli.report.documents.starters import InitDocument
-    from sqrp_cli.starter.make import make_starter
+    from sqrp_cli.api.cell import new_cell
     from sqrp_cli.starter.random_cell import Crowd
-    from sqrp_cli.terminal.console import print_problems, say_raw
+    from sqrp_cli.terminal.console import print_problems
 
     for option, value in (("--objects", objects), ("--cameras", cameras), ("--seed", seed)):
         if value is not None and not random:
             raise InputError(Problem("bad-option", f"{option} is about --random, which is missing"))
     crowd = Crowd(seed or 0, objects or DEFAULT_OBJECTS, cameras or DEFAULT_CAMERAS) if random else None
-    starter = make_starter(folder, urdf, crowd)
-    print_problems(starter.warnings)
-    if as_json:
-        document = InitDocument(
-            workspace=str(starter.folder), tool_link=starter.tip, objects=list(starter.cubes), task=starter.task
-        )
-        say_raw(as_text(document))
-    else:
-        _print(starter, folder, own=urdf is not None)
+    made = new_cell(folder, urdf=urdf, crowd=crowd)
+    print_problems(made.problems)
+    answer(made, as_json=as_json)
     return ExitCode.OK
-
-
-def _print(starter: Starter, folder: Path, *, own: bool) -> None:
-    from sqrp_cli.terminal.console import say, say_command
-
-    where = shlex.quote(str(folder))
-    say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
-    if own:
-        guessed = f"The tool is fixed to `{starter.tip}`. Lines marked `check:` were guessed; compare with:"
-        say_command(guessed, f"sqrp show {where}")
-    if starter.task is not None:
-        say_command("Try:", f'sqrp rank {where} "{starter.task}"')

@@ -18,6 +18,7 @@ from sqrp_cli.cli.options import (
     TaskText,
     Tolerance,
     WorkspacePath,
+    check_report,
     job_count,
     open_with_warnings,
     read_calibration,
@@ -112,8 +113,6 @@ def _checked_files(
     check_distinct({"--program": program, "--report": report})
     before = world_before(after, program)
     if report is not None:
-        from sqrp_cli.report.pages.candidate_page import check_report
-
         check_report(report)
     cell = open_with_warnings(workspace, seed)
     check_not_read([report], [program, after, *(file.path for file in cell.workspace.files.values())])

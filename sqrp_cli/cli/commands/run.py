@@ -2,33 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sqrp_cli.cli.options import Json, Report, Seed
-from sqrp_cli.cli.run_once import Kept, run_once
-from sqrp_cli.cli.run_replay import run_replay
-from sqrp_cli.cli.slip_sweep import sweep_slips
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.cli.options import Json, Report, Seed, answer, check_report, program_with_warnings, read_program
+from sqrp_cli.errors import ExitCode, InputError, Problem
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-    from sqrp_cli.knowledge.workspace.workspace import Workspace
-    from sqrp_cli.program.record import Program
-    from sqrp_cli.runtime.run.simulation import Simulation
+    from sqrp_cli.api.program import OpenProgram
+    from sqrp_cli.api.results import SimulatedRun
 
 NAME = "run"
-
-DEFAULT_RUNS = 20
-"""Runs of a sweep."""
 
 _FORMS = (
     "slip@a4+0.4, slip@a4:random, slip@7.2, miss-pick, camera-loss:cam2@5, frozen:cam1@3, latency:cam3=0.5, "
     "perception-crash:cam1@4, 2:slip@a4 in step 2"
 )
+
+
+@dataclass(frozen=True)
+class Kept:
+    """Where a film, a log and the images of a run go; None for what is not kept."""
+
+    record: Path | None
+    log: Path | None
+    frames: Path | None
 
 
 def command(
@@ -72,18 +75,18 @@ def command(
     _check_options(replay, sweep, n, fault, kept, report)
     check_distinct({"--record": record, "--log": log, "--report": report})
     if report is not None:
-        from sqrp_cli.report.pages.candidate_page import check_report
-
         check_report(report)
     if replay is not None:
-        return run_replay(replay, program, report, context.obj, as_json=as_json)
+        run = _replay(replay, program, report, as_json=as_json)
+        return _show(run, report, context.obj, as_json=as_json)
     if program is None:
         raise InputError(Problem("no-program", "expected a program to run", mend="sqrp run PROGRAM --sim"))
-    simulation = _open(program, sim=sim, seed=seed)
+    opened = _open(program, sim=sim, seed=seed)
     if sweep is not None:
-        return sweep_slips(simulation, sweep, n or DEFAULT_RUNS, as_json=as_json)
-    check_not_read([record, log, report], [program, *(file.path for file in simulation.workspace.files.values())])
-    return run_once(simulation, fault or [], kept, report, context.obj, as_json=as_json)
+        return _sweep(opened, sweep, n, as_json=as_json)
+    check_not_read([record, log, report], opened.files)
+    run = _run(opened, fault or [], kept, witnessed=report is not None)
+    return _show(run, report, context.obj, as_json=as_json)
 
 
 def _check_options(
@@ -117,34 +120,67 @@ def _refuse_with(option: str, others: Mapping[str, object]) -> None:
             raise InputError(Problem("bad-option", f"{option} and {name} exclude each other; give one of them"))
 
 
-def _open(path: Path, *, sim: bool, seed: int) -> Simulation:
+def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
     """The program with its workspace. Raises InputError where it cannot be run."""
-    from sqrp_cli.cli.lazy_replanner import LazyReplanner
-    from sqrp_cli.cli.program_input import open_program
     from sqrp_cli.runtime.cell.requirements import check_simulator
+    from sqrp_cli.terminal.console import print_problems
 
-    program, workspace = open_program(path)
+    opened = program_with_warnings(path, seed)
     if not sim:
         message = "there is no driver for a real robot yet"
         raise InputError(Problem("no-driver", message, mend=f"sqrp run {path} --sim"))
     check_simulator()
-    from sqrp_cli.runtime.run.simulation import Simulation
-
-    _warn_of_contradictions(program, workspace, path)
-    return Simulation(program, workspace, LazyReplanner(workspace), seed)
+    print_problems(opened.warnings)
+    return opened
 
 
-def _warn_of_contradictions(program: Program, workspace: Workspace, path: Path) -> None:
-    """Tell of formulas about which monitors can say nothing, as the motion itself contradicts them."""
-    from sqrp_cli.report.sentences import short_times
-    from sqrp_cli.runtime.monitor.plan_check import contradictions
-    from sqrp_cli.runtime.twin import Twin
-    from sqrp_cli.terminal.console import print_problems
+def _run(opened: OpenProgram, faults: Sequence[str], kept: Kept, *, witnessed: bool) -> SimulatedRun:
+    """Run a program, shown live. witnessed: whether a page will show where everything really was."""
+    from sqrp_cli.terminal.run_view import LiveView
 
-    mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
-    print_problems(
-        [
-            Problem("against-the-plan", short_times(text), Place(path), severity="warning", mend=mend)
-            for text in contradictions(program, Twin.load(workspace.robot))
-        ]
-    )
+    with LiveView(list(opened.workspace.cameras)) as view:
+        return opened.run(
+            faults, film=kept.record, log=kept.log, frames=kept.frames, listeners=[view], witnessed=witnessed
+        )
+
+
+def _replay(log: Path, program: Path | None, page: Path | None, *, as_json: bool) -> SimulatedRun:
+    """Show a run again. program: tells where its workspace is, for a page that plays it in three dimensions."""
+    from sqrp_cli.api.program import LoggedRun
+    from sqrp_cli.platform.files import check_not_read
+    from sqrp_cli.terminal.run_view import LiveView
+
+    logged = LoggedRun.read(log)
+    if program is not None:
+        logged = logged.of(read_program(program))
+    check_not_read([page], [log, *([] if logged.program is None else logged.program.files)])
+    with LiveView(logged.header.cameras, pace=not as_json) as view:
+        return logged.replay(view)
+
+
+def _sweep(opened: OpenProgram, slip: str, count: int | None, *, as_json: bool) -> ExitCode:
+    """Many runs of a program, each with a slip at another instant."""
+    from sqrp_cli.api.program import DEFAULT_RUNS
+    from sqrp_cli.terminal.console import progress
+
+    swept = opened.sweep(slip, count or DEFAULT_RUNS, progress=progress)
+    answer(swept, as_json=as_json)
+    return ExitCode.OK if swept.done else ExitCode.STOPPED_ON_FAULT
+
+
+def _show(run: SimulatedRun, page: Path | None, arguments: Sequence[str], *, as_json: bool) -> ExitCode:
+    """Write the page, if one is wanted, and print how a run went. arguments: of the command."""
+    from sqrp_cli.terminal.console import note, print_problems
+    from sqrp_cli.terminal.run_view import wall_time
+
+    if page is not None:
+        run.write_page(page, arguments)
+        note(f"open {page} in a browser")
+    if not as_json:
+        print_problems(run.problems)
+        if run.report.wall:
+            note(wall_time(run.report))
+    for fault in run.never_happened:
+        note(f"--fault {fault} never happened: the run ended before, at {run.report.time:.2f} s")
+    answer(run, as_json=as_json)
+    return ExitCode.OK if run.done else ExitCode.STOPPED_ON_FAULT

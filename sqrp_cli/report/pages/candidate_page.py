@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.platform.files import check_writable
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.pipeline import Assignment, in_processes
 from sqrp_cli.programming.ranking import Criterion, Ranked
@@ -16,7 +15,6 @@ from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.explanation import CandidateStudy
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.scene import ShowDocument
-from sqrp_cli.report.pages.libraries import check_libraries
 from sqrp_cli.report.pages.model import model_document
 from sqrp_cli.report.pages.packing import packed
 from sqrp_cli.report.pages.page import CellScene, Entry, PageContent, write_page
@@ -29,12 +27,6 @@ if TYPE_CHECKING:
     from sqrp_cli.scoring.cells import ScoredCell
     from sqrp_cli.scoring.score import TaskScore
     from sqrp_cli.scoring.work.compute import Means
-
-
-def check_report(path: Path) -> None:
-    """Raises InputError, before anything is computed, where a page cannot be written or a library is missing."""
-    check_writable(path)
-    check_libraries()
 
 
 def write_ranking(

@@ -1,0 +1,343 @@
+"""A program that is open for runs: in the simulated cell, from a log, or against recorded frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sqrp_cli.api.cell import OpenCell, silent
+from sqrp_cli.errors import InputError, Place, Problem
+
+if TYPE_CHECKING:
+    from sqrp_cli.api.results import Audit, SimulatedRun, SlipSweep
+    from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+    from sqrp_cli.program.record import Program, Step
+    from sqrp_cli.programming.program_update import StepReplanner
+    from sqrp_cli.report.pages.run_page import RunCell
+    from sqrp_cli.runtime.record.events import Event, Listener, RunBegan
+    from sqrp_cli.runtime.run.injected_fault import InjectedFault
+    from sqrp_cli.runtime.record.film import Gallery
+    from sqrp_cli.runtime.run.simulation import Simulation
+    from sqrp_cli.scoring.baselines.findings import Progress
+
+DEFAULT_RUNS = 20
+"""Runs of a sweep."""
+
+DEFAULT_THRESHOLD = 0.97
+"""Least share of predicted detections that must have come true in an audit."""
+
+
+def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
+    """Read a program and the workspace that it was made for.
+
+    seed: of everything that a run draws at random. Raises InputError for a program without steps, or one that does not
+    fit its workspace as it is now.
+    """
+    program = OpenProgram.read(Path(path), seed)
+    if program.cell.errors:
+        raise InputError(*program.cell.errors)
+    program.check()
+    return program
+
+
+def read_run(log: str | Path) -> SimulatedRun:
+    """A run as its log tells it. Raises InputError for what is no log of a whole run."""
+    return LoggedRun.read(Path(log)).replay()
+
+
+@dataclass(frozen=True, eq=False)
+class OpenProgram:
+    """A program, and what can be done with it. What goes wrong in a run is a result; bad input raises InputError."""
+
+    path: Path
+    program: Program
+    cell: OpenCell
+    seed: int = 0
+    """Of everything that a run draws at random."""
+
+    def __repr__(self) -> str:
+        steps = ", ".join(step.short_task for step in self.program.steps)
+        return f"OpenProgram({self.path.name} for {self.workspace.name}: {steps})"
+
+    @classmethod
+    def read(cls, path: Path, seed: int = 0) -> OpenProgram:
+        """A program and its workspace as it is now, whether or not they still fit."""
+        from sqrp_cli.program.file import load_program, workspace_path
+
+        program = load_program(path)
+        return cls(path, program, OpenCell.read(workspace_path(program, path)), seed)
+
+    def check(self) -> None:
+        """Raises InputError for a program that has no steps or does not fit its workspace."""
+        from sqrp_cli.program.file import check_program
+
+        check_program(self.program, self.path, self.workspace)
+        if not self.program.steps:
+            raise InputError(Problem("no-steps", "this program has no steps", Place(self.path)))
+
+    @property
+    def workspace(self) -> Workspace:
+        """The workspace that it was made for."""
+        return self.cell.workspace
+
+    @property
+    def files(self) -> list[Path]:
+        """The files that it was read from."""
+        return [self.path, *(file.path for file in self.workspace.files.values())]
+
+    @property
+    def warnings(self) -> list[Problem]:
+        """Formulas about which monitors can say nothing, as the motion itself contradicts them."""
+        from sqrp_cli.report.sentences import short_times
+        from sqrp_cli.runtime.monitor.plan_check import contradictions
+        from sqrp_cli.runtime.twin import Twin
+
+        mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
+        found = contradictions(self.program, Twin.load(self.workspace.robot))
+        return [
+            Problem("against-the-plan", short_times(text), Place(self.path), severity="warning", mend=mend)
+            for text in found
+        ]
+
+    def run(
+        self,
+        faults: Sequence[str] = (),
+        *,
+        film: Path | None = None,
+        log: Path | None = None,
+        frames: Path | None = None,
+        listeners: Sequence[Listener] = (),
+        witnessed: bool = True,
+    ) -> SimulatedRun:
+        """Run the program in the simulated cell, watched through camera images alone.
+
+        faults: as `sqrp run --fault` takes them, such as `slip@a4+0.4`. film, log, frames: a file, a file and a folder
+        in which to keep the images as an MP4 film, the events, and every image. listeners: are given each event as it
+        happens. witnessed: whether the events hold where everything really is, for a page; a log always does.
+        """
+        import numpy as np
+
+        from sqrp_cli.api.results import SimulatedRun
+        from sqrp_cli.platform.files import check_writable
+        from sqrp_cli.report.pages.run_page import RunCell
+        from sqrp_cli.runtime.run.injected_fault import parse_fault
+        from sqrp_cli.runtime.record.log import LogWriter
+
+        simulation, workspace, rng = self._simulation(), self.workspace, np.random.default_rng(self.seed)
+        from sqrp_cli.runtime.run.simulation import header
+
+        injected = [parse_fault(text, self.program.steps, workspace.cameras, rng) for text in faults]
+        for path in (film, log):
+            if path is not None:
+                check_writable(path)
+        events: list[Event] = []
+
+        def keep(event: Event) -> None:
+            events.append(event)
+
+        with ExitStack() as closing:  # one that cannot be closed keeps no other from being
+            gallery = _gallery(workspace, film, frames)
+            if gallery is not None:
+                closing.callback(gallery.close)
+            writer = None
+            if log is not None:
+                writer = LogWriter(log, header(self.program, workspace, self.seed, injected))
+                closing.callback(writer.close)
+            heard = [*(() if writer is None else (writer,)), *listeners, keep]
+            report = simulation.run(injected, heard, gallery, witnessed=witnessed or writer is not None)
+            if writer is not None:
+                writer.finish(report)
+        return SimulatedRun(
+            cell=RunCell(workspace.name, list(workspace.cameras), workspace.digest, workspace),
+            report=report,
+            events=events,
+            period=_period(workspace),
+            never_happened=tuple(fault.text for fault in _never_happened(injected, events)),
+        )
+
+    def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = silent) -> SlipSweep:
+        """Run the program `count` times with a slip at other instants of a primitive action.
+
+        slip: as `sqrp run --sweep` takes it, such as `slip@a4`.
+        """
+        from sqrp_cli.api.results import SlipSweep
+        from sqrp_cli.runtime.run.injected_fault import parse_sweep
+
+        simulation = self._simulation()
+        from sqrp_cli.runtime.run.simulation import SweepSummary, sweep
+
+        place, primitive = parse_sweep(slip, self.program.steps)
+        with progress(f"Sweeping {slip}", count) as advance:
+            runs = list(sweep(simulation, place.number, primitive, count, lambda: advance(1)))
+        summary = SweepSummary.of(runs, _period(self.workspace))
+        return SlipSweep(self.program, self.workspace.name, slip, place.number, runs, summary)
+
+    def audit(self, folder: str | Path, threshold: float = DEFAULT_THRESHOLD, *, progress: Progress = silent) -> Audit:
+        """Compare recorded camera frames with what the program predicts.
+
+        folder: PNG files and `frames.csv`, as `run(frames=...)` keeps them. threshold: least share of predicted
+        detections that must have come true, in 0..1.
+        """
+        from sqrp_cli.api.results import Audit
+        from sqrp_cli.runtime.cell.requirements import check_packages
+
+        check_packages()
+        from sqrp_cli.runtime.monitor.frame_audit import audit
+        from sqrp_cli.runtime.record.frames import read_frames
+
+        folder = Path(folder)
+        total = sum(1 for _ in read_frames(folder, list(self.workspace.cameras), len(self.program.steps)))
+        with progress(f"Looking at {folder}", total) as advance:
+            report = audit(self.program, self.workspace, folder, lambda: advance(1))
+        return Audit(self.program, self.workspace.name, report, threshold)
+
+    def _simulation(self) -> Simulation:
+        from sqrp_cli.runtime.cell.requirements import check_simulator
+
+        check_simulator()
+        from sqrp_cli.runtime.run.simulation import Simulation
+
+        return Simulation(self.program, self.workspace, LazyReplanner(self.workspace), self.seed)
+
+
+@dataclass(frozen=True, eq=False)
+class LoggedRun:
+    """The log of a run, of which the header has been read."""
+
+    log: Path
+    header: RunBegan
+    events: Iterator[Event]
+    """The rest of it, which can be read once."""
+    program: OpenProgram | None = None
+    """What was run, which tells where everything stands."""
+
+    @classmethod
+    def read(cls, log: Path) -> LoggedRun:
+        """Raises InputError for what is no log."""
+        from sqrp_cli.runtime.record.events import RunBegan
+        from sqrp_cli.runtime.record.log import read_log
+
+        events = read_log(log)
+        header = next(events)
+        assert isinstance(header, RunBegan)  # noqa: S101 - as `read_log` makes sure
+        return cls(log, header, events)
+
+    def of(self, opened: OpenProgram) -> LoggedRun:
+        """The same with its program. Raises InputError for one whose steps are not those of the log."""
+        ran = [(step.skill, step.parameters, step.time) for step in self.header.steps]
+        steps = [(step.skill, dict(step.parameters), step.time) for step in opened.program.steps]
+        if ran and ran != steps:
+            was, now = (", ".join(f"{skill} of {time:.2f} s" for skill, _, time in one) for one in (ran, steps))
+            name, now = opened.path, now or "empty"
+            message = f"this log is not of a run of {name} as it is now: that was {was}; now it is {now}"
+            raise InputError(Problem("other-program", message, self._top, mend=f"sqrp run --replay {self.log}"))
+        return replace(self, program=opened)
+
+    def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun:
+        """The run; listeners: are given each event. Raises InputError for a log that breaks off."""
+        from sqrp_cli.api.results import SimulatedRun
+        from sqrp_cli.runtime.record.events import RunReported
+
+        report, kept = None, []
+        for event in self.events:
+            if isinstance(event, RunReported):
+                report = event.report
+                continue
+            kept.append(event)
+            for listener in listeners:
+                listener(event)
+        if report is None:
+            message = "this log has no report at its end: the run was interrupted"
+            raise InputError(Problem("no-log", message, Place(self.log)))
+        predicted = any(fault.predicted_delay is not None for fault in report.faults)
+        doubts = (self._no_rates(),) if predicted and self._period is None else ()
+        return SimulatedRun(cell=self.cell, report=report, events=kept, period=self._period, problems=doubts)
+
+    @property
+    def cell(self) -> RunCell:
+        """The cell that the log is about; a workspace that is not as it was then is not used."""
+        from sqrp_cli.report.pages.run_page import RunCell
+
+        header, workspace = self.header, None if self.program is None else self.program.workspace
+        why_flat = ""
+        if workspace is None:
+            mend = "sqrp run PROGRAM --replay LOG --report FILE"
+            why_flat = f"a log has no shapes; `{mend}` takes them from the workspace"
+        elif workspace.name != header.workspace:
+            why_flat = f"this program is for the workspace {workspace.name}, the run was in {header.workspace}"
+        elif workspace.digest != header.digest:
+            why_flat = "the workspace of this program is not as it was in the run"
+        return RunCell(header.workspace, header.cameras, header.digest, None if why_flat else workspace, why_flat)
+
+    def _no_rates(self) -> Problem:
+        """That neither the log nor a workspace tells how often the cameras took images."""
+        message = (
+            "this log does not tell how often its cameras took images, so what was seen later than predicted is not"
+            " pointed out"
+        )
+        name_it = f"name the program that was run: sqrp run PROGRAM --replay {self.log}"
+        mend = name_it if self.program is None else None
+        return Problem("no-rates", message, self._top, severity="warning", mend=mend)
+
+    @property
+    def _top(self) -> Place:
+        return Place(self.log, 1)
+
+    @property
+    def _period(self) -> float | None:
+        """Between images of the slowest camera [s]; None where neither the log nor the workspace tells."""
+        if self.header.rates:
+            return 1.0 / min(self.header.rates.values())
+        workspace = self.cell.workspace
+        return None if workspace is None else _period(workspace)
+
+
+class LazyReplanner:
+    """A replanner that loads what planning needs when a step has to be planned again."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        self._workspace = workspace
+        self._planner: StepReplanner | None = None
+
+    def replan(self, step: Step, world: World) -> Step | None:
+        """As `program.Replanner` says."""
+        from sqrp_cli.programming.cell import Cell
+        from sqrp_cli.programming.program_update import StepReplanner
+
+        if self._planner is None:
+            self._planner = StepReplanner(Cell.load(self._workspace))
+        return self._planner.replan(step, world)
+
+
+def _period(workspace: Workspace) -> float:
+    """Between images of the slowest camera [s]."""
+    return max(1.0 / camera.rate for camera in workspace.cameras.values())
+
+
+def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) -> list[InjectedFault]:
+    """The faults whose time never came."""
+    from sqrp_cli.runtime.record.events import FaultInjected
+
+    injected = [event.fault for event in events if isinstance(event, FaultInjected)]
+    late = []
+    for fault in faults:
+        if fault.text in injected:
+            injected.remove(fault.text)
+        else:
+            late.append(fault)
+    return late
+
+
+def _gallery(workspace: Workspace, film: Path | None, frames: Path | None) -> Gallery | None:
+    """What takes the images of a run, if they are kept as a film or one by one."""
+    if film is None and frames is None:
+        return None
+    from sqrp_cli.runtime.record.film import Film, Gallery
+    from sqrp_cli.runtime.record.frames import FrameFolder
+
+    rate = max(camera.rate for camera in workspace.cameras.values())
+    folder = FrameFolder(frames) if frames is not None else None
+    return Gallery(folder, Film(film, list(workspace.cameras), rate) if film is not None else None)
