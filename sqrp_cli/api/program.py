@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.program_update import StepReplanner
     from sqrp_cli.report.pages.run_page import RunCell
     from sqrp_cli.runtime.record.events import Event, Listener, RunBegan
-    from sqrp_cli.runtime.run.injected_fault import InjectedFault
     from sqrp_cli.runtime.record.film import Gallery
+    from sqrp_cli.runtime.run.injected_fault import InjectedFault
     from sqrp_cli.runtime.run.simulation import Simulation
     from sqrp_cli.scoring.baselines.findings import Progress
 
@@ -123,8 +123,8 @@ class OpenProgram:
         from sqrp_cli.api.results import SimulatedRun
         from sqrp_cli.platform.files import check_writable
         from sqrp_cli.report.pages.run_page import RunCell
-        from sqrp_cli.runtime.run.injected_fault import parse_fault
         from sqrp_cli.runtime.record.log import LogWriter
+        from sqrp_cli.runtime.run.injected_fault import parse_fault
 
         simulation, workspace, rng = self._simulation(), self.workspace, np.random.default_rng(self.seed)
         from sqrp_cli.runtime.run.simulation import header
