@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeVar
 
 from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
@@ -18,9 +15,6 @@ from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 WORTH_A_PROCESS = 8
 """Candidates that another process should at least have to do; fewer are not worth starting it."""
@@ -68,34 +62,3 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
     for candidate, assessment in zip(candidates, assessments, strict=True):
         # What came back from a process carries its own copy of the skill; the caller's is shared by all.
         yield replace(assessment, candidate=candidate)
-
-
-def in_processes(work: Callable[[Item], Result], items: Sequence[Item], processes: int) -> Iterator[Result]:
-    """What `work` makes of each item, in order, each as soon as it and those before it are done.
-
-    Processes are forked, so that they share what is loaded, and only results travel; with less than two processes, or
-    where the platform cannot fork, this one does all.
-    """
-    if processes < 2 or "fork" not in multiprocessing.get_all_start_methods():
-        yield from map(work, items)
-        return
-    context = multiprocessing.get_context("fork")
-    with ProcessPoolExecutor(processes, context, initializer=_start_worker, initargs=(work, items)) as pool:
-        try:
-            yield from pool.map(_do_in_worker, range(len(items)))
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-_inherited: list[tuple[Callable[[Any], Any], Sequence[Any]]] = []
-"""In a worker: what it was forked with."""
-
-
-def _start_worker(work: Callable[[Any], Any], items: Sequence[Any]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which prints what is finished
-    _inherited.append((work, items))
-
-
-def _do_in_worker(index: int) -> Any:  # noqa: ANN401 # whatever the work results in
-    work, items = _inherited[0]
-    return work(items[index])

@@ -8,8 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.pipeline import Assignment, in_processes
+from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.explanation import CandidateStudy

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing.connection import Connection
-from multiprocessing.context import ForkServerContext, SpawnContext
-from multiprocessing.process import BaseProcess
 from types import TracebackType
 
 from sqrp_cli.errors import SqrpError
+from sqrp_cli.platform.processes import Context, Worker, fresh
 from sqrp_cli.runtime.image import Frame
 from sqrp_cli.runtime.perception.detections import CellKnowledge, Posture, Sighting, Watchlist
-from sqrp_cli.runtime.processes import process_context, without_interrupts
+
+NEEDED = ("cv2", "sqrp_cli.runtime.perception.image_detector", "sqrp_cli.runtime.cell.render_pool")
+"""What the processes of a run import. MuJoCo is not among it: what it opens to draw must not be shared."""
 
 ANSWER_WITHIN = 20.0
 """A process that takes longer than this for an image [s] counts as crashed."""
@@ -38,7 +39,7 @@ class PerceptionPool:
 
     def __init__(self, cell: CellKnowledge, processes: int | None = None) -> None:
         """processes: at most one per camera; by default one per core."""
-        context = process_context()
+        context = fresh(NEEDED)
         names = list(cell.cameras)
         count = max(1, min(processes or os.cpu_count() or 1, len(names)))
         self._workers = [_Worker(context, cell, names[i::count]) for i in range(count)]
@@ -79,61 +80,53 @@ class PerceptionPool:
 
 
 class _Worker:
-    def __init__(self, context: ForkServerContext | SpawnContext, cell: CellKnowledge, cameras: list[str]) -> None:
+    """A process that looks through some of the cameras."""
+
+    def __init__(self, context: Context, cell: CellKnowledge, cameras: list[str]) -> None:
         self.cameras = cameras
-        self._connection, theirs = context.Pipe()
-        self._process: BaseProcess = context.Process(target=_serve, args=(theirs, cell, cameras), daemon=True)
-        with without_interrupts():
-            self._process.start()
-        theirs.close()
-        self._ready: dict[str, list[Sighting]] = {name: [] for name in cameras}
+        self._process = Worker[Watchlist | _Look, Sighting | None](context, _watchers, cell, cameras)
+        self._ready: dict[str, deque[Sighting]] = {name: deque() for name in cameras}
 
     def send(self, message: Watchlist | _Look) -> None:
-        try:
-            while self._connection.poll():  # else both ends could wait for the other to read
-                self._take()
-            self._connection.send(message)
-        except (EOFError, OSError) as error:
-            raise PerceptionError(self.cameras, "has ended") from error
+        while self._process.answered():  # else both ends could wait for the other to read
+            self._take()
+        self._process.send(message)
 
     def receive(self, camera: str) -> Sighting:
         waiting = self._ready[camera]
         while not waiting:
-            try:
-                if not self._connection.poll(ANSWER_WITHIN):
-                    raise PerceptionError(self.cameras, "does not answer")
-                self._take()
-            except (EOFError, OSError) as error:
-                raise PerceptionError(self.cameras, "has ended") from error
-        return waiting.pop(0)
+            if not self._process.answered(ANSWER_WITHIN):
+                raise PerceptionError(self.cameras, "does not answer")
+            self._take()
+        return waiting.popleft()
 
     def _take(self) -> None:
-        sighting: Sighting = self._connection.recv()
-        self._ready[sighting.camera].append(sighting)
+        try:
+            sighting = self._process.receive()
+        except Exception as error:  # it died, or found what it cannot cope with
+            self.kill()
+            raise PerceptionError(self.cameras, "has ended") from error
+        if sighting is not None:
+            self._ready[sighting.camera].append(sighting)
 
     def kill(self) -> None:
         self._process.kill()
-        self._process.join()
 
     def close(self) -> None:
-        self._connection.close()
-        self._process.join(1.0)
-        if self._process.is_alive():
-            self.kill()
+        self._process.close()
 
 
-def _serve(connection: Connection, cell: CellKnowledge, cameras: Sequence[str]) -> None:
-    """Look at what comes, until the connection closes."""
+def _watchers(cell: CellKnowledge, cameras: Sequence[str]) -> Callable[[Watchlist | _Look], Sighting | None]:
+    """What looks through some of the cameras."""
     from sqrp_cli.runtime.perception.image_detector import Watcher
 
-    watchers: Mapping[str, Watcher] = {name: Watcher(cell.cameras[name], cell) for name in cameras}
-    try:
-        while True:
-            message: Watchlist | _Look = connection.recv()
-            if isinstance(message, Watchlist):
-                for watcher in watchers.values():
-                    watcher.watch(message)
-            else:
-                connection.send(watchers[message.frame.camera].look(message.frame, message.posture))
-    except (EOFError, OSError):
-        return
+    watchers = {name: Watcher(cell.cameras[name], cell) for name in cameras}
+
+    def answer(message: Watchlist | _Look) -> Sighting | None:
+        if isinstance(message, _Look):
+            return watchers[message.frame.camera].look(message.frame, message.posture)
+        for watcher in watchers.values():
+            watcher.watch(message)
+        return None
+
+    return answer

@@ -10,6 +10,7 @@ from itertools import islice
 from math import ceil
 
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.platform.processes import died
 from sqrp_cli.scoring.work.job import Job, joined
 from sqrp_cli.scoring.work.workers import Workers
 
@@ -140,7 +141,9 @@ class Dispatcher:
                 for done in results:
                     self._keep(done)
         for worker, (first, *others) in lost.items():
-            self._workers.restart(worker)
+            self._workers.restart(worker)  # what it still had to do is lost then, too
+            behind = [future for future, (_, other) in self._running.items() if other == worker and future.done()]
+            others += [self._running.pop(future)[0] for future in behind]
             self._lost.extend(first)  # what it was doing; it had not begun with the others
             self._claimed[worker].extendleft(job for jobs in reversed(others) for job in reversed(jobs))
 
@@ -152,7 +155,7 @@ class Dispatcher:
         results = _results(future, (job,))
         if results is None:
             self._workers.restart(0)
-            results = [Done(job, problems=(_died(job),))]
+            results = [Done(job, problems=(died(", ".join(candidate.name for candidate in job.candidates)),))]
         del self._running[future]
         for done in results:
             self._keep(done)
@@ -171,9 +174,3 @@ def _results(future: Future[tuple[str, ...]], jobs: Sequence[Job]) -> list[Done]
         message = " ".join(f"{type(error).__name__}: {error}".split())
         problems = (Problem("internal-error", message),)
     return [Done(job, problems=problems) for job in jobs]
-
-
-def _died(job: Job) -> Problem:
-    names = ", ".join(candidate.name for candidate in job.candidates)
-    message = f"the process that computed {names} died twice; is there enough memory?"
-    return Problem("worker-died", message)

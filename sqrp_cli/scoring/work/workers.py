@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
-import os
-import signal
-import threading
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Protocol
 
+from sqrp_cli.platform.processes import ProcessExecutor, ThisProcess
 from sqrp_cli.scoring.work.dask_client import Cluster
 from sqrp_cli.scoring.work.job import Job, run_job
 
@@ -75,7 +71,7 @@ class LocalWorkers:
         """See `Workers`."""
         executor = self._executors[worker]
         if executor is None:
-            executor = self._executors[worker] = _new_process(self._executors) if self.aside else ThisProcess()
+            executor = self._executors[worker] = ProcessExecutor() if self.aside else ThisProcess()
         return executor.submit(run_job, job)
 
     def restart(self, worker: int) -> None:
@@ -93,43 +89,3 @@ class LocalWorkers:
         with ThreadPoolExecutor(max(1, len(executors))) as closing:
             for executor in executors:
                 closing.submit(executor.shutdown, cancel_futures=True)
-
-
-class ThisProcess(Executor):
-    """An executor without processes: everything is done when it is submitted."""
-
-    def submit(self, function, /, *arguments, **options):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN002, ANN003, ANN201
-        """Do it now."""
-        future: Future[object] = Future()
-        try:
-            future.set_result(function(*arguments, **options))
-        except Exception as error:
-            future.set_exception(error)
-        return future
-
-
-def _new_process(others: Sequence[Executor | None]) -> Executor:
-    fork = "fork" in multiprocessing.get_all_start_methods()  # shares what is loaded
-    context = multiprocessing.get_context("fork" if fork else None)
-    inherited = [other for other in others if isinstance(other, ProcessPoolExecutor)] if fork else []
-    return ProcessPoolExecutor(1, context, initializer=_start_worker, initargs=(inherited,))
-
-
-def _start_worker(others: Sequence[ProcessPoolExecutor]) -> None:
-    """others: of which this process has inherited the end of the pipe that their own process reads.
-
-    As long as somebody has it open, sending a job to a process that was killed waits for ever.
-    """
-    for other in others:
-        other._call_queue._reader.close()  # type: ignore[attr-defined] # there is no other way to it
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the parent, which keeps what is finished
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """A worker whose parent was killed would otherwise wait for work forever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        with contextlib.suppress(ChildProcessError):
-            parent.join()
-        os._exit(1)

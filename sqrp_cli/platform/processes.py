@@ -1,0 +1,306 @@
+"""Other processes of this machine that work for this one, and with the same results however many they are.
+
+Each has a pipe of its own to this process, and shares no queue and no lock with others: one that is killed takes
+nothing from them, shows at once as the end of its pipe, and leaves nothing behind. Ctrl-C is for this process alone.
+All of them end with it, even where it is killed.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import traceback
+from collections import deque
+from collections.abc import Callable, Collection, Iterator, Sequence
+from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from multiprocessing import forkserver, resource_tracker
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkContext, ForkServerContext, SpawnContext
+from typing import Any, Generic, TypeAlias, TypeVar
+from weakref import WeakSet
+
+from sqrp_cli.errors import InputError, Problem
+
+Context: TypeAlias = ForkContext | ForkServerContext | SpawnContext
+Message = TypeVar("Message")
+Answer = TypeVar("Answer")
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+PATIENCE = 1.0
+"""A process that takes longer than this to end [s] is killed."""
+
+_CAN_FORK = "fork" in multiprocessing.get_all_start_methods()
+
+_pipes: WeakSet[Connection] = WeakSet()
+"""Our ends of the pipes to all workers."""
+
+
+def in_processes(work: Callable[[Item], Result], items: Sequence[Item], processes: int) -> Iterator[Result]:
+    """What `work` makes of each item, in order, each as soon as it and those before it are done.
+
+    Processes are forked, so that they share what is loaded, and only results travel; with less than two processes, or
+    where the platform cannot fork, this one does all. Raises what `work` raises, and InputError as `Team.map`.
+    """
+    if processes < 2 or not _CAN_FORK:
+        yield from map(work, items)
+        return
+    team: Team[int, Result] = Team(processes, forked(), lambda: lambda index: work(items[index]))
+    try:
+        yield from team.map(range(len(items)))
+    finally:
+        team.kill()  # nobody asks any more for what they may still be doing
+
+
+def forked() -> Context:
+    """How processes are started that share what is loaded; where that is not possible, they load it again."""
+    return multiprocessing.get_context("fork") if _CAN_FORK else multiprocessing.get_context("spawn")
+
+
+def fresh(needed: Sequence[str]) -> Context:
+    """How processes are started that share no memory with this one.
+
+    Where that is possible they come from one that has imported the modules that they need, so that this is not done for
+    each. The first call in a process decides which these are.
+    """
+    resource_tracker.ensure_running()  # which would else be started with the first process, and unblock Ctrl-C again
+    try:
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["__main__", *needed])
+        with _without_interrupts():
+            forkserver.ensure_running()
+    except (ValueError, OSError):  # not on this system, or its folder for temporary files has too long a name for it
+        return multiprocessing.get_context("spawn")
+    return context
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Let processes that are started meanwhile inherit that Ctrl-C is blocked; here it only waits until afterwards."""
+    unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+
+
+class WorkerDied(BrokenExecutor):
+    """A process ended before it answered: it was killed, or crashed."""
+
+
+@dataclass(frozen=True)
+class _Raised:
+    """The answer of a process that failed."""
+
+    error: Exception
+
+
+class Worker(Generic[Message, Answer]):
+    """A process that answers messages one after the other."""
+
+    def __init__(
+        self, context: Context, prepare: Callable[..., Callable[[Message], Answer]], *arguments: object
+    ) -> None:
+        """Start it, and go on while it gets ready: it calls `prepare` with the arguments for what is to answer."""
+        self._pipe, theirs = context.Pipe()
+        _pipes.add(self._pipe)
+        self._process = context.Process(target=_serve, args=(theirs, prepare, arguments), daemon=True)
+        with _without_interrupts():
+            self._process.start()
+        theirs.close()
+
+    def send(self, message: Message) -> None:
+        """Let it answer a message; that it died shows when the answer is received.
+
+        Waits while the process is busy, where messages are larger than what a pipe holds.
+        """
+        with suppress(OSError):
+            self._pipe.send(message)
+
+    def answered(self, within: float = 0.0) -> bool:
+        """Whether there is something to receive within a time [s]."""
+        return self._pipe.poll(within)
+
+    def receive(self) -> Answer:
+        """The answer to the oldest message that has none yet; waits for it.
+
+        Raises what went wrong in the process, and WorkerDied where it will not answer any more.
+        """
+        try:
+            answer = self._pipe.recv()
+        except (EOFError, OSError) as error:
+            raise WorkerDied("a process was killed, or crashed") from error
+        if isinstance(answer, _Raised):
+            raise answer.error
+        received: Answer = answer
+        return received
+
+    def kill(self) -> None:
+        """End it at once."""
+        self._process.kill()
+        self._process.join()
+
+    def release(self) -> None:
+        """Let it end as soon as it has nothing to do."""
+        self._pipe.close()
+
+    def close(self) -> None:
+        """End it, and wait until it has."""
+        self.release()
+        self._process.join(PATIENCE)
+        if self._process.exitcode is None:
+            self.kill()
+
+    @staticmethod
+    def first_of(workers: Collection[Worker[Message, Answer]]) -> list[Worker[Message, Answer]]:
+        """Those that have something to receive; waits until there is one."""
+        ready = wait([worker._pipe for worker in workers])
+        return [worker for worker in workers if worker._pipe in ready]
+
+
+def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], arguments: tuple[Any, ...]) -> None:
+    """What a process does: get ready, and answer until the other end of its pipe is closed."""
+    for inherited in list(_pipes):  # as long as somebody has one open, its reader does not see the end of it
+        inherited.close()
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
+        answer = prepare(*arguments)
+    except Exception as error:
+        answer = _failing(error)
+    with suppress(EOFError, ConnectionError):
+        while True:
+            pipe.send(_answer(answer, pipe.recv()))
+
+
+def _answer(answer: Callable[[Any], Any], message: object) -> object:
+    try:
+        return answer(message)
+    except Exception as error:
+        error.add_note(traceback.format_exc())
+        return _Raised(error)
+
+
+def _failing(failure: Exception) -> Callable[[object], object]:
+    def fail(_: object) -> object:
+        raise failure
+
+    return fail
+
+
+def _end_with_parent() -> None:
+    """Whoever works for a process that was killed would otherwise go on, or wait for work, for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        with suppress(ChildProcessError):
+            parent.join()
+        os._exit(1)
+
+
+class Team(Generic[Message, Answer]):
+    """Workers that all answer alike, whatever they were sent before, and share the messages."""
+
+    def __init__(
+        self, count: int, context: Context, prepare: Callable[..., Callable[[Message], Answer]], *arguments: object
+    ) -> None:
+        """Start so many; see `Worker`."""
+        self._new: Callable[[], Worker[Message, Answer]] = lambda: Worker(context, prepare, *arguments)
+        self._workers = [self._new() for _ in range(count)]
+
+    def map(self, messages: Sequence[Message]) -> Iterator[Answer]:
+        """The answer to each message, in order, each as soon as it and those before it are there.
+
+        A message whose worker died is sent to a new one. Raises what went wrong in a worker, and InputError where two
+        died of the same message.
+        """
+        left = deque(range(len(messages)))
+        idle, busy = self._workers[::-1], dict[Worker[Message, Answer], int]()
+        answers, lost = dict[int, Answer](), set[int]()
+        for wanted in range(len(messages)):
+            while wanted not in answers:
+                while idle and left:
+                    worker = idle.pop()
+                    busy[worker] = left.popleft()
+                    worker.send(messages[busy[worker]])
+                for worker in Worker.first_of(busy):
+                    index = busy.pop(worker)
+                    try:
+                        answers[index] = worker.receive()
+                        idle.append(worker)
+                    except WorkerDied as error:
+                        if index in lost:
+                            raise InputError(died("what was asked for")) from error
+                        lost.add(index)
+                        left.appendleft(index)
+                        idle.append(self._replaced(worker))
+            yield answers.pop(wanted)
+
+    def _replaced(self, worker: Worker[Message, Answer]) -> Worker[Message, Answer]:
+        worker.close()
+        new = self._workers[self._workers.index(worker)] = self._new()
+        return new
+
+    def kill(self) -> None:
+        """End them at once."""
+        for worker in self._workers:
+            worker.kill()
+
+    def close(self) -> None:
+        """End them, and wait until they have."""
+        for worker in self._workers:
+            worker.release()
+        for worker in self._workers:
+            worker.close()
+
+
+def died(computed: str) -> Problem:
+    """The problem of processes that died as often as something was computed."""
+    message = f"the process that computed {computed} died twice; is there enough memory?"
+    return Problem("worker-died", message)
+
+
+_Call: TypeAlias = tuple[Callable[..., object], tuple[object, ...], dict[str, object]]
+
+
+class ProcessExecutor(Executor):
+    """One process that does what it is sent, in order; the arguments and results travel.
+
+    Where it died, this and all that it still had to do fails with WorkerDied.
+    """
+
+    def __init__(self) -> None:
+        self._worker: Worker[_Call, object] = Worker(forked(), _caller)
+        self._thread = ThreadPoolExecutor(1)  # which waits for it
+
+    def submit(self, function, /, *arguments, **options):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN002, ANN003, ANN201
+        """See `Executor`."""
+        return self._thread.submit(self._ask, (function, arguments, options))
+
+    def _ask(self, call: _Call) -> object:
+        self._worker.send(call)
+        return self._worker.receive()
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """See `Executor`."""
+        self._thread.shutdown(wait=wait, cancel_futures=cancel_futures)
+        self._worker.close()
+
+
+def _caller() -> Callable[[_Call], object]:
+    return lambda call: call[0](*call[1], **call[2])
+
+
+class ThisProcess(Executor):
+    """An executor without processes: everything is done when it is submitted."""
+
+    def submit(self, function, /, *arguments, **options):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN002, ANN003, ANN201
+        """Do it now."""
+        future: Future[object] = Future()
+        try:
+            future.set_result(function(*arguments, **options))
+        except Exception as error:
+            future.set_exception(error)
+        return future

@@ -1,0 +1,138 @@
+"""Processes that work for this one: how they are started, what happens when they die, and who ends them."""
+
+from __future__ import annotations
+
+import importlib.util
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from concurrent.futures import BrokenExecutor
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli.errors import InputError
+from sqrp_cli.platform.processes import ProcessExecutor, in_processes
+from sqrp_cli.runtime.perception.detector_pool import NEEDED
+
+PATIENCE = 60.0
+"""How long anything may take before it counts as hanging [s]."""
+
+PROBE = """
+from sqrp_cli.platform.processes import fresh
+
+if __name__ == "__main__":
+    context = fresh(["json"])
+    ours, theirs = context.Pipe()
+    process = context.Process(target=theirs.send, args=("started",))
+    process.start()
+    print(context.get_start_method(), ours.recv())
+    process.join()
+"""
+
+
+def started(folder: Path, temporary: Path) -> str:
+    """How a process is started that has its temporary files in a folder, and what it sends."""
+    (folder / "probe.py").write_text(PROBE, encoding="utf-8")
+    command, environment = [sys.executable, str(folder / "probe.py")], {**os.environ, "TMPDIR": str(temporary)}
+    return subprocess.run(command, env=environment, check=True, capture_output=True, text=True).stdout
+
+
+@pytest.mark.skipif("forkserver" not in multiprocessing.get_all_start_methods(), reason="not on this system")
+def test_processes_come_from_one_that_has_imported_what_they_need(tmp_path: Path) -> None:
+    assert started(tmp_path, Path(tempfile.gettempdir())) == "forkserver started\n"
+
+
+def test_processes_are_started_where_the_name_of_the_temporary_folder_is_too_long_for_a_socket(tmp_path: Path) -> None:
+    temporary = tmp_path / ("long" * 30)
+    temporary.mkdir()
+    assert started(tmp_path, temporary) == "spawn started\n"
+
+
+def test_what_the_processes_of_a_run_import_is_there() -> None:
+    assert [name for name in NEEDED if importlib.util.find_spec(name) is None] == []
+
+
+def test_sending_much_to_a_process_that_was_killed_does_not_wait_for_ever() -> None:
+    executors = [ProcessExecutor(), ProcessExecutor()]  # the second one inherits what is open when it begins
+    first, second = (executor.submit(os.getpid).result(PATIENCE) for executor in executors)
+    assert first != second
+
+    sent = [executors[0].submit(time.sleep, 2 * PATIENCE)]
+    sent += [executors[0].submit(len, bytes(1_000_000)) for _ in range(3)]  # more than a pipe holds
+    os.kill(first, signal.SIGKILL)
+
+    assert all(isinstance(future.exception(PATIENCE), BrokenExecutor) for future in sent)
+    assert executors[1].submit(len, b"more").result(PATIENCE) == 4
+    for executor in executors:
+        executor.shutdown()
+
+
+def test_what_goes_wrong_in_a_process_goes_wrong_here() -> None:
+    with pytest.raises(ZeroDivisionError):
+        list(in_processes(lambda number: 1 // number, [1, 0], 2))
+
+
+def test_results_come_in_the_order_of_what_they_are_of() -> None:
+    def slow_at_first(number: int) -> int:
+        time.sleep(0.2 if number == 0 else 0.0)
+        return -number
+
+    assert list(in_processes(slow_at_first, range(20), 3)) == [-number for number in range(20)]
+
+
+def test_what_a_process_did_that_was_killed_is_done_again(tmp_path: Path) -> None:
+    def dies_once(number: int) -> int:
+        if number == 3 and not (tmp_path / "died").exists():
+            (tmp_path / "died").touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    assert list(in_processes(dies_once, range(10), 2)) == list(range(10))
+
+
+def test_what_kills_its_process_twice_is_an_error() -> None:
+    def dies(number: int) -> int:
+        if number == 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return number
+
+    with pytest.raises(InputError, match="died twice; is there enough memory"):
+        list(in_processes(dies, range(10), 2))
+    assert not multiprocessing.active_children()
+
+
+ORPHANS = """
+import os, sys, time
+from sqrp_cli.platform.processes import in_processes
+
+def work(number):
+    print(os.getpid(), flush=True)
+    time.sleep(600)
+
+list(in_processes(work, range(2), 2))
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_no_process_outlives_the_one_that_it_works_for(how: signal.Signals) -> None:
+    process = subprocess.Popen([sys.executable, "-c", ORPHANS], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    workers = [int(process.stdout.readline()) for _ in range(2)]
+    process.send_signal(how)
+    process.wait(PATIENCE)
+    deadline = time.monotonic() + PATIENCE
+    while any(map(_runs, workers)) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert not any(map(_runs, workers))
+
+
+def _runs(process: int) -> bool:
+    try:
+        return "\nState:\tZ" not in Path(f"/proc/{process}/status").read_text(encoding="utf-8")
+    except FileNotFoundError:
+        return False
