@@ -12,9 +12,7 @@ from sqrp_cli.errors import SqrpError
 from sqrp_cli.platform.processes import Context, Worker, fresh
 from sqrp_cli.runtime.image import Frame
 from sqrp_cli.runtime.perception.detections import CellKnowledge, Posture, Sighting, Watchlist
-
-NEEDED = ("cv2", "sqrp_cli.runtime.perception.image_detector", "sqrp_cli.runtime.cell.render_pool")
-"""What the processes of a run import. MuJoCo is not among it: what it opens to draw must not be shared."""
+from sqrp_cli.runtime.processes import NEEDED
 
 ANSWER_WITHIN = 20.0
 """A process that takes longer than this for an image [s] counts as crashed."""
