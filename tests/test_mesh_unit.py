@@ -13,7 +13,7 @@ from sqrp_cli.checks.mesh_sizes import doubtful_meshes
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of, mesh_unit
-from sqrp_cli.knowledge.robot.urdf import link_parts, read_urdf
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -129,7 +129,7 @@ def test_the_unit_counts_for_links_as_for_objects(tmp_path: Path) -> None:
     urdf = tmp_path / "hand.urdf"
     geometry = '<geometry><mesh filename="hand.dae" scale="1 1 2"/></geometry>'
     urdf.write_text(f'<robot name="r"><link name="hand"><collision>{geometry}</collision></link></robot>')
-    (part,) = link_parts(read_urdf(urdf), "collision", lambda reference, of: of.parent / reference)
+    (part,) = read_urdf(urdf).parts("collision", lambda reference, of: of.parent / reference)
     np.testing.assert_allclose(spans(load_solid(part).vertices), [[0, 0, 0], [0.03, 0.06, 0.24]], atol=1e-6)
 
 

@@ -12,7 +12,7 @@ from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree
 from sqrp_cli.knowledge.robot.robot import Fingers, Robot
-from sqrp_cli.knowledge.robot.urdf import UrdfModel, link_parts
+from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.knowledge.text.packages import resolve
 from sqrp_cli.runtime.surface import Surface
 
@@ -75,4 +75,4 @@ def _surfaces(model: UrdfModel, robot: Robot) -> list[Surface]:
     def find(reference: str, file: Path) -> Path:
         return resolve(reference, file.parent, robot.package_roots, Place(file))
 
-    return [Surface.of(part) for part in link_parts(model, robot.geometry, find)]
+    return [Surface.of(part) for part in model.parts(robot.geometry, find)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -25,37 +24,35 @@ LONGEST_FINGER = 2
 
 @dataclass(frozen=True, eq=False)
 class ArmGuess:
-    """The arm in a URDF.
-
-    joints: its movable joints, from the root outwards. tip: the link at its end that a tool is fixed to.
-    carried: every link beyond the last joint, fingers included. out: unit vector in the frame of `tip` that points out
-    of the arm, along the axis of the last joint, shape (3,).
-    """
+    """The arm in a URDF."""
 
     joints: tuple[UrdfJoint, ...]
+    """Its movable joints, from the root outwards."""
     tip: str
+    """The link at its end that a tool is fixed to."""
     carried: tuple[str, ...]
+    """Every link beyond the last joint, fingers included."""
     out: Array
+    """Unit vector in the frame of `tip` that points out of the arm, along the axis of the last joint, shape (3,)."""
 
 
 def guess_arm(urdf: UrdfModel) -> ArmGuess:
     """The longest chain of movable joints, gripper joints left out. Raises InputError if no joint moves."""
-    tree = _Tree(urdf)
     leads = {joint.mimic.joint for joint in urdf.joints.values() if joint.mimic}
     arm: list[UrdfJoint] = []
     for joint in urdf.movable_joints:
-        chain = tree.chain_to(joint)
-        if len(chain) > len(arm) and not any(_moves_gripper(link, tree, leads) for link in chain):
+        chain = [carrier for carrier in urdf.chain(joint.child) if carrier.movable]
+        if len(chain) > len(arm) and not any(_moves_gripper(carrier, urdf, leads) for carrier in chain):
             arm = chain
     if not arm:
         message = f"`{urdf.name}` has no joint that moves an arm"
         raise InputError(Problem("no-arm", message, urdf.links[urdf.root].place))
     last = arm[-1]
-    rigid = tree.rigid_with(last.child)
+    rigid = urdf.rigid_with(last.child)
     tip = min(rigid, key=lambda link: (_telling(link), rigid.index(link)))
     if _telling(tip) == len(_TOOL_WORDS):
         tip = rigid[-1]
-    return ArmGuess(tuple(arm), tip, tree.beyond(last.child), _outward(tree, arm, tip, rigid))
+    return ArmGuess(tuple(arm), tip, tuple(urdf.beyond(last.child)), _outward(urdf, arm, tip, rigid))
 
 
 def _telling(link: str) -> int:
@@ -64,23 +61,23 @@ def _telling(link: str) -> int:
     return next((rank for rank, telling in enumerate(_TOOL_WORDS) if words & telling), len(_TOOL_WORDS))
 
 
-def _moves_gripper(joint: UrdfJoint, tree: _Tree, leads: set[str]) -> bool:
+def _moves_gripper(joint: UrdfJoint, urdf: UrdfModel, leads: set[str]) -> bool:
     """Whether a joint belongs to a gripper: by its name, because others follow it, or as one of several fingers.
 
     What follows a joint that carries others which move by themselves is a rod of a parallel linkage.
     """
-    leads_fingers = joint.name in leads and not tree.carries_independent(joint)
+    leads_fingers = joint.name in leads and not _carries_independent(joint, urdf)
     if _GRIPPER_JOINT.search(joint.name) or joint.mimic is not None or leads_fingers:
         return True
-    siblings = tree.movable_on(tree.rigid_root(joint.parent))
-    return len(siblings) > 1 and all(tree.depth_beyond(other) <= LONGEST_FINGER for other in siblings)
+    siblings = _movable_on(joint.parent, urdf)
+    return len(siblings) > 1 and all(_depth_beyond(other, urdf) <= LONGEST_FINGER for other in siblings)
 
 
-def _outward(tree: _Tree, arm: Sequence[UrdfJoint], tip: str, rigid: Sequence[str]) -> Array:
+def _outward(urdf: UrdfModel, arm: Sequence[UrdfJoint], tip: str, rigid: Sequence[str]) -> Array:
     """The direction out of the arm in the frame of `tip`: along the last axis, away from the joints before."""
     last = arm[-1]
-    X_JT = tree.pose_in(last.child, tip)
-    away = X_JT[:3, 3] + sum((tree.pose_in(last.child, link)[:3, 3] for link in rigid), np.zeros(3))
+    X_JT = urdf.pose_in(last.child, tip)
+    away = X_JT[:3, 3] + sum((urdf.pose_in(last.child, link)[:3, 3] for link in rigid), np.zeros(3))
     if abs(away @ last.axis) < 1e-3:
         # The tool frame lies in the joint's origin: the way that led to it goes on.
         away = last.X_PJ[:3, :3].T @ last.X_PJ[:3, 3]
@@ -88,63 +85,18 @@ def _outward(tree: _Tree, arm: Sequence[UrdfJoint], tip: str, rigid: Sequence[st
     return out
 
 
-class _Tree:
-    """The links and joints of a URDF, asked for what hangs on what."""
+def _movable_on(link: str, urdf: UrdfModel) -> list[UrdfJoint]:
+    """The movable joints that sit on the rigid body of a link."""
+    body = urdf.rigid_with(link)
+    return [joint for joint in urdf.movable_joints if joint.parent in body]
 
-    def __init__(self, urdf: UrdfModel) -> None:
-        self.urdf = urdf
 
-    @cached_property
-    def carriers(self) -> dict[str, UrdfJoint]:
-        return {joint.child: joint for joint in self.urdf.joints.values()}
+def _depth_beyond(joint: UrdfJoint, urdf: UrdfModel) -> int:
+    """The most movable joints in a row from a joint outwards, itself included."""
+    return 1 + max((_depth_beyond(other, urdf) for other in _movable_on(joint.child, urdf)), default=0)
 
-    def chain_to(self, joint: UrdfJoint) -> list[UrdfJoint]:
-        """The movable joints from the root to a joint, itself included."""
-        chain = [joint]
-        while (before := self.carriers.get(chain[0].parent)) is not None:
-            chain.insert(0, before)
-        return [link for link in chain if link.movable]
 
-    def rigid_root(self, link: str) -> str:
-        """The link nearest to the root that is fixed to a link."""
-        while link in self.carriers and not self.carriers[link].movable:
-            link = self.carriers[link].parent
-        return link
-
-    def rigid_with(self, root: str) -> list[str]:
-        """The links that are fixed to `root` outwards, itself first."""
-        links = [root]
-        for joint in self.urdf.joints.values():
-            if not joint.movable and joint.parent in links:
-                links.append(joint.child)
-        return links
-
-    def movable_on(self, root: str) -> list[UrdfJoint]:
-        """The movable joints that sit on a rigid body."""
-        body = self.rigid_with(root)
-        return [joint for joint in self.urdf.movable_joints if joint.parent in body]
-
-    def depth_beyond(self, joint: UrdfJoint) -> int:
-        """The most movable joints in a row from a joint outwards, itself included."""
-        return 1 + max((self.depth_beyond(other) for other in self.movable_on(joint.child)), default=0)
-
-    def carries_independent(self, joint: UrdfJoint) -> bool:
-        """Whether a joint beyond this one moves by itself."""
-        beyond = {*self.beyond(joint.child)}
-        return any(other.mimic is None for other in self.urdf.movable_joints if other.parent in beyond)
-
-    def beyond(self, link: str) -> tuple[str, ...]:
-        """Every link that moves with `link`, itself first."""
-        links = [link]
-        for joint in self.urdf.joints.values():
-            if joint.parent in links:
-                links.append(joint.child)
-        return tuple(links)
-
-    def pose_in(self, root: str, link: str) -> Array:
-        """Pose of a link in another one that carries it, shape (4, 4), joints between them at 0."""
-        X = np.eye(4)
-        while link != root:
-            X = self.carriers[link].X_PJ @ X
-            link = self.carriers[link].parent
-        return X
+def _carries_independent(joint: UrdfJoint, urdf: UrdfModel) -> bool:
+    """Whether a joint beyond this one moves by itself."""
+    beyond = {*urdf.beyond(joint.child)}
+    return any(other.mimic is None for other in urdf.movable_joints if other.parent in beyond)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.srdf import read_srdf
-from sqrp_cli.knowledge.robot.urdf import MeshReference, UrdfModel, read_urdf
+from sqrp_cli.knowledge.robot.urdf import MeshReference, UrdfModel
 from sqrp_cli.knowledge.text.input_file import missing_file
 from sqrp_cli.knowledge.text.packages import package_roots, resolve
 from sqrp_cli.knowledge.text.xml_file import read_xml

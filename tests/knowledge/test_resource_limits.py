@@ -13,7 +13,7 @@ import pytest
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
-from sqrp_cli.knowledge.robot.urdf import read_urdf
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from tests.knowledge.mesh_bombs import dae
 

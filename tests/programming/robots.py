@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.geometry import Array
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot, Tool
-from sqrp_cli.knowledge.robot.urdf import link_parts, read_urdf
 from sqrp_cli.knowledge.text.packages import package_roots
 from sqrp_cli.knowledge.workspace.read_robot import resolve_mesh
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -48,9 +48,7 @@ def robot(
     models = [read_urdf(urdf), *([tool.urdf] if tool else [])]
     joints = [joint for model in models for joint in model.movable_joints]
     positions = {joint.name: (joint.lower, joint.upper) for joint in joints} | dict(limits or {})
-    parts = [
-        part for model in models for part in link_parts(model, "collision", partial(resolve_mesh, package_roots()))
-    ]
+    parts = [part for model in models for part in model.parts("collision", partial(resolve_mesh, package_roots()))]
     return Robot(
         urdf=models[0],
         srdf=None,

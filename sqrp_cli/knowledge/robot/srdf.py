@@ -75,14 +75,11 @@ def _groups(robot: Element, urdf: UrdfModel) -> dict[str, tuple[str, ...]]:
 def _chain(element: Element, urdf: UrdfModel) -> set[str]:
     """The joints on the way from `base_link` to `tip_link`."""
     base, tip = (_known(element, key, "link", urdf.links) for key in ("base_link", "tip_link"))
-    carriers = {joint.child: joint for joint in urdf.joints.values()}
-    joints, link = set(), tip
-    while link != base:
-        if link not in carriers:
-            raise element.error("wrong-chain", f"link `{tip}` is not carried by link `{base}`")
-        joints.add(carriers[link].name)
-        link = carriers[link].parent
-    return joints
+    chain = urdf.chain(tip)
+    links = [*(joint.parent for joint in chain), tip]
+    if base not in links:
+        raise element.error("wrong-chain", f"link `{tip}` is not carried by link `{base}`")
+    return {joint.name for joint in chain[links.index(base) :]}
 
 
 def _states(robot: Element, urdf: UrdfModel) -> dict[str, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""Robot descriptions in URDF: links with their solid geometry, and the joints between them.
+"""Robot descriptions as URDF gives them: links with their solid geometry, and the joints between them.
 
 The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and simulator extensions are not read. A
 `<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.
@@ -6,53 +6,21 @@ The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and 
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.geometry import Array, pose, read_only, rpy_to_matrix
-from sqrp_cli.knowledge.frames import WORLD, WORLD_LINK
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
-from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH, NO_LIMIT, SMALLEST_LIMIT, SMALLEST_SIZE
-from sqrp_cli.knowledge.text.xml_file import Element, read_xml
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]
-
-MAX_LINKS = 2000
-"""Most links of a robot."""
-MAX_JOINTS = 200
-"""Most joints of a robot that move."""
-MAX_SHAPES = 500
-"""Most shapes of a robot, collision and visual ones together."""
-MOST_TURNS = 100
-"""Position limits of a turning joint beyond so many turns are meant as none, and taken as so many."""
-
-LONGEST_SLIDE = 100.0
-"""Largest position limit of a joint that slides [m]."""
-
-NAMED = 5
-"""Links or joints that a warning names."""
-
-LEAST_MOMENT = 1e-9
-"""Moments of inertia below this are rounding [kg m^2]."""
-
-ROUNDING = 1e-4
-"""Share of the largest principal moment by which another may be below 0, as exported moments are rounded."""
-
-TRIANGLE_ROUNDING = 0.05
-"""Share by which a principal moment may be above the sum of the others, likewise."""
-
-_JOINT_TYPES: tuple[JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
-_OTHER_JOINT_TYPES = ("floating", "planar")
-
-_Named = TypeVar("_Named", "UrdfLink", "UrdfJoint")
 
 Resolve = Callable[[str, Path], Path]
 """Finds the file of a mesh reference: (reference, URDF that has it) -> path; raises InputError if there is none."""
@@ -60,43 +28,57 @@ Resolve = Callable[[str, Path], Path]
 
 @dataclass(frozen=True)
 class MeshReference:
-    """A mesh as the URDF names it: `package://...`, `file://...` or a path relative to it; scale along x, y, z."""
+    """A mesh as the URDF names it."""
 
     reference: str
+    """`package://...`, `file://...` or a path relative to the URDF."""
     scale: tuple[float, float, float]
+    """Along x, y, z."""
 
 
 @dataclass(frozen=True, eq=False)
 class LinkGeometry:
-    """One solid piece of a link; name is None where the URDF gives none. X_LG: its pose in the link, shape (4, 4)."""
+    """One solid piece of a link."""
 
     name: str | None
+    """None where the URDF gives none."""
     shape: Box | Sphere | Cylinder | Capsule | MeshReference
     X_LG: Array
+    """Its pose in the link, shape (4, 4)."""
     place: Place
+
+    def resolved_shape(self, urdf: Path, resolve: Resolve) -> Shape:
+        """The shape with its mesh found. Raises InputError, at this piece's line, if `resolve` finds none."""
+        if not isinstance(self.shape, MeshReference):
+            return self.shape
+        try:
+            return mesh_of(resolve(self.shape.reference, urdf), self.shape.scale)
+        except InputError as error:
+            first = error.problems[0]
+            raise InputError(Problem(first.code, first.message, self.place, mend=first.mend)) from error
 
 
 @dataclass(frozen=True, eq=False)
 class Inertial:
-    """How heavy a link is.
-
-    mass [kg]. X_LI: pose of the inertial frame, whose origin is the centre of mass, in the link, shape (4, 4).
-    inertia: about the centre of mass, along the axes of that frame [kg m^2], shape (3, 3).
-    """
+    """How heavy a link is."""
 
     mass: float
+    """[kg]"""
     X_LI: Array
+    """Pose of the inertial frame, whose origin is the centre of mass, in the link, shape (4, 4)."""
     inertia: Array
+    """About the centre of mass, along the axes of that frame [kg m^2], shape (3, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
 class UrdfLink:
-    """A link with everything solid on it, in file order; inertial is None where the URDF gives none."""
+    """A link with everything solid on it, in file order."""
 
     name: str
     collision: tuple[LinkGeometry, ...]
     visual: tuple[LinkGeometry, ...]
     inertial: Inertial | None
+    """None where the URDF gives none."""
     place: Place
 
     def geometry(self, preferred: Geometry) -> tuple[LinkGeometry, ...]:
@@ -116,25 +98,26 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class UrdfJoint:
-    """A joint between two links.
-
-    X_PJ: pose of the joint, and of the child link when the joint is at 0, in the parent link, shape (4, 4).
-    axis: unit vector in the joint's frame, shape (3,); of no meaning for a fixed joint.
-    lower, upper: position limits [rad or m], infinite for a continuous joint. velocity: limit [rad/s or m/s], None if
-    the URDF gives none (0 means the same). effort: limit [Nm or N], likewise. mimic: never set for a fixed joint.
-    """
+    """A joint between two links."""
 
     name: str
     type: JointType
     parent: str
     child: str
     X_PJ: Array
+    """Pose of the joint, and of the child link when the joint is at 0, in the parent link, shape (4, 4)."""
     axis: Array
+    """Unit vector in the joint's frame, shape (3,); of no meaning for a fixed joint."""
     lower: float
+    """Position limit [rad or m], infinite for a continuous joint."""
     upper: float
+    """Likewise."""
     velocity: float | None
+    """Limit [rad/s or m/s]; None if the URDF gives none (0 means the same)."""
     effort: float | None
+    """Limit [Nm or N], likewise."""
     mimic: Mimic | None
+    """Never set for a fixed joint."""
     place: Place
 
     @property
@@ -150,396 +133,89 @@ class UrdfJoint:
 
 @dataclass(frozen=True, eq=False)
 class UrdfModel:
-    """A robot description: a tree of links. `links` in file order, `joints` from the root outwards, parents first.
-
-    warnings: of what can be, but is hardly meant.
-    """
+    """A robot description: a tree of links."""
 
     name: str
     path: Path
+    """The file that it was read from."""
     links: Mapping[str, UrdfLink]
+    """In file order."""
     joints: Mapping[str, UrdfJoint]
+    """From the root outwards, parents first."""
     root: str
     warnings: tuple[Problem, ...] = ()
+    """Of what can be, but is hardly meant."""
 
     @property
     def movable_joints(self) -> tuple[UrdfJoint, ...]:
         """Every joint that is not fixed, parents first."""
         return tuple(joint for joint in self.joints.values() if joint.movable)
 
+    @cached_property
+    def _carriers(self) -> Mapping[str, UrdfJoint]:
+        """The joint that carries each link but the root."""
+        return {joint.child: joint for joint in self.joints.values()}
 
-def read_urdf(path: Path) -> UrdfModel:
-    """Read and validate a URDF.
+    @cached_property
+    def body_of(self) -> Mapping[str, str]:
+        """The rigid body that each link belongs to, named by its link nearest to the root; parents first."""
+        body_of = {self.root: self.root}
+        for joint in self.joints.values():
+            body_of[joint.child] = joint.child if joint.movable else body_of[joint.parent]
+        return body_of
 
-    Raises InputError, with file and line, for XML that cannot be read (see `read_xml`), missing or malformed values, a
-    repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type that is not
-    supported (floating, planar), a mass or moment of inertia below 0, more links, joints or shapes than can be computed
-    with, and links that do not form one tree.
-    """
-    return _model(path, read_xml(path, "robot"))
+    def chain(self, link: str) -> list[UrdfJoint]:
+        """The joints on the way from the root to a link; none if there is no such link."""
+        chain: list[UrdfJoint] = []
+        while link in self._carriers:
+            chain.append(self._carriers[link])
+            link = chain[-1].parent
+        return chain[::-1]
 
+    def rigid_with(self, link: str) -> list[str]:
+        """The links that never move against a link, itself among them; parents first."""
+        body = self.body_of[link]
+        return [other for other, of in self.body_of.items() if of == body]
 
-def _model(path: Path, robot: Element) -> UrdfModel:
-    _check_size(robot)
-    links = _unique(_link(element) for element in robot.all("link"))
-    if not links:
-        raise robot.error("no-links", "the robot has no <link>")
-    joints = _unique(_joint(element) for element in robot.all("joint"))
-    for joint in joints.values():
-        _check_references(joint, links, joints)
-    root = _root(links, joints, robot.place)
-    ordered = _outwards(root, joints)
-    joints, warnings = _with_meant_limits(ordered)
-    warnings += [*_doubtful_inertias(links, joints)]
-    model = UrdfModel(robot.attributes.get("name", path.stem), path, links, joints, root, tuple(warnings))
-    return _with_world_told_apart(model) if WORLD in links else model
+    def beyond(self, link: str) -> list[str]:
+        """Every link that moves with a link, itself first."""
+        links = {link: None}
+        for joint in self.joints.values():
+            if joint.parent in links:
+                links[joint.child] = None
+        return [*links]
 
+    def pose_in(self, root: str, link: str) -> Array:
+        """Pose of a link in another one that carries it, shape (4, 4), joints between them at 0."""
+        X = np.eye(4)
+        while link != root:
+            X = self._carriers[link].X_PJ @ X
+            link = self._carriers[link].parent
+        return X
 
-def _check_size(robot: Element) -> None:
-    """Raises InputError for more links, joints that move or shapes than can be computed with, before any is read."""
-    links = [*robot.all("link")]
-    joints = sum(joint.attributes.get("type", "").strip() != "fixed" for joint in robot.all("joint"))
-    if len(links) > MAX_LINKS or joints > MAX_JOINTS:
-        message = f"the robot has {len(links):,} links and {joints:,} joints that move"
-        message += f", expected at most {MAX_LINKS:,} links and {MAX_JOINTS} joints that move"
-        raise robot.error("too-many-links", message)
-    shapes = [shape for link in links for shape in link.children if shape.tag in ("collision", "visual")]
-    if len(shapes) > MAX_SHAPES:
-        message = (
-            f"this is shape {MAX_SHAPES + 1:,} of {len(shapes):,}, expected at most {MAX_SHAPES:,} <collision> and "
-        )
-        message += "<visual> of a robot together"
-        mend = "join them into meshes, or state what stands around the robot as objects of the workspace"
-        raise InputError(Problem("too-many-shapes", message, shapes[MAX_SHAPES].place, mend=mend))
+    def parts(self, geometry: Geometry, resolve: Resolve) -> tuple[Part, ...]:
+        """The solid parts of every link, in file order.
 
+        A link's first part has the link's name, further ones the name that the URDF gives them if no other part or link
+        has it, else the link's name with a number. A link without the chosen geometry uses the other one.
 
-def _with_meant_limits(joints: Mapping[str, UrdfJoint]) -> tuple[dict[str, UrdfJoint], list[Problem]]:
-    """The joints with limits of no more than `MOST_TURNS`, and warnings about those that had more, or leave no motion.
-
-    So many turns are as good as no limit, and numbers keep their precision.
-    """
-    most = 2 * math.pi * MOST_TURNS
-    turning = [joint for joint in joints.values() if joint.type == "revolute"]
-    endless = [joint for joint in turning if max(-joint.lower, joint.upper) > most]
-    blocked = [joint for joint in joints.values() if joint.movable and joint.lower == joint.upper and not joint.mimic]
-    clipped = {j.name: replace(j, lower=max(j.lower, -most), upper=min(j.upper, most)) for j in endless}
-    told = f"position limits of {MOST_TURNS} turns ({most:.0f} rad) or more, which are taken as {MOST_TURNS} turns"
-    warnings = [
-        *_warning("no-limit", "joint", endless, told, 'a joint without limits has the type "continuous"'),
-        *_warning("no-motion", "joint", blocked, "a `lower` that is its `upper` limit, and cannot move",
-                  'state both limits, or make it a joint of the type "fixed"'),
-    ]  # fmt: skip
-    return {**joints, **clipped}, warnings
-
-
-def _warning(code: str, kind: str, found: Sequence[_Named], told: str, mend: str) -> Iterator[Problem]:
-    """One warning that names all of the links or joints it is about, at the first of them; none if there are none."""
-    if found:
-        names = ", ".join(f"`{item.name}`" for item in found[:NAMED])
-        more = f" and {len(found) - NAMED} more" if len(found) > NAMED else ""
-        message = f"{kind}{'s' * (len(found) > 1)} {names}{more} {'have' if len(found) > 1 else 'has'} {told}"
-        yield Problem(code, message, found[0].place, severity="warning", mend=mend)
-
-
-def _doubtful_inertias(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> Iterator[Problem]:
-    """Warnings about solid bodies that move and have a mass of 0, and about moments that no mass could have.
-
-    Of the principal moments of any body, none is below 0 or above the sum of the others (the triangle rule). Exported
-    products of inertia break that now and then, so that it is no error. Links fixed to each other make one body.
-    """
-    body_of = {name: name for name in links}
-    moved: set[str] = set()
-    for joint in joints.values():
-        body_of[joint.child] = joint.child if joint.movable else body_of[joint.parent]
-        if joint.movable or joint.parent in moved:
-            moved.add(joint.child)
-    stated = [(link, link.inertial) for link in links.values() if link.inertial is not None]
-    heavy = {body_of[link.name] for link, inertial in stated if inertial.mass > 0.0}
-    solid = [link for link, _ in stated if link.collision and link.name in moved]
-    weightless = [link for link in solid if body_of[link.name] not in heavy]
-    impossible = [link for link, inertial in stated if _breaks_triangle_rule(inertial)]
-    told = "a mass of 0 kg in spite of moving and being solid, simulated as 500 kg/m^3"
-    yield from _warning("no-mass", "link", weightless, told, "state the mass, usually 0.01 kg to 1000 kg")
-    told = "a principal moment of inertia below 0 or above the sum of the other two, as no body has"
-    yield from _warning("doubtful-inertia", "link", impossible, told, "check units and signs of <inertia>, in kg m^2")
-
-
-def _breaks_triangle_rule(inertial: Inertial) -> bool:
-    least, middle, most = np.linalg.eigvalsh(inertial.inertia).tolist()
-    too_large = most > (1.0 + TRIANGLE_ROUNDING) * (least + middle) + LEAST_MOMENT
-    return bool(too_large or least < -ROUNDING * max(most, 0.0) - LEAST_MOMENT)
-
-
-def _with_world_told_apart(model: UrdfModel) -> UrdfModel:
-    def called(name: str) -> str:
-        return WORLD_LINK if name == WORLD else name
-
-    links = {called(name): replace(link, name=called(name)) for name, link in model.links.items()}
-    joints = {
-        name: replace(joint, parent=called(joint.parent), child=called(joint.child))
-        for name, joint in model.joints.items()
-    }
-    return replace(model, links=links, joints=joints, root=called(model.root))
-
-
-def link_parts(model: UrdfModel, geometry: Geometry, resolve: Resolve) -> tuple[Part, ...]:
-    """The solid parts of every link, in file order.
-
-    A link's first part has the link's name, further ones the name that the URDF gives them if no other part or link has
-    it, else the link's name with a number. A link without the chosen geometry uses the other one.
-
-    Raises InputError if `resolve` does not find a mesh, at the line that names it.
-    """
-    named = Counter(piece.name for link in model.links.values() for piece in link.geometry(geometry))
-    taken = set(model.links)
-    parts = []
-    for link in model.links.values():
-        for index, piece in enumerate(link.geometry(geometry)):
-            name = link.name
-            if index > 0:
-                unique = piece.name is not None and named[piece.name] == 1 and piece.name not in taken
-                name = piece.name if unique and piece.name else _numbered(link.name, index + 1, taken)
-            taken.add(name)
-            parts.append(Part(name, link.name, _resolved(piece, model.path, resolve), piece.X_LG))
-    return tuple(parts)
+        Raises InputError if `resolve` does not find a mesh, at the line that names it.
+        """
+        named = Counter(piece.name for link in self.links.values() for piece in link.geometry(geometry))
+        taken = set(self.links)
+        parts = []
+        for link in self.links.values():
+            for index, piece in enumerate(link.geometry(geometry)):
+                name = link.name
+                if index > 0:
+                    unique = piece.name is not None and named[piece.name] == 1 and piece.name not in taken
+                    name = piece.name if unique and piece.name else _numbered(link.name, index + 1, taken)
+                taken.add(name)
+                parts.append(Part(name, link.name, piece.resolved_shape(self.path, resolve), piece.X_LG))
+        return tuple(parts)
 
 
 def _numbered(name: str, number: int, taken: set[str]) -> str:
     while f"{name}_{number}" in taken:
         number += 1
     return f"{name}_{number}"
-
-
-def _resolved(piece: LinkGeometry, urdf: Path, resolve: Resolve) -> Shape:
-    if not isinstance(piece.shape, MeshReference):
-        return piece.shape
-    try:
-        return mesh_of(resolve(piece.shape.reference, urdf), piece.shape.scale)
-    except InputError as error:
-        first = error.problems[0]
-        raise InputError(Problem(first.code, first.message, piece.place, mend=first.mend)) from error
-
-
-def _unique(items: Iterable[_Named]) -> dict[str, _Named]:
-    named: dict[str, _Named] = {}
-    for item in items:
-        if item.name in named:
-            kind = "link" if isinstance(item, UrdfLink) else "joint"
-            message = f"{kind} `{item.name}` is defined twice, first at line {named[item.name].place.line}"
-            raise InputError(Problem("duplicate-name", message, item.place))
-        named[item.name] = item
-    return named
-
-
-def _link(element: Element) -> UrdfLink:
-    collision = tuple(_geometry(child) for child in element.all("collision"))
-    visual = tuple(_geometry(child) for child in element.all("visual"))
-    return UrdfLink(element.text("name"), collision, visual, _inertial(element), element.place)
-
-
-def _inertial(link: Element) -> Inertial | None:
-    inertial = link.first("inertial")
-    if inertial is None or inertial.first("mass") is None:
-        return None
-    moments = inertial.first("inertia")
-    xx, xy, xz, yy, yz, zz = (
-        0.0 if moments is None else moments.number(key, 0.0) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    )
-    mass = inertial.need("mass").number("value")
-    if mass < 0.0:
-        raise inertial.need("mass").error("wrong-value", f"link `{link.text('name')}` has a mass of {mass:g} kg")
-    if moments is not None and min(xx, yy, zz) < -LEAST_MOMENT:
-        message = (
-            f"link `{link.text('name')}` has a moment of inertia of {min(xx, yy, zz):g} kg m^2, expected none below 0"
-        )
-        raise moments.error("wrong-value", message)
-    return Inertial(mass, _origin(inertial), read_only([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
-
-
-def _geometry(element: Element) -> LinkGeometry:
-    holder = element.need("geometry")
-    if len(holder.children) != 1:
-        raise holder.error("wrong-geometry", f"<geometry> has {len(holder.children)} shapes, expected one")
-    shape = holder.children[0]
-    return LinkGeometry(element.attributes.get("name"), _shape(shape), _origin(element), shape.place)
-
-
-def _shape(element: Element) -> Box | Sphere | Cylinder | Capsule | MeshReference:
-    match element.tag:
-        case "box":
-            return Box(_triple(_positive(element, "size", 3)))
-        case "sphere":
-            return Sphere(_positive(element, "radius", 1)[0])
-        case "cylinder":
-            return Cylinder(_positive(element, "radius", 1)[0], _positive(element, "length", 1)[0])
-        case "capsule":
-            return Capsule(_positive(element, "radius", 1)[0], _positive(element, "length", 1)[0])
-        case "mesh":
-            scale = _triple(element.numbers("scale", 3, (1.0, 1.0, 1.0)))
-            if 0.0 in scale:
-                raise element.error("wrong-value", "the mesh's `scale` has a zero, which would flatten it")
-            return MeshReference(element.text("filename"), scale)
-    expected = expected_names(element.tag, ("box", "sphere", "cylinder", "capsule", "mesh"))
-    raise element.error("unknown-shape", f"unknown shape {element}; {expected}")
-
-
-def _joint(element: Element) -> UrdfJoint:
-    name, kind = element.text("name"), element.text("type")
-    if kind not in _JOINT_TYPES:
-        if kind in _OTHER_JOINT_TYPES:
-            raise element.error(
-                "unsupported-joint", f"joint `{name}` is {kind}; only {', '.join(_JOINT_TYPES)} are supported"
-            )
-        expected = expected_names(kind, _JOINT_TYPES)
-        raise element.error("unknown-joint-type", f"joint `{name}` has the unknown type `{kind}`; {expected}")
-    joint_type = _JOINT_TYPES[_JOINT_TYPES.index(kind)]
-    lower, upper, velocity = _limits(element, name, joint_type)
-    limit = element.first("limit")
-    effort = None if limit is None else _magnitude(limit, "effort")
-    return UrdfJoint(
-        name=name,
-        type=joint_type,
-        parent=element.need("parent").text("link"),
-        child=element.need("child").text("link"),
-        X_PJ=_origin(element),
-        axis=_axis(element, joint_type),
-        lower=lower,
-        upper=upper,
-        velocity=velocity,
-        effort=effort or None,
-        mimic=None if joint_type == "fixed" else _mimic(element),
-        place=element.place,
-    )
-
-
-def _axis(element: Element, joint_type: JointType) -> Array:
-    axis = element.first("axis")
-    if axis is None or joint_type == "fixed":
-        return read_only([1.0, 0.0, 0.0])
-    direction = np.array(axis.numbers("xyz", 3))
-    length = np.linalg.norm(direction)
-    if length < 1e-9:
-        raise axis.error("zero-axis", f"the axis of joint `{element.text('name')}` has length zero")
-    return read_only(direction / length)
-
-
-def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, float, float | None]:
-    limit = element.first("limit")
-    if joint_type == "fixed":
-        return 0.0, 0.0, None
-    if limit is None:
-        if joint_type == "continuous":
-            return -math.inf, math.inf, None
-        raise element.error("missing-limit", f"joint `{name}` is {joint_type} but has no <limit>")
-    velocity = _magnitude(limit, "velocity")
-    if 0.0 < velocity < SMALLEST_LIMIT:
-        message = f"`velocity` is {velocity:g}, expected at least {SMALLEST_LIMIT:g}, or 0 for none stated"
-        raise limit.error("wrong-value", message)
-    if joint_type == "continuous":
-        return -math.inf, math.inf, velocity or None
-    most = NO_LIMIT if joint_type == "revolute" else LONGEST_SLIDE
-    lower, upper = (limit.number(bound, 0.0, most) for bound in ("lower", "upper"))
-    if lower > upper:
-        message = f"joint `{name}` has a lower limit of {lower:g}, above its upper limit of {upper:g}"
-        raise limit.error("wrong-value", message)
-    return lower, upper, velocity or None
-
-
-def _magnitude(limit: Element, attribute: str) -> float:
-    """A limit that has no sign; 0 if it is not stated."""
-    value = limit.number(attribute, 0.0, NO_LIMIT)
-    if value < 0.0:
-        raise limit.error("wrong-value", f"`{attribute}` is {value:g}, expected a positive number")
-    return value
-
-
-def _mimic(element: Element) -> Mimic | None:
-    mimic = element.first("mimic")
-    if mimic is None:
-        return None
-    multiplier, offset = mimic.number("multiplier", 1.0), mimic.number("offset", 0.0)
-    return Mimic(mimic.text("joint"), multiplier, offset)
-
-
-def _origin(element: Element) -> Array:
-    origin = element.first("origin")
-    if origin is None:
-        return read_only(np.eye(4))
-    xyz = origin.numbers("xyz", 3, (0.0, 0.0, 0.0), LARGEST_LENGTH)
-    rpy = origin.numbers("rpy", 3, (0.0, 0.0, 0.0))
-    return read_only(pose(rpy_to_matrix(rpy), xyz))
-
-
-def _positive(element: Element, attribute: str, count: int) -> tuple[float, ...]:
-    numbers = element.numbers(attribute, count, most=LARGEST_LENGTH)
-    if min(numbers) < SMALLEST_SIZE:
-        found = f"{element}: `{attribute}` is `{element.text(attribute)}`"
-        raise element.error("wrong-value", f"{found}, expected it above 0, at least {SMALLEST_SIZE:g}")
-    return numbers
-
-
-def _triple(numbers: tuple[float, ...]) -> tuple[float, float, float]:
-    x, y, z = numbers
-    return x, y, z
-
-
-def _check_references(joint: UrdfJoint, links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint]) -> None:
-    for role, link in (("parent", joint.parent), ("child", joint.child)):
-        if link not in links:
-            message = f"joint `{joint.name}` has the unknown {role} link `{link}`; {expected_names(link, links)}"
-            raise InputError(Problem("unknown-link", message, joint.place))
-    if joint.mimic is None:
-        return
-    movable = {name: other for name, other in joints.items() if other.movable and name != joint.name}
-    leader = movable.get(joint.mimic.joint)
-    if leader is None:
-        expected = expected_names(joint.mimic.joint, movable)
-        message = f"joint `{joint.name}` follows `{joint.mimic.joint}`, which is no other movable joint; {expected}"
-        raise InputError(Problem("unknown-joint", message, joint.place))
-    if leader.mimic is not None:
-        message = f"joint `{joint.name}` follows `{leader.name}`, which follows `{leader.mimic.joint}` itself"
-        raise InputError(Problem("wrong-mimic", message, joint.place, mend=f"let it follow `{leader.mimic.joint}`"))
-
-
-def _root(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], place: Place) -> str:
-    """The one link that no joint carries, after a check that every link is reached from it once."""
-    carriers: dict[str, UrdfJoint] = {}
-    for joint in joints.values():
-        if joint.child in carriers:
-            other = carriers[joint.child].name
-            message = f"link `{joint.child}` is the child of two joints, `{other}` and `{joint.name}`"
-            raise InputError(Problem("two-parents", message, joint.place))
-        carriers[joint.child] = joint
-    roots = [name for name in links if name not in carriers]
-    if len(roots) > 1:
-        message = f"links `{roots[0]}` and `{roots[1]}` are both roots; a joint must connect them"
-        raise InputError(Problem("two-roots", message, links[roots[1]].place))
-    rooted: set[str] = set()
-    for name in links:
-        walked = {name: None}
-        while name in carriers and name not in rooted:
-            name = carriers[name].parent
-            if name in walked:
-                way = [*walked]
-                cycle = [*way[way.index(name) :], name]
-                message = "links form a cycle: " + " -> ".join(f"`{link}`" for link in reversed(cycle))
-                raise InputError(Problem("cycle", message, carriers[cycle[0]].place))
-            walked[name] = None
-        rooted.update(walked)
-    if not roots:
-        raise InputError(Problem("cycle", "no link is a root", place))
-    return roots[0]
-
-
-def _outwards(root: str, joints: Mapping[str, UrdfJoint]) -> dict[str, UrdfJoint]:
-    """The joints with every joint after the one that carries it, otherwise in file order."""
-    children: dict[str, list[UrdfJoint]] = {}
-    for joint in joints.values():
-        children.setdefault(joint.parent, []).append(joint)
-    ordered: dict[str, UrdfJoint] = {}
-    waiting = list(reversed(children.get(root, [])))
-    while waiting:
-        joint = waiting.pop()
-        ordered[joint.name] = joint
-        waiting.extend(reversed(children.get(joint.child, [])))
-    return ordered

@@ -11,10 +11,11 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.frames import link_called
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot import Fingers, JointLimits, Marker, Robot, StopLimits, Tool
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.tool_of_boxes import TOOL_TIP, tool_of_boxes
-from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel, link_parts, read_urdf
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 from sqrp_cli.knowledge.text import packages, units
 from sqrp_cli.knowledge.text.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.digest import ContentDigest
@@ -117,7 +118,7 @@ class RobotReader:
         self.warnings += urdf.warnings
         role = ".".join(map(str, path))
         self.digest.add_file(role, urdf.path)
-        parts = link_parts(urdf, self.entry.geometry, partial(resolve_mesh, self.roots))
+        parts = urdf.parts(self.entry.geometry, partial(resolve_mesh, self.roots))
         self._parts += parts
         pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
         for part, piece in zip(parts, pieces, strict=True):
@@ -154,17 +155,10 @@ class RobotReader:
             expected = expected_names(frame, self.links)
             self._report("unknown-link", ("robot", "tool_frame"), f"found `{frame}`, which is no link; {expected}")
             return []
-        carriers = {joint.child: joint for model in (self.tool, self.urdf) if model for joint in model.joints.values()}
-        joints: list[UrdfJoint] = []
-        while True:
-            if frame in carriers:
-                joints.insert(0, carriers[frame])
-                frame = carriers[frame].parent
-            elif self.tool is not None and self.entry.tool is not None and frame == self.tool.root:
-                frame = link_called(self.entry.tool.link, self.urdf.links)
-            else:
-                break
-        arm = [joint for joint in joints if joint.movable and joint.mimic is None]
+        on_tool: list[UrdfJoint] = []
+        if self.tool is not None and self.entry.tool is not None and frame not in self.urdf.links:
+            on_tool, frame = self.tool.chain(frame), link_called(self.entry.tool.link, self.urdf.links)
+        arm = [joint for joint in (*self.urdf.chain(frame), *on_tool) if joint.movable and joint.mimic is None]
         if not arm:
             message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
             self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)
@@ -357,7 +351,7 @@ class RobotReader:
 
 
 def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
-    """The mesh file that a URDF names, for `link_parts`; roots: `Robot.package_roots`. Raises as `packages.resolve`."""
+    """The mesh file that a URDF names; roots: `Robot.package_roots`. Raises as `packages.resolve`."""
     return packages.resolve(reference, urdf.parent, roots, Place(urdf))
 
 

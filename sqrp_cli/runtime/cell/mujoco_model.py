@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.marker import MODULES, printed_side
 from sqrp_cli.knowledge.robot.robot import Robot
-from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel, link_parts
+from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.read_robot import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -148,9 +148,9 @@ class _Builder:
                 self._add_joint(body, joint)
             bodies[joint.child] = body
         resolve = partial(resolve_mesh, robot.package_roots)
-        for part in link_parts(urdf, "visual", resolve):
+        for part in urdf.parts("visual", resolve):
             self._add_part(bodies[part.parent], part, DRAWN, _ROBOT_COLOR)
-        for part in link_parts(urdf, "collision", resolve):
+        for part in urdf.parts("collision", resolve):
             density = _link_density(urdf.links[part.parent])
             self._add_part(bodies[part.parent], part, FELT, _ROBOT_COLOR, touches=_ROBOT, density=density)
         for name, body in bodies.items():

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot import Robot, Tool
-from sqrp_cli.knowledge.robot.urdf import JointType, Mimic, UrdfJoint, UrdfLink, UrdfModel, read_urdf
+from sqrp_cli.knowledge.robot.urdf import JointType, Mimic, UrdfJoint, UrdfLink, UrdfModel
 from tests.programming.robots import REAL_ARMS, ROBOTS, robot
 
 PLACE = Place(Path("random.urdf"))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.srdf import read_srdf
-from sqrp_cli.knowledge.robot.urdf import link_parts, read_urdf
 from sqrp_cli.knowledge.text.packages import package_roots
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 
@@ -76,7 +76,7 @@ def test_joints_come_parents_first_whatever_their_order_in_the_file(tmp_path):
 
 def test_a_link_without_the_chosen_geometry_uses_the_other_one(tmp_path):
     model = read_urdf(written(tmp_path, ARM))
-    collision = link_parts(model, "collision", find)
+    collision = model.parts("collision", find)
     assert [(part.name, part.parent, part.shape) for part in collision] == [
         ("base", "base", Box((1.0, 2.0, 3.0))),
         ("hand", "hand", Sphere(0.1)),
@@ -84,7 +84,7 @@ def test_a_link_without_the_chosen_geometry_uses_the_other_one(tmp_path):
         ("hand_3", "hand", Capsule(0.1, 0.2)),
     ]
     np.testing.assert_allclose(collision[1].X_PG @ [1, 0, 0, 1], [0, 1, 1, 1], atol=1e-12)
-    visual = link_parts(model, "visual", find)
+    visual = model.parts("visual", find)
     assert [part.shape for part in visual] == [
         Box((1.0, 2.0, 3.0)),
         Mesh(tmp_path / "it" / "hand.stl", (1.0, 1.0, 2.0)),
@@ -94,7 +94,7 @@ def test_a_link_without_the_chosen_geometry_uses_the_other_one(tmp_path):
 def test_names_of_parts_are_unique_where_the_urdf_repeats_them(tmp_path):
     text = ARM.replace("<collision>", '<collision name="palm">').replace('name="tip"', 'name="hand_2"')
     text = text.replace('<child link="tip"/>', '<child link="hand_2"/>')
-    names = [part.name for part in link_parts(read_urdf(written(tmp_path, text)), "collision", find)]
+    names = [part.name for part in read_urdf(written(tmp_path, text)).parts("collision", find)]
     assert names == ["base", "hand", "hand_3", "hand_4"]
 
 
@@ -103,7 +103,7 @@ def test_a_missing_mesh_is_reported_where_the_urdf_names_it(tmp_path):
         raise InputError(Problem("missing-file", f"`{reference}`: file not found", mend="look elsewhere"))
 
     with pytest.raises(InputError, match=r"hand\.stl") as caught:
-        link_parts(read_urdf(written(tmp_path, ARM)), "visual", refuse)
+        read_urdf(written(tmp_path, ARM)).parts("visual", refuse)
     assert caught.value.problems[0].place.line == 9
     assert caught.value.problems[0].mend == "look elsewhere"
 
@@ -202,7 +202,7 @@ def test_every_installed_robot_is_read_or_refused_with_a_line():
         except InputError as error:
             refused.append(error.problems[0])
             continue
-        names = [part.name for part in link_parts(model, "collision", find)]
+        names = [part.name for part in model.parts("collision", find)]
         assert len(names) == len(set(names))
         count += 1
     assert count >= 60

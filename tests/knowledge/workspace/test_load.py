@@ -71,6 +71,11 @@ def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged: Damage) -> None:
     assert robot.tool.urdf.joints["tool_tip_joint"].X_PJ[2, 3] == 0.02
 
 
+def test_a_tool_whose_root_is_called_like_the_robots_is_refused(damaged: Damage) -> None:
+    with pytest.raises(InputError, match="robot and tool both have a link `base`"):
+        load_workspace(damaged({"file": "cup.urdf", "replace": {'"cup"': '"base"'}}))
+
+
 def test_home_may_be_a_named_state_of_the_srdf(damaged: Damage) -> None:
     home = "home: {shoulder: 10 deg, elbow: -20 deg, slide: 5 cm}"
     robot = load_workspace(damaged({"file": "workspace.yaml", "replace": {home: "home: folded"}})).robot

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array, inverse, pose, rpy_to_matrix
-from sqrp_cli.knowledge.robot.urdf import UrdfModel, read_urdf
+from sqrp_cli.knowledge.robot.read_urdf import read_urdf
+from sqrp_cli.knowledge.robot.urdf import UrdfModel
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from tests.programming.robots import REAL_ARMS, ROBOTS, SUCTION_CUP, joint, mounted, real_arm, robot, written_urdf
 
