@@ -1,53 +1,186 @@
-"""Shapes, and the solid parts that they make up."""
+"""Shapes, what can be asked of them, and the solid parts that they make up.
+
+Every shape but a mesh knows its extents, its inside, its triangles and how it is made smaller. What a mesh looks like
+stands in its file, which is read where it is needed: `programming.sensing.solids` and `runtime.surface`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import hypot
 from pathlib import Path
 from typing import Literal
 
-from sqrp_cli.geometry import Array, check_poses
+import numpy as np
+from numpy.typing import NDArray
+
+from sqrp_cli.geometry import Array, box_corners, check_poses
 
 Geometry = Literal["collision", "visual"]
 """Which of the two geometries of a link."""
 
+LEAST_SIZE = 1e-6
+"""What is left of a shape that is thinner than what is taken off [m]."""
+
+BOX_TRIANGLES = np.array(
+    [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+     [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]]
+)  # fmt: skip
+"""Triangles of a box over its corners in the order of `geometry.BOX_SIGNS`, outward, shape (12, 3)."""
+
+BOX_TRIANGLES.setflags(write=False)
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """A surface of triangles."""
+
+    vertices: Array
+    """Corners [m], shape (V, 3)."""
+    faces: NDArray[np.int64]
+    """Indices of three corners each, shape (F, 3)."""
+
+    def turns_around(self, point: Array) -> float:
+        """How often the surface goes around a point (3,): a whole number where it is closed.
+
+        The sum of the solid angles of its triangles (van Oosterom and Strackee 1983) over that of a sphere.
+        """
+        a, b, c = np.moveaxis(self.vertices[self.faces] - point, 1, 0)
+        along, across, over = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+        volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+        dots = [np.einsum("ij,ij->i", *pair) for pair in ((a, b), (b, c), (c, a))]
+        below = along * across * over + dots[0] * over + dots[1] * along + dots[2] * across
+        return float(2 * np.arctan2(volume, below).sum() / (4 * np.pi))
+
 
 @dataclass(frozen=True)
 class Box:
-    """A box of full extents `size` [m] along its own axes."""
+    """A box along its own axes."""
 
     size: tuple[float, float, float]
+    """Full extents [m]."""
+
+    def half_extents(self, R: Array) -> Array:
+        """How far it reaches from its centre along the axes of a frame in which it is turned by R (3, 3) [m], (3,)."""
+        half: Array = np.abs(R) @ (0.5 * np.asarray(self.size))
+        return half
+
+    def contains(self, point: Array) -> bool:
+        """Whether a point in its own frame (3,) is inside it."""
+        return bool((np.abs(point) < 0.5 * np.asarray(self.size)).all())
+
+    def shrunk(self, by: float) -> Box:
+        """The same with `by` [m] taken off on every side."""
+        x, y, z = (max(extent - 2 * by, LEAST_SIZE) for extent in self.size)
+        return Box((x, y, z))
+
+    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:  # noqa: ARG002 - a box is what it is
+        """Its surface."""
+        return Triangles(box_corners(self.size), BOX_TRIANGLES)
 
 
 @dataclass(frozen=True)
 class Sphere:
-    """A sphere; radius [m]."""
+    """A sphere."""
 
     radius: float
+    """[m]"""
+
+    def half_extents(self, R: Array) -> Array:  # noqa: ARG002 - it is the same from every side
+        """How far it reaches from its centre along the axes of a frame in which it is turned by R (3, 3) [m], (3,)."""
+        return np.full(3, self.radius)
+
+    def contains(self, point: Array) -> bool:
+        """Whether a point in its own frame (3,) is inside it."""
+        return hypot(*point.tolist()) < self.radius
+
+    def shrunk(self, by: float) -> Sphere:
+        """The same with `by` [m] taken off on every side."""
+        return Sphere(max(self.radius - by, LEAST_SIZE))
+
+    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
+        """A surface of rings of so many corners, with its corners on the sphere or, if `enclosing`, outside of it.
+
+        Enclosing, the rings' sides touch the sphere, and only the middles of faces dip into it (by 0.2 % for 48 sides).
+        """
+        radius = _corner_radius(self.radius, sides, enclosing=enclosing)
+        return _rings(radius, np.linspace(0, np.pi, sides // 2 + 1), sides, 0.0)
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """A cylinder about its z axis; radius and length [m]."""
+    """A cylinder about its z axis."""
 
     radius: float
+    """[m]"""
     length: float
+    """[m]"""
+
+    def half_extents(self, R: Array) -> Array:
+        """How far it reaches from its centre along the axes of a frame in which it is turned by R (3, 3) [m], (3,)."""
+        along = np.abs(R[:, 2])
+        half: Array = self.radius * np.sqrt(np.clip(1 - along**2, 0, 1)) + 0.5 * self.length * along
+        return half
+
+    def contains(self, point: Array) -> bool:
+        """Whether a point in its own frame (3,) is inside it."""
+        x, y, z = point.tolist()
+        return hypot(x, y) < self.radius and abs(z) < self.length / 2
+
+    def shrunk(self, by: float) -> Cylinder:
+        """The same with `by` [m] taken off on every side."""
+        return Cylinder(max(self.radius - by, LEAST_SIZE), max(self.length - 2 * by, LEAST_SIZE))
+
+    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
+        """A prism of so many sides, around the cylinder or, if not `enclosing`, with its corners on it."""
+        radius = _corner_radius(self.radius, sides, enclosing=enclosing)
+        rim, up = _rim(radius, sides), np.array([0.0, 0.0, self.length / 2])
+        low = np.arange(sides)
+        following = (low + 1) % sides
+        high, bottom, top = low + sides, np.full(sides, 2 * sides), np.full(sides, 2 * sides + 1)
+        walls = [np.column_stack([low, following, high]), np.column_stack([following, following + sides, high])]
+        caps = [np.column_stack([bottom, following, low]), np.column_stack([top, high, following + sides])]
+        return Triangles(np.concatenate([rim - up, rim + up, [-up, up]]), np.concatenate(walls + caps))
 
 
 @dataclass(frozen=True)
 class Capsule:
-    """A capsule about its z axis; radius and length of the straight part [m]."""
+    """A capsule about its z axis."""
 
     radius: float
+    """[m]"""
     length: float
+    """Of the straight part [m]."""
+
+    def half_extents(self, R: Array) -> Array:
+        """How far it reaches from its centre along the axes of a frame in which it is turned by R (3, 3) [m], (3,)."""
+        half: Array = self.radius + 0.5 * self.length * np.abs(R[:, 2])
+        return half
+
+    def contains(self, point: Array) -> bool:
+        """Whether a point in its own frame (3,) is inside it."""
+        x, y, z = point.tolist()
+        return hypot(x, y, max(0.0, abs(z) - self.length / 2)) < self.radius
+
+    def shrunk(self, by: float) -> Capsule:
+        """The same with `by` [m] taken off on every side."""
+        return Capsule(max(self.radius - by, LEAST_SIZE), self.length)
+
+    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
+        """A surface of rings of so many corners, as that of a sphere."""
+        radius = _corner_radius(self.radius, sides, enclosing=enclosing)
+        # An even number of rings has none at the equator itself, and so none that only one of the two caps has.
+        angles = np.linspace(0, np.pi, sides // 2 + (2 if enclosing else 1))
+        return _rings(radius, angles, sides, self.length)
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """A triangle mesh file (STL, OBJ or DAE) with its scale along x, y and z, from the file's numbers to metres."""
+    """A triangle mesh file (STL, OBJ or DAE)."""
 
     path: Path
     scale: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """Along x, y and z, from the file's numbers to metres."""
 
 
 Shape = Box | Sphere | Cylinder | Capsule | Mesh
@@ -55,17 +188,41 @@ Shape = Box | Sphere | Cylinder | Capsule | Mesh
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A solid, opaque piece that moves rigidly with its parent.
-
-    name: what output calls it. parent: a link of the robot, an object, or `world`.
-    X_PG: pose of the shape in the parent, shape (4, 4).
-    """
+    """A solid, opaque piece that moves rigidly with its parent."""
 
     name: str
+    """What output calls it."""
     parent: str
+    """A link of the robot, an object, or `world`."""
     shape: Shape
     X_PG: Array
+    """Pose of the shape in the parent, shape (4, 4)."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if `X_PG` is no pose."""
         check_poses(f"part `{self.name}`", self.X_PG)
+
+
+def _corner_radius(radius: float, sides: int, *, enclosing: bool) -> float:
+    """Radius of the corners of a regular polygon around a circle, or of one in it."""
+    return float(radius / np.cos(np.pi / sides)) if enclosing else radius
+
+
+def _rings(radius: float, angles: Array, sides: int, straight: float) -> Triangles:
+    """A sphere about z, cut at its equator and pulled apart by `straight`, as rings at polar angles from the top."""
+    heights = radius * np.cos(angles) + np.copysign(straight / 2, np.cos(angles))
+    rings = [_rim(radius * np.sin(angle), sides, height) for angle, height in zip(angles, heights, strict=True)]
+    first = np.arange(sides)
+    following = (first + 1) % sides
+    faces = []
+    for ring in range(len(rings) - 1):
+        upper, lower = ring * sides, (ring + 1) * sides
+        faces.append(np.column_stack([upper + first, lower + first, lower + following]))
+        faces.append(np.column_stack([upper + first, lower + following, upper + following]))
+    return Triangles(np.concatenate(rings), np.concatenate(faces))
+
+
+def _rim(radius: float, sides: int, height: float = 0.0) -> Array:
+    """The corners of a regular polygon about z, shape (sides, 3)."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    return np.column_stack([radius * np.cos(angles), radius * np.sin(angles), np.full(sides, height)])

@@ -24,8 +24,7 @@ from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.model import STEP, model_document
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.mujoco_model import build_model
-from sqrp_cli.runtime.meshes import load_triangles
-from sqrp_cli.runtime.surface import Surface
+from sqrp_cli.runtime.surface import Surface, load_triangles
 from sqrp_cli.shapes import Part
 
 CASES = Path(__file__).parent / "cases"

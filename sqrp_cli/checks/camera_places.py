@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from sqrp_cli.checks.shape_overlaps import is_inside
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import inverse, transform
 from sqrp_cli.knowledge.frames import WORLD, frame_poses
@@ -27,7 +26,7 @@ def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Sol
         for solid in solids:
             parent = solid.part.parent
             told = camera.frame == WORLD and parent in workspace.objects and not isinstance(solid.part.shape, Mesh)
-            if told or parent not in X_WF or not is_inside(solid, transform(inverse(X_WF[parent]), eye[None])[0]):
+            if told or parent not in X_WF or not solid.contains(transform(inverse(X_WF[parent]), eye[None])[0]):
                 continue
             code, what = ("camera-inside-robot", "link ") if parent in model.links else ("camera-inside-object", "")
             message = f"camera `{camera.name}` is inside {what}`{parent}` at the start, which hides everything from it"

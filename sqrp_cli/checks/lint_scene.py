@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from itertools import product
 
@@ -17,7 +16,7 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Skill
 from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from sqrp_cli.shapes import Box, Mesh
 
 MIN_OVERLAP = 1e-3
 """Depth [m] from which two objects count as being in one place."""
@@ -221,26 +220,11 @@ def _depths_in_image(camera: Camera, X_WC: Array, points: Array) -> Array:
 
 def _is_inside(thing: SceneObject, point: Array) -> bool:
     """Whether a point in the world (3,) is inside a solid part of an object; meshes are left out."""
-    return any(
-        thing.X_WO is not None and contains(part.shape, transform(inverse(thing.X_WO @ part.X_PG), point[None])[0])
+    return thing.X_WO is not None and any(
+        not isinstance(part.shape, Mesh)
+        and part.shape.contains(transform(inverse(thing.X_WO @ part.X_PG), point[None])[0])
         for part in thing.parts
     )
-
-
-def contains(shape: Shape, point: Array) -> bool:
-    """Whether a point in the shape's frame (3,) is inside it; not known of a mesh, which counts as no."""
-    x, y, z = np.abs(point).tolist()
-    match shape:
-        case Box(size):
-            return bool((np.abs(point) < 0.5 * np.asarray(size)).all())
-        case Sphere(radius):
-            return math.hypot(x, y, z) < radius
-        case Cylinder(radius, length):
-            return math.hypot(x, y) < radius and z < length / 2
-        case Capsule(radius, length):
-            return math.hypot(x, y, max(0.0, z - length / 2)) < radius
-        case _:
-            return False
 
 
 def _solid_boxes(thing: SceneObject) -> list[tuple[Array, Array]]:
@@ -262,18 +246,10 @@ def _boxes_around(thing: SceneObject) -> Iterator[tuple[Array, Array]]:
     """Pose in the world and full extents of a box around each part of an object of known pose."""
     assert thing.X_WO is not None  # noqa: S101 - callers choose objects of known pose
     for part in thing.parts:
-        X_WG = thing.X_WO @ part.X_PG
-        match part.shape:
-            case Box(size):
-                yield X_WG, np.asarray(size)
-            case Sphere(radius):
-                yield X_WG, np.full(3, 2 * radius)
-            case Cylinder(radius, length):
-                yield X_WG, np.array([2 * radius, 2 * radius, length])
-            case Capsule(radius, length):
-                yield X_WG, np.array([2 * radius, 2 * radius, length + 2 * radius])
-            case _:
-                yield thing.X_WO, np.asarray(thing.size)
+        if isinstance(part.shape, Mesh):
+            yield thing.X_WO, np.asarray(thing.size)
+        else:
+            yield thing.X_WO @ part.X_PG, 2 * part.shape.half_extents(np.eye(3))
 
 
 def _reach(thing: SceneObject, X_WG: Array, size: Array) -> float:

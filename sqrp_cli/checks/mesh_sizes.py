@@ -27,7 +27,7 @@ def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem
     length = float(np.linalg.norm(np.diff(origins, axis=0), axis=1).sum())
     for part in model.parts:
         if isinstance(part.shape, Mesh):
-            size = _size(load_solid(part))
+            size = load_solid(part).diagonal
             if size > LARGEST * length or size < SMALLEST * length:
                 told = f"the mesh of link `{part.parent}` measures {_metres(size)}, the arm {_metres(length)}"
                 yield _doubt(told, Place(part.shape.path), part.shape, size > length, "the <mesh> of the URDF")
@@ -36,7 +36,7 @@ def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem
             if isinstance(part.shape, Mesh):
                 solid = load_solid(part)
                 if scale_is_doubtful(solid, thing):
-                    size, stated = _size(solid), float(np.linalg.norm(thing.size))
+                    size, stated = solid.diagonal, float(np.linalg.norm(thing.size))
                     place = workspace.places.get(f"objects.{thing.name}.parts.{index}.mesh")
                     told = f"the mesh of `{thing.name}` measures {_metres(size)}, its `size` {_metres(stated)}"
                     yield _doubt(told, place, part.shape, size > stated, "this part")
@@ -44,7 +44,7 @@ def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem
 
 def scale_is_doubtful(solid: Solid, thing: SceneObject) -> bool:
     """Whether the size of an object's mesh is so far from the object's `size` that the unit must be another one."""
-    ratio = _size(solid) / float(np.linalg.norm(thing.size))
+    ratio = solid.diagonal / float(np.linalg.norm(thing.size))
     return not 1 / OBJECT_FACTOR <= ratio <= OBJECT_FACTOR
 
 
@@ -55,11 +55,6 @@ def _doubt(told: str, place: Place | None, mesh: Mesh, too_large: bool, where: s
     else:
         mend = f"it counts already that the file gives its unit as {unit:g} m: see the `scale` of {where}"
     return Problem("doubtful-mesh-size", f"{told}; its scale may be off by 1000", place, severity="warning", mend=mend)
-
-
-def _size(solid: Solid) -> float:
-    """Diagonal of the box around a solid [m]."""
-    return float(np.linalg.norm(np.ptp(solid.vertices, axis=0)))
 
 
 def _metres(size: float) -> str:

@@ -12,7 +12,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.sensing.solids import load_solid
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Sphere
+from sqrp_cli.shapes import Mesh, Part
 
 ALLOWED = 1e-3
 """How far a part may reach outside the size of its object [m], as sizes are often rounded."""
@@ -61,19 +61,8 @@ def _reach(part: Part) -> Array:
 
     Exact also for round shapes, whose solids are a little too wide.
     """
-    R, center = part.X_PG[:3, :3], part.X_PG[:3, 3]
-    along = np.abs(R[:, 2])
-    match part.shape:
-        case Box(size):
-            half = np.abs(R) @ (0.5 * np.asarray(size))
-        case Sphere(radius):
-            half = np.full(3, radius)
-        case Cylinder(radius, length):
-            half = radius * np.sqrt(np.clip(1 - along**2, 0, 1)) + 0.5 * length * along
-        case Capsule(radius, length):
-            half = radius + 0.5 * length * along
-        case Mesh():
-            reach: Array = np.abs(load_solid(part).vertices).max(axis=0)
-            return reach
-    outermost: Array = np.abs(center) + half
+    if isinstance(part.shape, Mesh):
+        reach: Array = np.abs(load_solid(part).vertices).max(axis=0)
+        return reach
+    outermost: Array = np.abs(part.X_PG[:3, 3]) + part.shape.half_extents(part.X_PG[:3, :3])
     return outermost

@@ -7,22 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.checks.lint_scene import MIN_OVERLAP, contains
+from sqrp_cli.checks.lint_scene import MIN_OVERLAP
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
 from sqrp_cli.programming.sensing.solids import Solid, load_solid
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Sphere
-
-LEAST = 1e-6
-"""Size [m] that is left of a shape that is thinner than what is taken off."""
+from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, Part
 
 LEAST_SHARE = 0.01
-"""Share that is left of a mesh that is thinner than that."""
-
-CLOSED = 1e-3
-"""By how much the number of times that a closed surface goes around a point may differ from a whole number."""
+"""Share that is left of a mesh that is thinner than what is taken off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,19 +44,8 @@ class _Placed:
 
     def _encloses(self, other: _Placed) -> bool:
         """Whether this is a closed mesh that goes around a corner of another part."""
-        if not isinstance(self.solid.part.shape, Mesh):
-            return False
-        return is_inside(self.solid, transform(inverse(self.X_WO) @ other.X_WO, other.solid.vertices[:1])[0])
-
-
-def is_inside(solid: Solid, point: Array) -> bool:
-    """Whether a point in the frame of a solid's parent (3,) is inside it; never of a mesh that is not closed."""
-    if np.linalg.norm(point - solid.center) > solid.radius:
-        return False
-    if not isinstance(solid.part.shape, Mesh):
-        return contains(solid.part.shape, transform(inverse(solid.part.X_PG), point[None])[0])
-    around = _turns(solid, point)
-    return abs(around) > 0.5 and abs(around - round(around)) < CLOSED
+        corner = transform(inverse(self.X_WO) @ other.X_WO, other.solid.vertices[:1])[0]
+        return isinstance(self.solid.part.shape, Mesh) and self.solid.contains(corner)
 
 
 def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
@@ -111,34 +94,12 @@ def _are_in_each_other(first: _Placed, second: _Placed) -> bool:
 
 
 def _shrunk(solid: Solid) -> Part:
-    part, off = solid.part, 2 * MIN_OVERLAP
-    match part.shape:
-        case Box(size):
-            x, y, z = (max(extent - off, LEAST) for extent in size)
-            return replace(part, shape=Box((x, y, z)))
-        case Sphere(radius):
-            return replace(part, shape=Sphere(max(radius - MIN_OVERLAP, LEAST)))
-        case Cylinder(radius, length):
-            return replace(part, shape=Cylinder(max(radius - MIN_OVERLAP, LEAST), max(length - off, LEAST)))
-        case Capsule(radius, length):
-            return replace(part, shape=Capsule(max(radius - MIN_OVERLAP, LEAST), length))
-        case Mesh(path, scale):
-            vertices = transform(inverse(part.X_PG), solid.vertices)
-            low, high = vertices.min(axis=0), vertices.max(axis=0)
-            share = np.maximum(1 - off / np.maximum(high - low, LEAST), LEAST_SHARE)
-            x, y, z = (share * scale).tolist()
-            X_GS = pose(position=(1 - share) * (low + high) / 2)
-            return replace(part, shape=Mesh(path, (x, y, z)), X_PG=part.X_PG @ X_GS)
-
-
-def _turns(solid: Solid, point: Array) -> float:
-    """How often a mesh goes around a point (3,) in its parent's frame: a whole number where it is closed.
-
-    The sum of the solid angles of its triangles (van Oosterom and Strackee 1983) over that of a sphere.
-    """
-    a, b, c = np.moveaxis(solid.vertices[solid.triangles] - point, 1, 0)
-    along, across, over = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    dots = [np.einsum("ij,ij->i", *pair) for pair in ((a, b), (b, c), (c, a))]
-    below = along * across * over + dots[0] * over + dots[1] * along + dots[2] * across
-    return float(2 * np.arctan2(volume, below).sum() / (4 * np.pi))
+    part = solid.part
+    if not isinstance(part.shape, Mesh):
+        return replace(part, shape=part.shape.shrunk(MIN_OVERLAP))
+    vertices = transform(inverse(part.X_PG), solid.vertices)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    share = np.maximum(1 - 2 * MIN_OVERLAP / np.maximum(high - low, LEAST_SIZE), LEAST_SHARE)
+    x, y, z = (share * part.shape.scale).tolist()
+    X_GS = pose(position=(1 - share) * (low + high) / 2)
+    return replace(part, shape=Mesh(part.shape.path, (x, y, z)), X_PG=part.X_PG @ X_GS)

@@ -15,8 +15,7 @@ from sqrp_cli.checks.shape_overlaps import overlapping_shapes
 from sqrp_cli.geometry import Array, box_corners, pose, quaternion_to_matrix, transform
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
+from sqrp_cli.shapes import BOX_TRIANGLES, Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 SIDE = 0.1
 """Of the cube that everything is tried against [m]."""

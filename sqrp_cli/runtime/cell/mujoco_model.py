@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.workspace.read_robot import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.image import COLORS, Rgb
-from sqrp_cli.runtime.meshes import load_triangles
+from sqrp_cli.runtime.surface import load_triangles
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 TIME_STEP = 0.002

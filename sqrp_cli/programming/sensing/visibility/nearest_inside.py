@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, Indices, Mask, cross, inverse, norms
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
-from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES, Solid
+from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.sensing.visibility.triangulation import Facets, box_distances
+from sqrp_cli.shapes import BOX_TRIANGLES
 
 _CORNERS = 10_000_000
 """Corners of triangles that are held against half spaces at once, at most, to bound the memory."""

@@ -19,7 +19,8 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, Indices
 from sqrp_cli.programming.ranges import ranges
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import TOUCH, Pairs, SightLines
-from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES, Solid
+from sqrp_cli.programming.sensing.solids import Solid
+from sqrp_cli.shapes import BOX_TRIANGLES
 
 _HULLS_AT_ONCE = 4096
 """View hulls, each in a state, that are compared with all solids at once: what that takes should fit the cache."""

@@ -21,7 +21,6 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, cross, inverse, t
 from sqrp_cli.programming.ranges import begins_run
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
-from sqrp_cli.programming.sensing.solids import BOX_TRIANGLES
 from sqrp_cli.programming.sensing.visibility.silhouette import (
     AHEAD,
     Bends,
@@ -33,6 +32,7 @@ from sqrp_cli.programming.sensing.visibility.silhouette import (
     turns,
 )
 from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
+from sqrp_cli.shapes import BOX_TRIANGLES
 
 _CHUNK = 1024
 """Sight lines that are sampled together at most."""
