@@ -8,7 +8,7 @@ import pytest
 
 from sqrp_cli.errors import Place
 from sqrp_cli.knowledge.skill.read_skill import read_skill
-from sqrp_cli.knowledge.text.digest import ContentDigest
+from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.logic.domain import Conjunction, Constant, Domain, Holds, merge_domains
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.planner import Plan, find_plan

@@ -14,8 +14,9 @@ from typing import Any
 import yaml
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.text.source import MAX_BYTES, SourceDocument, read_document
+from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.platform.files import write_atomically
@@ -33,7 +34,7 @@ _SIGNS = string.ascii_letters + string.digits + "+-"
 
 def load_program(path: Path) -> Program:
     """Read and validate a program file. Raises InputError with the place of what is wrong, see `program_check`."""
-    document = read_document(path, keys=_KEYS)
+    document = read_yaml(path, keys=_KEYS)
     if "sqrp_program" not in document.data:
         message = "this is no program: it lacks the key `sqrp_program`"
         raise InputError(Problem("no-program", message, Place(path), mend="sqrp rank WORKSPACE TASK --program FILE"))
@@ -118,7 +119,7 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
     if program.digest != workspace.digest:
         raise InputError(stale(program, path, workspace))
     if any(flaws_in(program, workspace)):
-        raise InputError(*_problems(read_document(path, keys=_KEYS), flaws_in(program, workspace)))
+        raise InputError(*_problems(read_yaml(path, keys=_KEYS), flaws_in(program, workspace)))
     check_unedited(program, path)
 
 
@@ -131,7 +132,7 @@ def check_unedited(program: Program, path: Path) -> None:
         changed = (keys for (keys, is_), was in zip(_marks(program).items(), program.marks, strict=False) if is_ != was)
         message = "this program is not as sqrp wrote it, so what it says need not be true of its motion"
         mend = _again(program, path)
-        raise InputError(read_document(path).problem("edited-program", next(changed, ("checksum",)), message, mend))
+        raise InputError(read_yaml(path).problem("edited-program", next(changed, ("checksum",)), message, mend))
 
 
 def workspace_path(program: Program, path: Path) -> Path:

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.text.edit import edited
 from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.yaml_file import edited
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.scoring.baselines.findings import Findings, Progress, score_cells
 from sqrp_cli.scoring.cells import ScoredCell, read_cell

@@ -85,7 +85,7 @@ def print_stages(imports: float) -> None:
     clock = _Clock()
     clock.times["imports (without the interpreter)"] = imports
     from sqrp_cli.api.session import Session
-    from sqrp_cli.knowledge.text.digest import ContentDigest
+    from sqrp_cli.knowledge.text.input_file import ContentDigest
     from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.programming import feasibility
     from sqrp_cli.programming.arm.kinematics import RobotModel

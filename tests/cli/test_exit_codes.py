@@ -351,7 +351,7 @@ def test_ctrl_c_while_files_are_read_is_told_in_one_line(sqrp, watch, monkeypatc
     def interrupted(*_, **__):
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr("sqrp_cli.knowledge.workspace.load.read_document", interrupted)
+    monkeypatch.setattr("sqrp_cli.knowledge.workspace.load.read_yaml", interrupted)
     more = {"rank": ["watch seen"], "explain": ["watch seen"], "diff": [watch]}.get(command, [])
     outcome = sqrp(command, watch, *more)
     assert (outcome.code, outcome.out, outcome.err) == (130, "", "interrupted\n")

@@ -15,8 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.text.source import KeyPath, dotted, read_document
+from sqrp_cli.knowledge.text.source import KeyPath, dotted
 from sqrp_cli.knowledge.text.units import read_quantity
+from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from tests.damage.cell import whole_cell
 
@@ -74,7 +75,7 @@ def stated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A cell with a file of every kind, which states every number, each on a line of its own."""
     cell = whole_cell(tmp_path_factory.mktemp("extreme") / "cell")
     opencv = frozenset({"!!opencv-matrix"})
-    data = {file: read_document(cell / file, opencv).data for file in FILES}
+    data = {file: read_yaml(cell / file, opencv).data for file in FILES}
     everything_stated(data["workspace.yaml"], data[SKILL])
     for file in FILES:
         write(cell / file, data[file])
@@ -104,7 +105,7 @@ def fields(cell: Path) -> list[Field]:
     return [
         Field(file, path)
         for file in FILES
-        for path in numbers(read_document(cell / file).data)
+        for path in numbers(read_yaml(cell / file).data)
         if file in FILES[:2] or (path[0] in USED_OF_CALIBRATIONS and path[-1] not in ("rows", "cols"))
     ]
 
@@ -123,7 +124,7 @@ class Changed:
         for step in self.field.path[:-1]:
             owner = owner[step]
         owner[self.field.path[-1]] = self.value
-        line = read_document(self.path).value_place(self.field.path).line
+        line = read_yaml(self.path).value_place(self.field.path).line
         write(self.path, data)
         return line
 

@@ -17,8 +17,9 @@ from sqrp_cli.knowledge.skill import skill
 from sqrp_cli.knowledge.skill.settings import Kind
 from sqrp_cli.knowledge.skill.skill import SkillFile
 from sqrp_cli.knowledge.text.entries import CameraPose, Entry, Pose
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted, read_document
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace import workspace_file
 from sqrp_cli.knowledge.workspace.workspace_file import WorkspaceFile
 
@@ -42,7 +43,7 @@ class FieldUse:
 
 @cache
 def document(file: str) -> SourceDocument:
-    return read_document(CASES / file)
+    return read_yaml(CASES / file)
 
 
 def uses(file: str) -> Iterator[FieldUse]:

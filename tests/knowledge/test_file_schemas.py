@@ -11,7 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from sqrp_cli.knowledge.file_schemas import FILES, file_schema
-from sqrp_cli.knowledge.text.source import read_document
+from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
 ROOT = Path(__file__).parents[2]
 SHIPPED = sorted([*ROOT.glob("workspaces/*/workspace.yaml"), *ROOT.glob("skills/*/skill.yaml")])
@@ -42,7 +42,7 @@ def test_a_schema_is_valid_and_describes_every_key(name: str) -> None:
 
 @pytest.mark.parametrize("file", SHIPPED, ids=lambda file: file.parent.name)
 def test_shipped_files_are_valid_and_a_key_too_many_is_not_anywhere(file: Path) -> None:
-    validator, content = VALIDATORS[file.stem], read_document(file).data
+    validator, content = VALIDATORS[file.stem], read_yaml(file).data
     assert [error.message for error in validator.iter_errors(content)] == []
     for place in range(sum(1 for _ in mappings(content))):
         changed = copy.deepcopy(content)

@@ -13,8 +13,9 @@ from typing import Literal
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, pose, quaternion_to_matrix, read_only
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Length, Number, Text
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted, read_document
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +86,7 @@ def read_hand_eye(path: Path) -> tuple[HandEye, SourceDocument]:
 
     Raises InputError, with the line, for missing keys, values of the wrong kind and a quaternion whose length is not 1.
     """
-    document = read_document(path, keys=("parameters", "transform", "transformation", "tracking_base_frame"))
+    document = read_yaml(path, keys=("parameters", "transform", "transformation", "tracking_base_frame"))
     if "tracking_base_frame" in document.data:
         flat = validate(document, _FlatFile)
         return _hand_eye(document, flat, flat, ()), document

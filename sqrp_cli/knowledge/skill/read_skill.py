@@ -24,13 +24,13 @@ from sqrp_cli.knowledge.skill.skill import (
     Skill,
     SkillFile,
 )
-from sqrp_cli.knowledge.text.digest import ContentDigest
 from sqrp_cli.knowledge.text.entries import Entry
-from sqrp_cli.knowledge.text.input_file import decoded, read_input
-from sqrp_cli.knowledge.text.source import MAX_BYTES, KeyPath, SourceDocument, describe, dotted, read_document
+from sqrp_cli.knowledge.text.input_file import ContentDigest, decoded, read_input
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe, dotted
 from sqrp_cli.knowledge.text.units import Quantity
 from sqrp_cli.knowledge.text.usual_values import SKILL, unusual_values
 from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
 from sqrp_cli.logic.domain import Action, Domain
 from sqrp_cli.logic.formula import Always, Eventually, Formula, children
 from sqrp_cli.logic.formula_check import check_formula
@@ -55,7 +55,7 @@ def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
             close = nearest(required, (entry.name for entry in folder.iterdir()))
             message = f"the skill folder {folder} has no `{required}`" + (f"; did you mean `{close}`?" if close else "")
             raise InputError(Problem("missing-file", message, place))
-    document = read_document(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
+    document = read_yaml(folder / SKILL_FILE, keys=("primitives", "waypoints", "targets", "formulas"))
     domain = _read_domain(folder / f"{folder.name}.pddl", digest)
     digest.add(f"skills.{folder.name}.yaml", document.path, document.content)
     if folder.name not in domain.actions:

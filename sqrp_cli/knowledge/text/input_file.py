@@ -1,15 +1,18 @@
 """Opening files that come from others: regular files only, of a limited size, and never one that is waited for.
 
 Every file that SQRP reads is opened here, whoever named it. A pipe or a device may never end, and so may files that the
-system makes up as they are read, such as those in /proc: they say that they are empty and are not.
+system makes up as they are read, such as those in /proc: they say that they are empty and are not. What was read is
+known by its digest.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
 import stat
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
 
@@ -62,21 +65,6 @@ def decoded(path: Path, content: bytes) -> str:
         raise InputError(Problem("not-utf-8", message, Place(path, line), mend="save the file as UTF-8")) from error
 
 
-def _check(path: Path, file: BufferedReader, limit: int) -> None:
-    status = os.fstat(file.fileno())
-    if not stat.S_ISREG(status.st_mode):  # another one than a moment ago
-        raise InputError(missing_file(path))
-    if status.st_size > limit:
-        raise InputError(_too_large(path, status.st_size, limit))
-    if status.st_size == 0 and file.read(1) != b"":
-        message = "the system makes up the content of this file as it is read, expected a file on a disk"
-        raise InputError(Problem("no-regular-file", message, Place(path)))
-
-
-def _too_large(path: Path, size: int, limit: int) -> Problem:
-    return Problem("file-too-large", f"the file has {size:,} bytes, the limit is {limit:,}", Place(path))
-
-
 def missing_file(path: Path) -> Problem:
     """The problem of a file that does not exist, with what is nearest to it."""
     if os.path.isdir(path):  # noqa: PTH112
@@ -101,6 +89,59 @@ def nearest_entry(path: Path, could_be_meant: Callable[[Path], bool]) -> str | N
         return None
     close = nearest(path.stem, names)
     return names[close] if close is not None else None
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """A file that a workspace was read from."""
+
+    path: Path
+
+    digest: str
+    """SHA-256 of its content."""
+
+
+class ContentDigest:
+    """Collects the files that a workspace is read from under the roles they play, and makes one SHA-256 of them.
+
+    It depends on roles and contents only, not on where the files are or in which order they were read.
+    """
+
+    def __init__(self) -> None:
+        self.files: dict[str, SourceFile] = {}
+
+    def add(self, role: str, path: Path, content: bytes) -> None:
+        """Add the file that plays `role`, such as `cameras.cam1.calibration`, with its content."""
+        self.files[role] = SourceFile(path, hashlib.sha256(content).hexdigest())
+
+    def add_file(self, role: str, path: Path) -> None:
+        """Add a file that is read elsewhere, such as a mesh. Raises as `open_input`."""
+        with open_input(path) as file:
+            self.files[role] = SourceFile(path, hashlib.file_digest(file, "sha256").hexdigest())
+
+    def hexdigest(self) -> str:
+        """The digest of everything that was added."""
+        return digest_of((role, file.digest) for role, file in self.files.items())
+
+
+def digest_of(parts: Iterable[tuple[str, str]]) -> str:
+    """One SHA-256 of named digests, whatever their order."""
+    return hashlib.sha256("".join(f"{role}\0{digest}\n" for role, digest in sorted(parts)).encode()).hexdigest()
+
+
+def _check(path: Path, file: BufferedReader, limit: int) -> None:
+    status = os.fstat(file.fileno())
+    if not stat.S_ISREG(status.st_mode):  # another one than a moment ago
+        raise InputError(missing_file(path))
+    if status.st_size > limit:
+        raise InputError(_too_large(path, status.st_size, limit))
+    if status.st_size == 0 and file.read(1) != b"":
+        message = "the system makes up the content of this file as it is read, expected a file on a disk"
+        raise InputError(Problem("no-regular-file", message, Place(path)))
+
+
+def _too_large(path: Path, size: int, limit: int) -> Problem:
+    return Problem("file-too-large", f"the file has {size:,} bytes, the limit is {limit:,}", Place(path))
 
 
 def _is_alike(path: Path, entry: Path) -> bool:

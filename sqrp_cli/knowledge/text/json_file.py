@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, not_finite, too_deep
 
 MAX_DEPTH = 32
 """Deepest nesting of objects and lists."""
@@ -172,30 +172,30 @@ def _unfit(path: Path, text: str, line: int) -> Problem:
     seen: set[KeyPath] = set()
     for token in _tokens(path, text, line):
         if len(token.path) >= MAX_DEPTH and token.text in "[{":
-            return Problem("nesting-too-deep", f"nested deeper than {MAX_DEPTH} levels", token.place)
-        why = _wrong(token, seen)
-        if why is not None:
-            return Problem(why[0], f"`{json_name(token.path)}`: {why[1]}" if token.path else why[1], token.place)
+            return too_deep(token.place, MAX_DEPTH)
+        problem = _wrong(token, seen)
+        if problem is not None:
+            return problem
     return Problem("json-syntax", "this is no JSON that is accepted", Place(path, line))
 
 
-def _wrong(token: _Token, seen: set[KeyPath]) -> tuple[str, str] | None:
-    """Code and message of what is wrong with a key or value, if anything; seen: the keys before it."""
+def _wrong(token: _Token, seen: set[KeyPath]) -> Problem | None:
+    """What is wrong with a key or value, if anything; seen: the keys before it."""
+    name = json_name(token.path)
     if token.is_key and token.path in seen:
-        return "duplicate-key", "this key is given twice"
+        return Problem("duplicate-key", f"`{name}`: this key is given twice", token.place)
     if token.is_key:
         seen.add(token.path)
     if token.text.startswith('"'):
         return None
-    if token.text.lstrip("-")[:1].isdigit():
-        whole = token.text.lstrip("-").isdigit()
-        if whole and len(token.text) > MAX_DIGITS:
-            return "not-finite", f"found a number of {len(token.text):,} digits, expected at most {MAX_DIGITS}"
-        return None if whole or _is_finite(token.text) else ("not-finite", _FINITE.format(describe(token.text)))
-    return ("not-finite", _FINITE.format(describe(token.text))) if token.text.lstrip("-") in _CONSTANTS else None
+    unsigned = token.text.lstrip("-")
+    if unsigned.isdigit() and len(token.text) > MAX_DIGITS:
+        message = f"found a number of {len(token.text):,} digits, expected at most {MAX_DIGITS}"
+        return Problem("not-finite", f"`{name}`: {message}" if name else message, token.place)
+    infinite = unsigned[:1].isdigit() and not unsigned.isdigit() and not _is_finite(token.text)
+    return not_finite(token.place, token.text, name) if infinite or unsigned in _CONSTANTS else None
 
 
-_FINITE = "found {}, expected a finite number"
 _CONSTANTS = ("NaN", "Infinity")
 
 

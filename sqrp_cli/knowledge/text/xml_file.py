@@ -12,15 +12,17 @@ from xml.parsers import expat
 from sqrp_cli.errors import InputError, Place, Problem, nearest
 from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.input_file import read_input
-from sqrp_cli.knowledge.text.source import excerpt
+from sqrp_cli.knowledge.text.source import excerpt, too_deep
 
 LONGEST_TAG = 60
 """Letters of a tag that messages show."""
 
 MAX_BYTES = 10_000_000
 """Largest XML file that is read."""
+
 MAX_DEPTH = 64
 """Deepest nesting of elements."""
+
 MAX_ELEMENTS = 200_000
 """Most elements of a file."""
 
@@ -33,16 +35,15 @@ _TAG_MISMATCH = expat.errors.codes[expat.errors.XML_ERROR_TAG_MISMATCH]
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """An XML element.
-
-    pieces: the text in it, where the reader was asked to keep it; URDF and SRDF have none that matters.
-    """
+    """An XML element."""
 
     tag: str
     attributes: dict[str, str]
     place: Place
     children: list[Element] = field(default_factory=list)
+
     pieces: list[str] = field(default_factory=list)
+    """The text in it, where the reader was asked to keep it; URDF and SRDF have none that matters."""
 
     def all(self, tag: str) -> Iterator[Element]:
         """The children with a tag, in file order."""
@@ -124,69 +125,84 @@ def parse_xml(path: Path, content: bytes, root_tag: str, texts: frozenset[str] =
     texts: tags of elements whose text is kept. It must be in one piece: where a comment or another element interrupts
     it, one reader takes the whole and another one what comes first.
     """
-    parser = expat.ParserCreate()
     recognised = f"<{root_tag}".encode() in content  # else it may be another file, named to see what it says
-    parser.specified_attributes = True  # other readers know nothing of a DOCTYPE's default values
-    parser.buffer_text, parser.buffer_size = True, _BUFFER
-    top: list[Element] = []
-    open_elements: list[Element] = []
-    count = 0
-
-    def here() -> Place:
-        return Place(path, parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal count
-        count += 1
-        element = Element(tag, attributes, here())
-        if count > MAX_ELEMENTS:
-            raise element.error("too-many-elements", f"the file has more than {MAX_ELEMENTS:,} elements")
-        interrupt()
-        if len(open_elements) == MAX_DEPTH:
-            raise element.error("nesting-too-deep", f"elements are nested deeper than {MAX_DEPTH} levels")
-        (open_elements[-1].children if open_elements else top).append(element)
-        open_elements.append(element)
-
-    def end(_tag: str) -> None:
-        open_elements.pop()
-
-    def keep(text: str) -> None:
-        if open_elements and open_elements[-1].tag in texts:
-            open_elements[-1].pieces.append(text)
-
-    def interrupt(*_what: object) -> None:
-        if open_elements and open_elements[-1].tag in texts:
-            problem = Problem("xml-text", f"the text of {open_elements[-1]} is interrupted, expected one piece", here())
-            raise InputError(problem)
-
-    def unclosed(error: expat.ExpatError) -> str:
-        if error.code != _TAG_MISMATCH or not open_elements:
-            return expat.ErrorString(error.code)
-        element = open_elements[-1]
-        shown = element if recognised else f"<{element.shown_tag}>"
-        return f"{shown} of line {element.place.line} is not closed before another closing tag"
-
-    def refuse_entity(name: str, *_declaration: object) -> None:
-        raise InputError(Problem("xml-entity", f"declares the entity `{name}`; entities are not accepted", here()))
-
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.EntityDeclHandler = refuse_entity
-    if texts:
-        parser.CharacterDataHandler = keep
-        parser.CommentHandler = parser.ProcessingInstructionHandler = parser.StartCdataSectionHandler = interrupt
-    try:
-        parser.Parse(content, True)
-    except expat.ExpatError as error:
-        lines = re.split("\r\n?|\n", content.decode("utf-8", errors="replace"))  # as expat counts
-        line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
-        message = f"not well-formed XML: {unclosed(error)}"
-        place = Place(path, error.lineno, error.offset + 1)
-        shown = excerpt(line, error.offset + 1) if recognised else None
-        raise InputError(Problem("xml-syntax", message, place, excerpt=shown)) from error
-    except (LookupError, ValueError) as error:  # an encoding that does not exist, or has no table of single bytes
-        message = f"not well-formed XML: {error}"
-        raise InputError(Problem("xml-syntax", message, Place(path, 1), mend="save the file as UTF-8")) from error
-    root = top[0]
+    root = _Tree(path, texts).read(content, recognised)
     if root.tag != root_tag:
         raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{root_tag}>")
     return root
+
+
+class _Tree:
+    """The elements of one file, as expat finds them."""
+
+    def __init__(self, path: Path, texts: frozenset[str]) -> None:
+        self._path, self._texts = path, texts
+        self._top: list[Element] = []
+        self._open: list[Element] = []
+        self._count = 0
+        self._parser = parser = expat.ParserCreate()
+        parser.specified_attributes = True  # other readers know nothing of a DOCTYPE's default values
+        parser.buffer_text, parser.buffer_size = True, _BUFFER
+        parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
+        parser.EntityDeclHandler = self._refuse_entity
+        if texts:
+            parser.CharacterDataHandler = self._keep
+            parser.CommentHandler = parser.ProcessingInstructionHandler = self._interrupt
+            parser.StartCdataSectionHandler = self._interrupt
+
+    def read(self, content: bytes, recognised: bool) -> Element:
+        """The root element; recognised: whether problems may quote the file."""
+        try:
+            self._parser.Parse(content, True)
+        except expat.ExpatError as error:
+            raise InputError(self._syntax_problem(error, content, recognised)) from error
+        except (LookupError, ValueError) as error:  # an encoding that does not exist, or has no table of single bytes
+            message = f"not well-formed XML: {error}"
+            place = Place(self._path, 1)
+            raise InputError(Problem("xml-syntax", message, place, mend="save the file as UTF-8")) from error
+        return self._top[0]
+
+    def _here(self) -> Place:
+        return Place(self._path, self._parser.CurrentLineNumber, self._parser.CurrentColumnNumber + 1)
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._count += 1
+        element = Element(tag, attributes, self._here())
+        if self._count > MAX_ELEMENTS:
+            raise element.error("too-many-elements", f"the file has more than {MAX_ELEMENTS:,} elements")
+        self._interrupt()
+        if len(self._open) == MAX_DEPTH:
+            raise InputError(too_deep(element.place, MAX_DEPTH, "elements are "))
+        (self._open[-1].children if self._open else self._top).append(element)
+        self._open.append(element)
+
+    def _end(self, _tag: str) -> None:
+        self._open.pop()
+
+    def _keep(self, text: str) -> None:
+        if self._open and self._open[-1].tag in self._texts:
+            self._open[-1].pieces.append(text)
+
+    def _interrupt(self, *_what: object) -> None:
+        if self._open and self._open[-1].tag in self._texts:
+            message = f"the text of {self._open[-1]} is interrupted, expected one piece"
+            raise InputError(Problem("xml-text", message, self._here()))
+
+    def _refuse_entity(self, name: str, *_declaration: object) -> None:
+        message = f"declares the entity `{name}`; entities are not accepted"
+        raise InputError(Problem("xml-entity", message, self._here()))
+
+    def _syntax_problem(self, error: expat.ExpatError, content: bytes, recognised: bool) -> Problem:
+        lines = re.split("\r\n?|\n", content.decode("utf-8", errors="replace"))  # as expat counts
+        line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
+        message = f"not well-formed XML: {self._said(error, recognised)}"
+        place = Place(self._path, error.lineno, error.offset + 1)
+        return Problem("xml-syntax", message, place, excerpt=excerpt(line, error.offset + 1) if recognised else None)
+
+    def _said(self, error: expat.ExpatError, recognised: bool) -> str:
+        """What is wrong: of a closing tag that does not fit, which element it leaves open."""
+        if error.code != _TAG_MISMATCH or not self._open:
+            return expat.ErrorString(error.code)
+        element = self._open[-1]
+        shown = element if recognised else f"<{element.shown_tag}>"
+        return f"{shown} of line {element.place.line} is not closed before another closing tag"

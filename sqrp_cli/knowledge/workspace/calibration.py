@@ -19,8 +19,9 @@ from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, DistortionModel
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Number, mapping_or_else
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, read_document
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.workspace_file import DistortionEntry, ImageEntry, PixelCount, check_pixels
 
 _OPENCV_MODELS: dict[int, DistortionModel] = {5: "plumb_bob", 8: "rational_polynomial"}
@@ -90,7 +91,7 @@ def read_calibration(path: Path) -> tuple[Intrinsics, SourceDocument]:
     The projection matrix, if any, is that of the rectified image and is not used: cameras see through their lens.
     Raises InputError, with the line, for missing keys, unknown models, wrong lengths and matrices that no camera has.
     """
-    document = read_document(path, frozenset({"!!opencv-matrix"}), ("image_width", "width", *_K_KEYS))
+    document = read_yaml(path, frozenset({"!!opencv-matrix"}), ("image_width", "width", *_K_KEYS))
     file = validate(document, _CalibrationFile)
     K_path, K_numbers = _numbers(document, _K_KEYS, file.camera_matrix, 9)
     D_path, coefficients = _numbers(document, _D_KEYS, file.distortion_coefficients, None)

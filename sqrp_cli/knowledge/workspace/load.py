@@ -13,11 +13,11 @@ from sqrp_cli.knowledge.frames import TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.read_skill import read_skill
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.text.digest import ContentDigest
-from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, nearest_entry
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted, parse_document, read_document
+from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, ContentDigest, nearest_entry
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.text.yaml_file import parse_yaml, read_yaml
 from sqrp_cli.knowledge.workspace.held import with_held_by_facts
 from sqrp_cli.knowledge.workspace.read_cell import CellReader
 from sqrp_cli.knowledge.workspace.read_robot import RobotReader
@@ -93,9 +93,9 @@ def _each_once(*warnings: Problem) -> tuple[Problem, ...]:
 
 
 def read_workspace_document(path: Path, content: bytes | None = None) -> SourceDocument:
-    """A workspace file as YAML; content: what to read in place of the file's own. Raises as `read_document`."""
+    """A workspace file as YAML; content: what to read in place of the file's own. Raises as `read_yaml`."""
     keys = ("robot", "cameras", "objects", "skills")
-    return read_document(path, keys=keys) if content is None else parse_document(path, content, keys=keys)
+    return read_yaml(path, keys=keys) if content is None else parse_yaml(path, content, keys=keys)
 
 
 def workspace_file(path: Path) -> Path:

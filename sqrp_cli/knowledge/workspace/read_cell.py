@@ -17,7 +17,7 @@ from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
 from sqrp_cli.knowledge.scene import SceneObject, object_types
 from sqrp_cli.knowledge.text import packages
-from sqrp_cli.knowledge.text.digest import ContentDigest
+from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, unusual_values
 from sqrp_cli.knowledge.workspace.calibration import doubtful_projection, image_intrinsics, read_calibration

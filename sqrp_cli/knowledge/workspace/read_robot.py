@@ -18,8 +18,8 @@ from sqrp_cli.knowledge.robot.tool_of_boxes import TOOL_TIP, tool_of_boxes
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 from sqrp_cli.knowledge.text import packages, units
 from sqrp_cli.knowledge.text.bounds import SMALLEST_LIMIT
-from sqrp_cli.knowledge.text.digest import ContentDigest
 from sqrp_cli.knowledge.text.entries import Pose
+from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity
 from sqrp_cli.knowledge.workspace.read_cell import add_mesh

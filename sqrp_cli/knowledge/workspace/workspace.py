@@ -16,8 +16,8 @@ from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import Skill
-from sqrp_cli.knowledge.text.digest import SourceFile
 from sqrp_cli.knowledge.text.entries import Finite, PoseMatrix, Stored, Written, refused
+from sqrp_cli.knowledge.text.input_file import SourceFile
 from sqrp_cli.knowledge.text.source import LeafValue
 from sqrp_cli.logic.literal import Atom
 

@@ -10,9 +10,10 @@ from pathlib import Path
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.text.input_file import read_input
-from sqrp_cli.knowledge.text.source import MAX_BYTES, LeafValue, read_document
+from sqrp_cli.knowledge.text.source import LeafValue
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.text.xml_file import Element, read_xml
+from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 Fields = dict[str, LeafValue]
@@ -34,7 +35,7 @@ def fields_of(workspace: Workspace, role: str) -> Fields:
     try:
         match path.suffix.lower():
             case ".yaml" | ".yml":
-                return dict(read_document(path, frozenset({"!!opencv-matrix"})).leaves)
+                return dict(read_yaml(path, frozenset({"!!opencv-matrix"})).leaves)
             case ".urdf" | ".srdf":
                 return dict(_attributes(read_xml(path, "robot"), ""))
             case ".pddl":

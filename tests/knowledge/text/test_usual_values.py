@@ -12,9 +12,10 @@ import yaml
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.file_schemas import file_schema
-from sqrp_cli.knowledge.text.source import KeyPath, read_document
+from sqrp_cli.knowledge.text.source import KeyPath
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual, rows_that_apply
+from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.random_cell import Crowd
@@ -93,7 +94,7 @@ BOUNDED_ENOUGH = {
 
 @pytest.mark.parametrize(("file", "rows"), [("workspace.yaml", WORKSPACE), ("skill.yaml", SKILL)])
 def test_every_number_of_a_file_has_a_usual_range_or_a_reason_for_none(file: str, rows: tuple[Usual, ...]) -> None:
-    document = read_document(EVERY_FIELD / file)
+    document = read_yaml(EVERY_FIELD / file)
     known = {path for path, _, _ in rows_that_apply(document, rows)}
 
     def without_row(value: object, path: KeyPath = ()) -> list[KeyPath]:

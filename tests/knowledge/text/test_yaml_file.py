@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.text.source import SourceDocument, read_document
+from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.yaml_file import edited, parse_yaml, read_yaml
 
 Read = Callable[[str], SourceDocument]
 
@@ -22,7 +23,7 @@ def read(tmp_path: Path) -> Read:
     def read_text(text: str) -> SourceDocument:
         path = tmp_path / "file.yaml"
         path.write_text(text, encoding="utf-8")
-        return read_document(path)
+        return read_yaml(path)
 
     return read_text
 
@@ -94,15 +95,15 @@ def test_an_alias_repeats_a_value_and_a_merge_key_its_keys(read: Read) -> None:
 def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:
     path = tmp_path / "file.yaml"
     path.write_bytes(b"\xef\xbb\xbfa: 1\n")
-    assert read_document(path).data == {"a": 1}
+    assert read_yaml(path).data == {"a": 1}
 
 
 def test_a_missing_file_is_named_with_its_nearest_neighbour(tmp_path: Path) -> None:
     (tmp_path / "camera.yaml").touch()
     with pytest.raises(InputError, match=r"file not found; did you mean `camera\.yaml`"):
-        read_document(tmp_path / "camra.yaml")
+        read_yaml(tmp_path / "camra.yaml")
     with pytest.raises(InputError, match="found a folder"):
-        read_document(tmp_path)
+        read_yaml(tmp_path)
 
 
 plain = st.recursive(
@@ -127,7 +128,7 @@ def test_what_another_program_writes_is_read_back(
 ) -> None:
     path = tmp_path_factory.mktemp("yaml") / "file.yaml"
     path.write_text(yaml.safe_dump(data, allow_unicode=True), encoding="utf-8")
-    found = read_document(path).data
+    found = read_yaml(path).data
     assert found == data
 
 
@@ -137,7 +138,7 @@ def test_no_bytes_raise_anything_but_an_input_error(tmp_path_factory: pytest.Tem
     path.write_bytes(content)
     problems: tuple[Problem, ...] = ()
     try:
-        read_document(path)
+        read_yaml(path)
     except InputError as error:
         problems = error.problems
     assert all(problem.place is not None and problem.place.file == path for problem in problems)
@@ -150,9 +151,9 @@ SHIPPED = [*sorted(ROOT.glob("skills/*/*.yaml")), *sorted(ROOT.glob("workspaces/
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_both_parsers_find_the_same_values_in_the_same_places(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fast = read_document(path)
+    fast = read_yaml(path)
     monkeypatch.setattr(yaml, "__with_libyaml__", False)
-    slow = read_document(path)
+    slow = read_yaml(path)
     assert fast.data == slow.data
     assert (fast.keys, fast.values) == (slow.keys, slow.values)
 
@@ -165,3 +166,36 @@ def test_a_character_that_there_is_not_is_refused_where_it_stands(read: Read, va
     assert problem.code == "yaml-syntax"
     assert problem.place is not None
     assert problem.place.line in (2, 3)
+
+
+TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop" / "workspace.yaml"
+
+
+def changed(text: str, **values: str) -> str:
+    dotted = {path.replace("__", "."): value for path, value in values.items()}
+    return edited(parse_yaml(Path("some.yaml"), text.encode()), dotted).decode()
+
+
+def test_only_the_named_values_change() -> None:
+    text = "a: {b: [1, 2 cm, x]}  # why\nc: 'quoted'\n"
+    assert changed(text, a__b__1="3 cm", c="plain") == "a: {b: [1, 3 cm, x]}  # why\nc: plain\n"
+
+
+def test_every_value_of_a_workspace_can_be_changed_alone() -> None:
+    document = read_yaml(TABLETOP)
+    for path in list(document.leaves)[::15]:
+        leaves = parse_yaml(TABLETOP, edited(document, {path: "42"})).leaves
+        assert leaves == {**document.leaves, path: 42}
+
+
+@pytest.mark.parametrize("path", ["a.c", "a", "a.b.7"])
+def test_a_path_without_a_value_is_refused_with_the_nearest(path: str) -> None:
+    with pytest.raises(InputError, match="no value"):
+        edited(parse_yaml(Path("some.yaml"), b"a: {b: [1, 2]}"), {path: "3"})
+
+
+def test_a_value_that_an_anchor_shares_is_refused() -> None:
+    text = "first: &same {rate: 10}\nsecond: *same\nthird: {<<: *same, far: 1}\n"
+    with pytest.raises(InputError, match=r"would also change"):
+        changed(text, first__rate="20")
+    assert changed(text, third__far="2") == text.replace("far: 1", "far: 2")

@@ -1,0 +1,365 @@
+"""Reading YAML files safely, with the position of every key and value, and changing single values in their text.
+
+Scalars follow the core schema of YAML 1.2: `1e-3` is a number, `on` and `no` are text, octal and sexagesimal numbers do
+not exist. Keys are always text. Numbers must be finite.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.knowledge.text.input_file import decoded, read_input
+from sqrp_cli.knowledge.text.source import (
+    KeyPath,
+    LeafValue,
+    SourceDocument,
+    describe,
+    dotted,
+    excerpt,
+    not_finite,
+    too_deep,
+)
+
+MAX_BYTES = 1_000_000
+"""Largest YAML file that is read."""
+
+MAX_VALUES = 100_000
+"""Most values in a file, aliases counted as often as they are used."""
+
+MAX_DEPTH = 32
+"""Deepest nesting of mappings and lists."""
+
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+
+_NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN|Nan)")
+
+_CLOSING = re.compile(r"\n---\s*\Z")
+"""The line that ROS prints after each message, which YAML takes for the beginning of another document."""
+
+_QUOTED = re.compile(r"([`']).*\1", re.DOTALL)
+"""What messages quote of a file, quotation marks within it included."""
+
+_WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
+
+_SYNTAX_HINTS = {
+    "<stream end>": "the file ends inside a list, a mapping or a value",
+    "mapping values are not allowed here": "a second `: ` on one line; put text that contains `: ` in quotes",
+    "expected <block end>": "this line does not fit the lines above: check its indentation and the `:` of each key",
+    "could not find expected ':'": "a key without `:`",
+    "cannot start any token": "a character that cannot start a value; indent with spaces, or put the text in quotes",
+    "expected ',' or ']'": "a list `[` that is not closed with `]`, or a missing `,`",
+    "expected ',' or '}'": "a mapping `{` that is not closed with `}`, or a missing `,`",
+    "expected '<document start>'": "this line does not fit the lines above: check their indentation",
+    "expected a single document": "a second document (`---`); one file holds one document",
+    "found undefined alias": "an alias (`*name`) without an anchor (`&name`) before it",
+    "unexpected end of stream": "text in quotes that is not closed",
+}
+
+_IMPLICIT_TAGS = frozenset(
+    f"tag:yaml.org,2002:{name}"
+    for name in ("map", "seq", "str", "int", "float", "bool", "null", "merge", "timestamp", "value")
+)
+
+
+def read_yaml(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()) -> SourceDocument:
+    """The YAML file at `path`, which must hold a mapping.
+
+    tags: explicit tags (such as `!!opencv-matrix`) that are accepted and ignored; every other one is refused.
+    keys: what files of this kind have at their top. Of a file with none of them no word is quoted, for it may be
+    another one, named to see what it says; without keys every file is.
+
+    Raises InputError for a file that is missing, too large, not UTF-8, empty, not a mapping, breaks YAML's syntax,
+    repeats a key, or exceeds a limit of this module.
+    """
+    return parse_yaml(path, read_input(path, MAX_BYTES), tags, keys)
+
+
+def parse_yaml(
+    path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()
+) -> SourceDocument:
+    """As `read_yaml`, of content that is at hand; path: what problems name."""
+    text = _decode(path, content)
+    try:
+        return _parsed(path, content, text, tags)
+    except InputError as error:
+        if not keys or _top_key(keys).search(text):
+            raise
+        raise InputError(*map(_unquoted, error.problems)) from None
+
+
+def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
+    """The content of a document with other values, by dotted path (`cameras.cam1.pose.position.0`), as YAML text.
+
+    Raises InputError for a path that leads to no value of its own in the file: it is not there, is a list or a mapping,
+    or belongs to an anchor that is used elsewhere, too.
+    """
+    text = document.content.decode("utf-8-sig")
+    known = document.leaves
+    for path in values:
+        if path not in known:
+            message = f"the file has no value `{path}`; {expected_names(path, known)}"
+            raise InputError(Problem("unknown-value", message, Place(document.path)))
+    root = yaml.compose(text, yaml.SafeLoader)
+    assert root is not None  # noqa: S101 - it has values
+    spans = sorted(((*_span(root, path.split(".")), value) for path, value in values.items()), reverse=True)
+    for start, end, value in spans:
+        text = text[:start] + value + text[end:]
+    content = text.encode()
+    leaves = parse_yaml(document.path, content).leaves
+    others = [path for path in (*known, *leaves) if path not in values and known.get(path) != leaves.get(path)]
+    if others:
+        message = (
+            f"changing `{', '.join(values)}` would also change `{min(others)}`, which is the same text in the file"
+        )
+        mend = "write the value out in both places"
+        raise InputError(Problem("shared-value", message, Place(document.path), mend=mend))
+    return content
+
+
+def _span(node: yaml.Node, path: list[str]) -> tuple[int, int]:
+    """Where the text of a value begins and ends."""
+    for key in path:
+        if isinstance(node, yaml.SequenceNode):
+            node = node.value[int(key)]
+        else:
+            node = next(value for name, value in _pairs(node) if name == key)
+    return node.start_mark.index, node.end_mark.index
+
+
+def _pairs(node: yaml.Node) -> list[tuple[str, yaml.Node]]:
+    """Keys and values of a mapping, those that it merges after its own."""
+    own, merged = [], []
+    for key, value in node.value:
+        if key.value == "<<" and key.style is None:
+            merged += _pairs(value)
+        else:
+            own.append((str(key.value), value))
+    return [*own, *merged]
+
+
+def _top_key(keys: Collection[str]) -> re.Pattern[str]:
+    """Finds a line that begins with one of some keys."""
+    return re.compile(rf"""^(?:\{{\s*)?["']?(?:{"|".join(map(re.escape, keys))})["']?\s*:""", re.MULTILINE)
+
+
+def _unquoted(problem: Problem) -> Problem:
+    """The problem without a word of the file."""
+    hint = problem.message in _SYNTAX_HINTS.values()
+    return replace(problem, message=problem.message if hint else _QUOTED.sub("`...`", problem.message), excerpt=None)
+
+
+def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> SourceDocument:
+    root = _compose(path, text)
+    if root is None:
+        raise InputError(Problem("empty-file", "the file is empty, expected a mapping of keys to values", Place(path)))
+    builder = _Builder(path, text.splitlines(), tags)
+    data = builder.build(root, ())
+    if not isinstance(data, dict):
+        place = builder.values[()]
+        found = "text" if isinstance(data, str) else describe(data)
+        raise InputError(Problem("not-a-mapping", f"found {found}, expected a mapping of keys to values", place))
+    return SourceDocument(path, content, data, builder.keys, builder.values)
+
+
+def _decode(path: Path, content: bytes) -> str:
+    text = decoded(path, content)
+    if text.startswith("%YAML:"):  # OpenCV's header, which YAML itself does not know
+        text = "#" + text[1:]
+    return _CLOSING.sub("\n", text)
+
+
+if yaml.__with_libyaml__:
+
+    class _FastLoader(yaml.CSafeLoader):
+        """libyaml's loader, in a tenth of the time; raises YAMLError for everything out of the ordinary."""
+
+        # What a scalar without a tag stands for is found elsewhere: looking for it here would take half of the time.
+        yaml_implicit_resolvers: dict[str, list[Any]] = {}  # noqa: RUF012 # as the base class has it
+        depth = 0
+
+        def descend_resolver(self, parent: yaml.Node | None, index: int) -> None:  # noqa: ARG002
+            """Called as each node begins."""
+            self.depth += 1
+            if self.depth > MAX_DEPTH:
+                raise yaml.YAMLError
+
+        def ascend_resolver(self) -> None:
+            """Called as each node ends."""
+            self.depth -= 1
+
+
+@lru_cache(maxsize=16)
+def _compose_fast(text: str) -> yaml.Node | None:
+    """As `_compose`; cells often share their skills' texts, and each is parsed once."""
+    node: yaml.Node | None = _FastLoader(text).get_single_node()
+    return node
+
+
+class _LimitedLoader(yaml.SafeLoader):
+    """A loader that refuses deep nesting before Python's own stack does."""
+
+    def __init__(self, path: Path, text: str) -> None:
+        super().__init__(text)
+        self._path, self._text = path, text
+        self._depth = self._count = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        self._depth += 1
+        self._count += 1
+        if self._count > 2 * MAX_VALUES:  # a key is a node, too
+            raise InputError(self._quoting(Problem("too-many-values", f"more than {MAX_VALUES:,} values")))
+        if self._depth > MAX_DEPTH:
+            raise InputError(self._quoting(too_deep(None, MAX_DEPTH)))
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
+
+    def _quoting(self, problem: Problem) -> Problem:
+        return _quoting(problem, self._path, self._text, self.peek_event().start_mark)  # type: ignore[no-untyped-call]
+
+
+def _compose(path: Path, text: str) -> yaml.Node | None:
+    if yaml.__with_libyaml__:
+        try:
+            return _compose_fast(text)
+        except yaml.YAMLError:
+            pass  # the other parser says better what is wrong
+    try:
+        loader = _LimitedLoader(path, text)
+        return loader.get_single_node()
+    except yaml.MarkedYAMLError as error:
+        raise InputError(_syntax_problem(path, text, error)) from error
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        column = error.position - text.rfind("\n", 0, error.position)
+        message = f"character U+{ord(text[error.position]):04X} is not allowed in YAML"
+        raise InputError(Problem("yaml-syntax", message, Place(path, line, column))) from error
+    except (ValueError, OverflowError) as error:  # `\\U` or `%YAML` with a number that Python refuses
+        problem = Problem("yaml-syntax", "the number of a character or of a version is too large")
+        raise InputError(_quoting(problem, path, text, loader.get_mark())) from error
+
+
+def _syntax_problem(path: Path, text: str, error: yaml.MarkedYAMLError) -> Problem:
+    mark = error.problem_mark or error.context_mark
+    opened = error.context_mark
+    context = error.context or ""
+    if mark and opened and opened.line < mark.line and context.startswith("while") and "block" not in context:
+        mark = opened  # where a bracket, quote or key was opened that is not closed in its line
+    problem = error.problem or error.context or "not YAML"
+    said = f"{error.context} {problem}"
+    hint = next((hint for fragment, hint in _SYNTAX_HINTS.items() if fragment in said), problem)
+    return _quoting(Problem("yaml-syntax", hint, Place(path)), path, text, mark)
+
+
+def _quoting(problem: Problem, path: Path, text: str, mark: yaml.Mark | None) -> Problem:
+    """The problem with its place at a mark, if there is one, and the line there as an excerpt."""
+    if mark is None:
+        return problem
+    lines = text.splitlines()
+    line = lines[mark.line] if mark.line < len(lines) else ""
+    place = Place(path, mark.line + 1, mark.column + 1)
+    return replace(problem, place=place, excerpt=excerpt(line, mark.column + 1))
+
+
+class _Builder:
+    """Turns YAML nodes into plain values and notes where they stand."""
+
+    def __init__(self, path: Path, lines: list[str], tags: frozenset[str]) -> None:
+        self.path = path
+        self.lines = lines
+        self.tags = tags
+        self.keys: dict[KeyPath, Place] = {}
+        self.values: dict[KeyPath, Place] = {}
+
+    def build(self, node: yaml.Node, path: KeyPath) -> Any:  # noqa: ANN401 - YAML holds anything
+        if len(self.values) >= MAX_VALUES:
+            message = f"more than {MAX_VALUES:,} values (an alias counts as often as it is used)"
+            raise InputError(Problem("too-many-values", message, self._place(node)))
+        if len(path) > MAX_DEPTH:
+            raise InputError(too_deep(self._place(node), MAX_DEPTH, hint=" (an alias inside its own anchor?)"))
+        self.values[path] = self._text_place(node)
+        explicit_tag = node.tag not in _IMPLICIT_TAGS and node.tag.replace("tag:yaml.org,2002:", "!!")
+        if explicit_tag and explicit_tag not in self.tags:
+            raise InputError(Problem("yaml-tag", f"the tag `{explicit_tag}` is not accepted", self._place(node)))
+        if isinstance(node, yaml.MappingNode):
+            return self._mapping(node, path)
+        if isinstance(node, yaml.SequenceNode):
+            return [self._item(child, (*path, index)) for index, child in enumerate(node.value)]
+        return self._scalar(node) if isinstance(node, yaml.ScalarNode) else None
+
+    def _item(self, node: yaml.Node, path: KeyPath) -> Any:  # noqa: ANN401
+        self.keys[path] = self._place(node)
+        return self.build(node, path)
+
+    def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
+        data: dict[str, Any] = {}
+        for key_node, value_node in self._pairs(node):
+            key, place = str(key_node.value), self._place(key_node)
+            if key in data:
+                first = self.keys[(*path, key)]
+                message = f"`{dotted((*path, key))}` is given twice, first in line {first.line}"
+                raise InputError(Problem("duplicate-key", message, place))
+            self.keys[(*path, key)] = place
+            data[key] = self.build(value_node, (*path, key))
+        return data
+
+    def _pairs(self, node: yaml.MappingNode) -> Iterator[tuple[yaml.Node, yaml.Node]]:
+        """Keys and values of a mapping, those merged with `<<: *anchor` after its own, which take precedence."""
+        own: set[str] = set()
+        merged: list[yaml.Node] = []
+        for key_node, value_node in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                raise InputError(
+                    Problem("yaml-key", "a key must be a word, not a list or mapping", self._place(key_node))
+                )
+            if key_node.value == "<<" and not key_node.style:
+                merged.append(value_node)
+            else:
+                own.add(key_node.value)
+                yield key_node, value_node
+        for value_node in merged:
+            if not isinstance(value_node, yaml.MappingNode) or value_node is node:
+                raise InputError(
+                    Problem("yaml-key", "`<<` merges one mapping, such as `*base`", self._place(value_node))
+                )
+            for pair in value_node.value:
+                if pair[0].value not in own:
+                    yield pair
+
+    def _scalar(self, node: yaml.ScalarNode) -> LeafValue:
+        text = str(node.value)
+        if node.style:
+            return text
+        if text.lower() in _WORDS:
+            return _WORDS[text.lower()]
+        if _INTEGER.fullmatch(text) and len(text) < 20:
+            return int(text)
+        if _NOT_FINITE.fullmatch(text) or (_FLOAT.fullmatch(text) and abs(float(text)) == float("inf")):
+            raise InputError(not_finite(self._place(node), text))
+        return float(text) if _FLOAT.fullmatch(text) else text
+
+    def _place(self, node: yaml.Node) -> Place:
+        return Place(self.path, node.start_mark.line + 1, node.start_mark.column + 1)
+
+    def _text_place(self, node: yaml.Node) -> Place:
+        """Where a scalar's text starts, behind its quote or block sign."""
+        place = self._place(node)
+        if not isinstance(node, yaml.ScalarNode) or not node.style:
+            return place
+        if node.style in "'\"":
+            return Place(self.path, place.line, node.start_mark.column + 2)
+        for number in range(node.start_mark.line + 1, len(self.lines)):
+            if self.lines[number].strip():
+                indentation = len(self.lines[number]) - len(self.lines[number].lstrip())
+                return Place(self.path, number + 1, indentation + 1)
+        return place
