@@ -9,6 +9,15 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sqrp_cli.api.arguments import (
+    check_calibration,
+    check_count,
+    check_sampling,
+    check_text,
+    checked_path,
+    optional_path,
+    refused,
+)
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -36,7 +45,8 @@ def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
     seed: of everything that planning draws at random. Raises InputError, with file, line and column, for a workspace
     that cannot be used.
     """
-    cell = OpenCell.read(Path(path), seed)
+    check_count(seed, "seed", 0)
+    cell = OpenCell.read(checked_path(path), seed)
     if cell.errors:
         raise InputError(*cell.errors)
     return cell
@@ -51,8 +61,8 @@ def new_cell(folder: str | Path, *, urdf: str | Path | None = None, crowd: Crowd
     from sqrp_cli.api.results import NewCell
     from sqrp_cli.starter.make import make_starter
 
-    made = make_starter(Path(folder), None if urdf is None else str(urdf), crowd)
-    return NewCell(made, Path(folder), own_arm=urdf is not None)
+    folder, arm = checked_path(folder, "folder"), optional_path(urdf, "urdf")
+    return NewCell(make_starter(folder, None if arm is None else str(urdf), crowd), folder, own_arm=arm is not None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,13 +117,17 @@ class OpenCell:
         *,
         sampling: Sampling | None = None,
         calibration: Calibration | None = None,
-        after: Path | None = None,
+        after: str | Path | None = None,
     ) -> Session:
         """A task in the cell, before anything is computed; see `rank`."""
         from sqrp_cli.api.session import Session
         from sqrp_cli.programming.coverage.sampling import Adaptive
 
-        return Session.begin(self.cell, task, after, sampling or Adaptive(), calibration)
+        check_text(task, "task", "a skill and what to do it with, such as `pickup green`")
+        check_sampling(sampling)
+        check_calibration(calibration)
+        before = optional_path(after, "after")
+        return Session.begin(self.cell, task, before, sampling or Adaptive(), calibration)
 
     def rank(
         self,
@@ -122,7 +136,7 @@ class OpenCell:
         by: Criterion = "q_eoi",
         sampling: Sampling | None = None,
         calibration: Calibration | None = None,
-        after: Path | None = None,
+        after: str | Path | None = None,
         jobs: int = 1,
         progress: Progress = silent,
     ) -> Ranking:
@@ -133,9 +147,11 @@ class OpenCell:
         """
         from sqrp_cli.api.results import Ranking
         from sqrp_cli.api.session import assess
-        from sqrp_cli.programming.ranking import rank, read_criterion
+        from sqrp_cli.programming.ranking import CRITERIA, rank
 
-        read_criterion(by)
+        if by not in CRITERIA:
+            raise refused("by", by, f"one of {', '.join(CRITERIA)}")
+        check_count(jobs, "jobs", 1)
         session = self.begin(task, sampling=sampling, calibration=calibration, after=after)
         return Ranking(session, rank(list(assess(session, jobs, progress)), by), by)
 
@@ -145,7 +161,7 @@ class OpenCell:
         choose: str | None = "best",
         *,
         sampling: Sampling | None = None,
-        after: Path | None = None,
+        after: str | Path | None = None,
         jobs: int = 1,
         progress: Progress = silent,
     ) -> Explanation:
@@ -153,11 +169,13 @@ class OpenCell:
 
         choose: the candidate's name, `best` for the first in the ranking, or None to compare all of them.
         """
-        from sqrp_cli.api.choice import check_choice, choose_candidate
         from sqrp_cli.api.results import Explanation
-        from sqrp_cli.api.session import assess
+        from sqrp_cli.api.session import assess, check_choice, choose_candidate
         from sqrp_cli.programming.ranking import rank
 
+        check_count(jobs, "jobs", 1)
+        if choose is not None:
+            check_text(choose, "choose", "the name of a candidate, `best`, or None for all")
         session = self.begin(task, sampling=sampling, after=after)
         check_choice(session.task, choose or "best")
         ranking = rank(list(assess(session, jobs, progress)), "q_eoi")
@@ -173,7 +191,7 @@ class OpenCell:
         self,
         task: str | None = None,
         *,
-        after: Path | None = None,
+        after: str | Path | None = None,
         plan: bool | None = None,
         planner: Planner | None = None,
         jobs: int = 1,
@@ -192,6 +210,7 @@ class OpenCell:
         from sqrp_cli.programming.suggestion import Suggester
         from sqrp_cli.programming.task import impossible_tasks
 
+        check_count(jobs, "jobs", 1)
         name, path = self.workspace.name, str(self.path)
         if self.errors:
             return Check(path, name, task, self.findings)
@@ -236,7 +255,7 @@ class OpenCell:
         self,
         *,
         sampling: Sampling | None = None,
-        out: Path | None = None,
+        out: str | Path | None = None,
         jobs: int = 1,
         progress: Progress = silent,
     ) -> Scores:
@@ -247,6 +266,8 @@ class OpenCell:
         from sqrp_cli.scoring.cells import read_cells
         from sqrp_cli.scoring.work.compute import Means, open_computer
 
-        means = Means(sampling or Adaptive(), jobs, None, out, self.seed)
+        check_sampling(sampling)
+        check_count(jobs, "jobs", 1)
+        means = Means(sampling or Adaptive(), jobs, None, optional_path(out, "out"), self.seed)
         with open_computer(means) as computer:
             return Scores(score_cells(list(read_cells([self.workspace.path])), computer, progress))

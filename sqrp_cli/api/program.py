@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sqrp_cli.api.arguments import check_count, check_share, check_text, check_texts, checked_path, optional_path
 from sqrp_cli.api.cell import OpenCell, silent
 from sqrp_cli.errors import InputError, Place, Problem
 
@@ -36,7 +37,8 @@ def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
     seed: of everything that a run draws at random. Raises InputError for a program without steps, or one that does not
     fit its workspace as it is now.
     """
-    program = OpenProgram.read(Path(path), seed)
+    check_count(seed, "seed", 0)
+    program = OpenProgram.read(checked_path(path), seed)
     if program.cell.errors:
         raise InputError(*program.cell.errors)
     program.check()
@@ -45,7 +47,7 @@ def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
 
 def read_run(log: str | Path) -> SimulatedRun:
     """A run as its log tells it. Raises InputError for what is no log of a whole run."""
-    return LoggedRun.read(Path(log)).replay()
+    return LoggedRun.read(checked_path(log, "log")).replay()
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +108,9 @@ class OpenProgram:
         self,
         faults: Sequence[str] = (),
         *,
-        film: Path | None = None,
-        log: Path | None = None,
-        frames: Path | None = None,
+        film: str | Path | None = None,
+        log: str | Path | None = None,
+        frames: str | Path | None = None,
         listeners: Sequence[Listener] = (),
         witnessed: bool = True,
     ) -> SimulatedRun:
@@ -126,13 +128,14 @@ class OpenProgram:
         from sqrp_cli.runtime.record.log import LogWriter
         from sqrp_cli.runtime.run.injected_fault import parse_fault
 
+        check_texts(faults, "faults", "texts such as ['slip@a4+0.4']")
         simulation, workspace, rng = self._simulation(), self.workspace, np.random.default_rng(self.seed)
         from sqrp_cli.runtime.run.simulation import header
 
         injected = [parse_fault(text, self.program.steps, workspace.cameras, rng) for text in faults]
-        for path in (film, log):
-            if path is not None:
-                check_writable(path)
+        film, log, frames = optional_path(film, "film"), optional_path(log, "log"), optional_path(frames, "frames")
+        for path in filter(None, (film, log)):
+            check_writable(path)
         events: list[Event] = []
 
         def keep(event: Event) -> None:
@@ -166,6 +169,8 @@ class OpenProgram:
         from sqrp_cli.api.results import SlipSweep
         from sqrp_cli.runtime.run.injected_fault import parse_sweep
 
+        check_text(slip, "slip", "a slip and where, such as `slip@a4`")
+        check_count(count, "count", 1)
         simulation = self._simulation()
         from sqrp_cli.runtime.run.simulation import SweepSummary, sweep
 
@@ -188,7 +193,8 @@ class OpenProgram:
         from sqrp_cli.runtime.monitor.frame_audit import audit
         from sqrp_cli.runtime.record.frames import read_frames
 
-        folder = Path(folder)
+        folder = checked_path(folder, "folder")
+        check_share(threshold, "threshold")
         total = sum(1 for _ in read_frames(folder, list(self.workspace.cameras), len(self.program.steps)))
         with progress(f"Looking at {folder}", total) as advance:
             report = audit(self.program, self.workspace, folder, lambda: advance(1))

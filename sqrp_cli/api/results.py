@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument, Recalibrated, SamplingDone
 from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
 from sqrp_cli.report.documents.document import Document, TaskDocument, as_text
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 
     from sqrp_cli.api.session import Session
     from sqrp_cli.checks.dependency_check import Feasibility
-    from sqrp_cli.errors import Problem
     from sqrp_cli.program.record import Program
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.assessment import Study
@@ -104,6 +104,24 @@ class Ranking(Result[RankDocument]):
             interrupted=self.interrupted or None,
             candidates=tuple(CandidateFigures.of(one) for one in self.ranked),
         )
+
+    def write(self, path: str | Path, choose: str = "best") -> None:
+        """Append a candidate to a program file, which is made if it does not exist.
+
+        choose: the candidate's name, or `best` for the first. Raises InputError where it is infeasible, or does not
+        begin where the program ends.
+        """
+        from sqrp_cli.api.arguments import checked_path
+        from sqrp_cli.api.session import ChosenStep, add_steps, check_choice, choose_candidate
+
+        file, session = checked_path(path), self.session
+        check_choice(session.task, choose)
+        chosen = choose_candidate(self.ranked, choose).assessment
+        if not chosen.feasible:
+            message = f"{chosen.candidate.name} is infeasible ({chosen.reasons[0]}), so {file} was not written"
+            raise InputError(Problem("bad-option", message))
+        step = ChosenStep(session.task.text, chosen, session.assignment.world)
+        add_steps(session.cell, [step], session.assignment.sampling, file)
 
     def show(self) -> None:
         """Print the table of `sqrp rank`."""

@@ -1,4 +1,4 @@
-"""What every question about a task begins with: the cell, the world it starts from, and the candidates."""
+"""What questions about a task share: its cell, world and candidates, which one is meant, and the step it becomes."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.program.check import flaws
@@ -19,6 +19,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import make_step
+from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.scoring.baselines.findings import Progress
@@ -67,6 +68,26 @@ def assess(session: Session, jobs: int, progress: Progress) -> Iterator[Assessme
         for assessment in assess_all(session.assignment, session.task.candidates, jobs):
             yield assessment
             advance(1)
+
+
+def check_choice(task: Task, choice: str) -> None:
+    """Raises InputError for a name that no candidate has, before any of them is computed."""
+    names = [candidate.name for candidate in task.candidates]
+    if choice != "best" and not any(_is_meant(name, choice) for name in names):
+        message = f"there is no candidate `{choice}`; {expected_names(choice, names)}"
+        raise InputError(Problem("unknown-candidate", message))
+
+
+def choose_candidate(ranking: Sequence[Ranked], choice: str) -> Ranked:
+    """The candidate that `best` or a name stands for: the first in the ranking whose name has all its words."""
+    if choice == "best":
+        return ranking[0]
+    return next(ranked for ranked in ranking if _is_meant(ranked.assessment.candidate.name, choice))
+
+
+def _is_meant(name: str, choice: str) -> bool:
+    words = set(choice.split())
+    return bool(words) and words <= set(name.split())
 
 
 def world_before(after: Path | None, program: Path | None) -> Path | None:

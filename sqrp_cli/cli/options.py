@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from sqrp_cli.api.arguments import LEAST_STEP, LEAST_TOLERANCE, MOST_SAMPLES
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
@@ -50,15 +51,6 @@ Images = Annotated[
     Path | None,
     typer.Option("--images", metavar="DIR", help="Write what each camera sees in each blind interval as pictures."),
 ]
-
-LEAST_TOLERANCE = 1e-3
-"""Smallest `--tolerance` [points]; below it rounding decides."""
-
-LEAST_STEP = 1e-4
-"""Smallest `--dt` [s]."""
-
-MOST_SAMPLES = 20_000
-"""Largest `--samples`."""
 
 
 def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
@@ -136,8 +128,8 @@ def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) 
             raise _refused(f"--dt is {quantity.value:g} s, expected at least {LEAST_STEP:g} s")
         return FixedStep(quantity.value)
     if tolerance is not None:
-        if not (math.isfinite(tolerance) and LEAST_TOLERANCE <= tolerance <= 100):
-            raise _refused(f"--tolerance is {tolerance:g}, expected {LEAST_TOLERANCE:g} to 100 points")
+        if not (math.isfinite(tolerance) and 100 * LEAST_TOLERANCE <= tolerance <= 100):
+            raise _refused(f"--tolerance is {tolerance:g}, expected {100 * LEAST_TOLERANCE:g} to 100 points")
         return Adaptive(tolerance / 100)
     return Adaptive()
 

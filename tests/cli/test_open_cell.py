@@ -7,8 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli import OpenCell, open_cell
+from sqrp_cli import OpenCell, new_cell, open_cell, open_program, read_run
 from sqrp_cli.errors import InputError
+from sqrp_cli.programming.coverage.robustness import Calibration
+from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
 
@@ -75,3 +77,62 @@ def test_a_workspace_with_errors_is_not_opened(tmp_path):
     (tmp_path / "workspace.yaml").write_text("robot: 1\n")
     with pytest.raises(InputError, match=r"workspace\.yaml:1"):
         open_cell(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("question", "said"),
+    [
+        (lambda cell: cell.rank(None), "task is None, expected a skill and what to do it with"),
+        (lambda cell: cell.rank("pickup g2", sampling=0.01), "sampling is 0.01, expected Adaptive(tolerance)"),
+        (lambda cell: cell.rank("pickup g2", sampling=FixedCount(1)), "sampling is FixedCount(samples=1), expected"),
+        (lambda cell: cell.rank("pickup g2", sampling=Adaptive(float("nan"))), "sampling is Adaptive(tolerance=nan)"),
+        (lambda cell: cell.rank("pickup g2", calibration="5 mm"), "calibration is '5 mm', expected Calibration("),
+        (lambda cell: cell.rank("pickup g2", calibration=Calibration(5, 0.5, 0)), "up to 1 m and up to 1 rad"),
+        (lambda cell: cell.rank("pickup g2", by="speed"), "by is 'speed', expected one of q_eoi, q_avg"),
+        (lambda cell: cell.rank("pickup g2", jobs=0), "jobs is 0, expected a whole number from 1 on"),
+        (lambda cell: cell.explain("pickup g2", 2), "choose is 2, expected the name of a candidate"),
+        (lambda cell: cell.explain("pickup g2", jobs=1.5), "jobs is 1.5"),
+        (lambda cell: cell.check("pickup g2", jobs=True), "jobs is True"),
+        (lambda cell: cell.check(7), "task is 7"),
+        (lambda cell: cell.check("pickup g2", after=7), "after is 7, expected a path"),
+        (lambda cell: cell.score(jobs=-1), "jobs is -1"),
+        (lambda _: open_cell(None), "path is None, expected a path"),
+        (lambda _: open_cell(TABLETOP, seed=-1), "seed is -1, expected a whole number from 0 on"),
+        (lambda _: open_program(7), "path is 7"),
+        (lambda _: read_run(None), "log is None"),
+        (lambda _: new_cell(""), "folder is '', expected a path"),
+    ],
+)
+def test_an_argument_that_cannot_be_used_is_refused_with_what_was_expected(cell, question, said):
+    with pytest.raises(InputError) as refused:
+        question(cell)
+    assert said in str(refused.value)
+
+
+def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, tmp_path):
+    made = new_cell(tmp_path / "one")
+    assert str(made).replace("/one", "/two") == printed(sqrp, "init", tmp_path / "two")
+    assert made.to_json().replace("/one", "/three") == printed(sqrp, "init", tmp_path / "three", "--json")
+    assert open_cell(made.path).check().valid
+
+
+def test_a_ranking_writes_the_program_that_rank_writes(sqrp, cell, tmp_path):
+    cell.rank("pickup green").write(tmp_path / "one.yaml", "g5")
+    sqrp("rank", TABLETOP, "pickup green", "--choose", "g5", "--program", tmp_path / "two.yaml")
+    assert (tmp_path / "one.yaml").read_text() == (tmp_path / "two.yaml").read_text()
+    with pytest.raises(InputError, match=r"g6 is infeasible .*, so .*three.yaml was not written"):
+        cell.rank("pickup green").write(tmp_path / "three.yaml", "g6")
+
+
+def test_a_program_runs_and_its_log_and_frames_tell_the_same(sqrp, quick_cell, tmp_path):
+    program = open_program(quick_cell.program)
+    log, frames = tmp_path / "log", tmp_path / "frames"
+    run = program.run(log=log, frames=frames)
+    assert run.done
+    assert str(run) == printed(sqrp, "run", quick_cell.program, "--sim")
+    assert read_run(log).document.steps == run.document.steps
+    audit = program.audit(frames)
+    assert audit.to_json() == printed(sqrp, "audit", quick_cell.program, frames, "--json")
+    for fault in (7, ["sli@a1"]):
+        with pytest.raises(InputError):
+            program.run(fault)

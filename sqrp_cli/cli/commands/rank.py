@@ -67,8 +67,8 @@ def command(
 
     The best are those in which the cameras will see what matters. The chosen one can be written as a program.
     """
-    from sqrp_cli.api.choice import check_choice
     from sqrp_cli.api.results import Ranking
+    from sqrp_cli.api.session import check_choice
     from sqrp_cli.checks.cell import cell_warnings
     from sqrp_cli.checks.outside import intervals_outside
     from sqrp_cli.programming.ranking import rank, read_criterion
@@ -157,8 +157,7 @@ def _write_chosen(
 
     Returns the exit code, and what there is to say about it.
     """
-    from sqrp_cli.api.choice import choose_candidate
-    from sqrp_cli.api.session import ChosenStep, add_steps
+    from sqrp_cli.api.session import ChosenStep, add_steps, choose_candidate
 
     chosen = choose_candidate(ranking, choose)
     if chosen.rank is None:
