@@ -72,8 +72,9 @@ def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged: Damage) -> None:
 
 
 def test_a_tool_whose_root_is_called_like_the_robots_is_refused(damaged: Damage) -> None:
+    renamed = {'<link name="cup">': '<link name="base">', '<parent link="cup"/>': '<parent link="base"/>'}
     with pytest.raises(InputError, match="robot and tool both have a link `base`"):
-        load_workspace(damaged({"file": "cup.urdf", "replace": {'"cup"': '"base"'}}))
+        load_workspace(damaged({"file": "cup.urdf", "replace": renamed}))
 
 
 def test_home_may_be_a_named_state_of_the_srdf(damaged: Damage) -> None:
