@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -43,7 +43,7 @@ class Cell:
         _check_size(workspace, model)
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
         parts = [*model.parts, *(part for thing in objects for part in thing.parts)]
-        contacts = _self_contacts(workspace, model, seed) if robot.srdf is None else None
+        contacts = find_self_contacts(model, seed) if robot.srdf is None else None
         unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
         solids = tuple(load_solid(part, _name(part, model)) for part in parts)
         return cls(
@@ -85,21 +85,6 @@ def _name(part: Part, model: RobotModel) -> str:
     """What output calls a part: its link if it is one of the robot's own, else the part."""
     of_robot = part.parent in model.links and part.parent not in model.tool_links
     return part.parent if of_robot else part.name
-
-
-_found_contacts: dict[Hashable, SelfContacts] = {}
-"""What trying positions found in this process, by what was said of the robot and the seed."""
-
-
-def _self_contacts(workspace: Workspace, model: RobotModel, seed: int) -> SelfContacts:
-    """As `find_self_contacts`, once for cells with the same robot."""
-    robot = "robot."
-    values = tuple((path, value) for path, value in workspace.values.items() if path.startswith(robot))
-    files = tuple((role, file.digest) for role, file in workspace.files.items() if role.startswith(robot))
-    key = (values, files, seed)
-    if key not in _found_contacts:
-        _found_contacts[key] = find_self_contacts(model, seed)
-    return _found_contacts[key]
 
 
 LARGEST_LINK = 20.0

@@ -15,7 +15,7 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from tests.knowledge.mesh_bombs import dae
+from tests.knowledge.mesh.mesh_bombs import dae
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,6 @@ to, as for RViz, which heeds the unit likewise.
 
 from __future__ import annotations
 
-from functools import cache
 from pathlib import Path
 from xml.parsers import expat
 
@@ -26,7 +25,6 @@ def mesh_of(path: Path, scale: tuple[float, float, float]) -> Mesh:
     return Mesh(path, (x, y, z))
 
 
-@cache
 def mesh_unit(path: Path) -> float:
     """Length of the unit of a mesh file [m]: what a COLLADA file states, otherwise 1.
 

@@ -22,7 +22,7 @@ from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.runtime.surface import load_triangles
 from sqrp_cli.shapes import Mesh, Part
-from tests.knowledge.mesh_bombs import binary_stl, bombs, dae, mutated, obj, sound_meshes, text_stl
+from tests.knowledge.mesh.mesh_bombs import binary_stl, bombs, dae, mutated, obj, sound_meshes, text_stl
 
 BOMBS = bombs()
 SOUND = sound_meshes()

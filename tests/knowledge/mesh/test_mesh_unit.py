@@ -27,7 +27,7 @@ from sqrp_cli.runtime.cell.mujoco_model import build_model
 from sqrp_cli.runtime.surface import Surface, load_triangles
 from sqrp_cli.shapes import Part
 
-CASES = Path(__file__).parent / "cases"
+CASES = Path(__file__).parents[2] / "cases"
 
 CORNERS = np.array([[0.0, 0, 0], [0.03, 0, 0], [0, 0.06, 0], [0, 0, 0.12]])
 """Of a tetrahedron, all extents of which differ [m]."""
@@ -61,7 +61,7 @@ def dae(path: Path, asset: str = "", unit: float = 1.0) -> Path:
 
 @pytest.fixture(scope="module")
 def tabletop() -> Workspace:
-    return load_workspace(Path(__file__).parents[1] / "workspaces" / "tabletop")
+    return load_workspace(Path(__file__).parents[3] / "workspaces" / "tabletop")
 
 
 def spans(vertices: Array) -> Array:
