@@ -36,7 +36,7 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
                 largest = max(_largest_in_image(workspace, box, *look) for look in looks)
                 message = (
                     f"skill `{skill.name}`: box `{box.name}` of `{predicate}` measures at most {largest:.1f} "
-                    f"pixels in any camera, detector `{detector.name}` needs {detector.min_pixels:g}"
+                    f"pixels in any camera, detector `{box.detector}` needs {detector.min_pixels:g}"
                 )
                 mend = "use a larger box or marker, a nearer camera or a longer lens"
                 place = skill.place("targets", predicate, "boxes", index, "name")

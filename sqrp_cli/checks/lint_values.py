@@ -76,7 +76,7 @@ def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
     """Tasks of which faults must be noticed sooner than any camera shows anything."""
     fastest = min(workspace.cameras.values(), key=lambda camera: camera.response, default=None)
     for index, task in enumerate(workspace.tasks):
-        most = task.thresholds.max_delay
+        most = task.max_delay
         if fastest is not None and most is not None and most < fastest.response - 1e-9:
             takes = f"a frame and the latency of `{fastest.name}`, the fastest camera, take {fastest.response:.3g} s"
             message = f"`max_delay` of `{task.task}` is {most:g} s, but {takes}: nothing can meet it"

@@ -1,48 +1,190 @@
-"""The objects of a cell."""
+"""The objects of a cell: what a workspace file says of them, and the markers on them.
+
+Markers are ArUco markers as printed: dictionary `DICT_ARUCO_ORIGINAL` of OpenCV, ids 0 to 1023. A marker has a white
+margin at least as wide as one of its modules. An object with a marker has it in the middle of its top (+z), black
+square and margin together as large as fits there; on links the workspace states the black square.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
-from sqrp_cli.geometry import Array, check_finite, check_poses
-from sqrp_cli.shapes import Part
+from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.geometry import Array, axis_rotation, check_finite, check_poses, inverse, pose, read_only, side_pose
+from sqrp_cli.knowledge.text.bounds import SMALLEST_SIZE
+from sqrp_cli.knowledge.text.entries import (
+    Angle,
+    Distance,
+    Entry,
+    Extents,
+    Name,
+    Pose,
+    Scale,
+    Size,
+    Stored,
+    Text,
+    Written,
+)
+from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
+
+MODULES = 7
+"""Modules along a side of a marker's black square: 5 of the code, and its border."""
+
+MarkerId = Annotated[int, Field(strict=True, ge=0, le=1023)]
+
+Side = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+"""A side of a box, by its outward axis."""
 
 
-@dataclass(frozen=True, eq=False)
-class SceneObject:
-    """A thing in the cell.
+@dataclass(frozen=True, kw_only=True)
+class Held(Stored):
+    """In the tool from the beginning: the tool frame in the centre of one side, as in a waypoint of a skill."""
 
-    type: its PDDL type. color: its colour name, None if it has none worth naming. attributes: further words that a task
-    may use for it. size: full extents [m] of the box around it, in its own axes.
-    X_WO: pose of the centre of that box in the world, shape (4, 4); None while it is unknown where the object is.
-    fixed: whether it never moves. on: the object that it stands on. marker: id of the ArUco marker on it.
-    parts: its solid pieces, in its own frame; a plain box of `size` unless the workspace says otherwise.
-    X_TO: pose in the tool frame, shape (4, 4), if the tool holds it at the beginning; X_WO is None then.
-    """
+    held: Side
+    """Outward axis of the side it is held by."""
+    yaw: Angle = 0.0
+    """Turn of the tool about its z axis."""
+    depth: Distance = 0.0
+    """How far the tool frame goes into the object, between fingers."""
+
+    def X_TO(self, size: tuple[float, float, float]) -> Array:
+        """The pose in the tool frame of an object of a size [m], shape (4, 4), as in `skill.GraspWaypoint`."""
+        X_OT = side_pose(size, self.held) @ pose(axis_rotation(2, self.yaw), (0.0, 0.0, self.depth))
+        return read_only(inverse(X_OT))
+
+
+def _kind_of_pose(data: object) -> str:
+    if not isinstance(data, dict):
+        return "<else>"
+    return "<held>" if data.keys() & {"held", "yaw", "depth"} else "<mapping>"
+
+
+_StatedPose = Annotated[
+    Annotated[Pose, Tag("<mapping>")] | Annotated[Held, Tag("<held>")] | Annotated[Literal["unknown"], Tag("<else>")],
+    Discriminator(_kind_of_pose),
+]
+
+
+def _placement(stated: Pose | Held | str) -> Array | Held | None:
+    if isinstance(stated, Pose):
+        return read_only(stated.matrix())
+    return stated if isinstance(stated, Held) else None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ObjectTraits(Stored):
+    """What a workspace file says of an object and is used as it stands."""
+
+    type: Annotated[
+        Name,
+        Field(
+            description="A type of the skills or any other noun, such as `cube`. Besides, every object is a `fixture` "
+            "or a `movable`, by `fixed`."
+        ),
+    ]
+    color: Annotated[
+        Text | None, Field(description="What a task calls it, and what detectors of colours look for.")
+    ] = None
+    attributes: Annotated[tuple[Name, ...], Field(description="Further words that a task may use for it.")] = ()
+    size: Annotated[Extents, Field(description="Full extents of the box around it, along its own axes.")]
+    pose: Annotated[
+        Array | Held | None,
+        Written(_StatedPose, _placement),
+        Field(description="Pose of the centre of that box in the world, `{held: SIDE}` in the tool, or `unknown`."),
+    ]
+    fixed: Annotated[bool, Field(description="Whether it never moves.")] = False
+    on: Annotated[Name | None, Field(description="The object that it stands on.")] = None
+    marker: Annotated[MarkerId | None, Field(description="Id of the ArUco marker on it.")] = None
+
+    @property
+    def types(self) -> tuple[str, str]:
+        """Its PDDL types: its own (PDDL knows lower case only), and `fixture` or `movable`."""
+        return self.type.lower(), "fixture" if self.fixed else "movable"
+
+    @property
+    def X_WO(self) -> Array | None:
+        """The pose of the centre of its box in the world, shape (4, 4); None in the tool or while it is unknown."""
+        return None if isinstance(self.pose, Held) else self.pose
+
+    @property
+    def X_TO(self) -> Array | None:
+        """The same in the tool frame, if the tool holds it at the beginning."""
+        return self.pose.X_TO(self.size) if isinstance(self.pose, Held) else None
+
+    @property
+    def marker_side(self) -> float:
+        """Side of the black square of a marker on it [m]."""
+        return min(self.size[:2]) * MODULES / (MODULES + 2)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SceneObject(ObjectTraits):
+    """An object of the cell."""
 
     name: str
-    type: str
-    color: str | None
-    attributes: tuple[str, ...]
-    size: tuple[float, float, float]
-    X_WO: Array | None
-    fixed: bool
-    on: str | None
-    marker: int | None
     parts: tuple[Part, ...]
-    X_TO: Array | None = None
+    """Its solid pieces, in its own frame; a plain box of `size` unless the workspace says otherwise."""
 
     def __post_init__(self) -> None:
         """Raises ValueError for a pose that is none and for a size that is not finite."""
         check_poses(f"object `{self.name}`", self.X_WO, self.X_TO)
         check_finite(f"object `{self.name}`", self.size)
 
-    @property
-    def types(self) -> tuple[str, str]:
-        """Its PDDL types: its own, and `fixture` or `movable`."""
-        return object_types(self.type, self.fixed)
+
+class RoundEntry(Entry):
+    """Radius and length along z of a cylinder or capsule (its straight part)."""
+
+    radius: Size
+    length: Size
 
 
-def object_types(own_type: str, fixed: bool) -> tuple[str, str]:
-    """The PDDL types of an object: its own (PDDL knows lower case only), and `fixture` or `movable`."""
-    return own_type.lower(), "fixture" if fixed else "movable"
+class PartEntry(Entry):
+    """A solid piece of an object: a box (full extents), sphere (radius), cylinder, capsule or mesh."""
+
+    name: Name | None = Field(default=None, description="What output calls it; default: the object and a number.")
+    box: Extents | None = Field(default=None, description="Full extents.")
+    sphere: Size | None = Field(default=None, description="Its radius.")
+    cylinder: RoundEntry | None = Field(default=None, description="About its z axis.")
+    capsule: RoundEntry | None = Field(
+        default=None, description="About its z axis; the length is of the straight part."
+    )
+    mesh: Text | None = Field(
+        default=None,
+        description="STL, OBJ or DAE file; relative to this file, or package://. The unit of a DAE counts.",
+    )
+    scale: Scale = Field(default=(1.0, 1.0, 1.0), description="Scale of the mesh, one for all axes or one for each.")
+    pose: Pose = Field(default=Pose(), description="Pose of the piece in the object's frame.")
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> PartEntry:
+        shapes = ("box", "sphere", "cylinder", "capsule", "mesh")
+        if sum(getattr(self, shape) is not None for shape in shapes) != 1:
+            keys = ", ".join(f"`{shape}`" for shape in shapes)
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys {keys}", {"keys": keys})
+        if min(map(abs, self.scale)) < SMALLEST_SIZE:
+            raise PydanticCustomError("wrong-value", "`scale` has a zero, which would flatten the mesh")
+        return self
+
+    def shape(self, mesh: Callable[[str, tuple[float, float, float]], Shape]) -> Shape:
+        """Its shape; mesh: the one in the file of that name, at a scale."""
+        if self.box is not None:
+            return Box(self.box)
+        if self.sphere is not None:
+            return Sphere(self.sphere)
+        if self.cylinder is not None:
+            return Cylinder(self.cylinder.radius, self.cylinder.length)
+        if self.capsule is not None:
+            return Capsule(self.capsule.radius, self.capsule.length)
+        return mesh(self.mesh or "", self.scale)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ObjectEntry(ObjectTraits):
+    """A thing in the cell."""
+
+    parts: tuple[PartEntry, ...] = ()
+    """Its solid pieces; default: the box."""

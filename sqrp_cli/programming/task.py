@@ -13,7 +13,7 @@ from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
-from sqrp_cli.knowledge.workspace.workspace import Thresholds, Workspace
+from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
 from sqrp_cli.logic.domain import Parameter
 
 MAX_CANDIDATES = 100_000
@@ -100,7 +100,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
 def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:
     """What `rank` would say of tasks that cannot be read, and warnings about expectations that cannot be met."""
     for index, expected in enumerate(workspace.tasks):
-        path, thresholds = f"tasks.{index}", expected.thresholds
+        path = f"tasks.{index}"
         try:
             task = read_task(expected.task, workspace)
         except InputError as error:
@@ -108,15 +108,15 @@ def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:
             yield from (replace(problem, place=place) for problem in error.problems)
             continue
         usable = dict.fromkeys(name for candidate in task.candidates for name in candidate.binding.values())
-        winner = thresholds.winner
+        winner = expected.winner
         if winner is not None and winner not in usable:
             expected_winner = expected_names(winner, usable)
             message = f"`{path}.winner`: no candidate of `{task.text}` uses `{winner}`; {expected_winner}"
             mend = "name an object that the task can use, or correct `task`"
             place = workspace.places.get(f"{path}.winner")
             yield Problem("impossible-winner", message, place, severity="warning", mend=mend)
-        if thresholds.feasible is False:
-            yield from _against_infeasible(workspace, path, thresholds)
+        if expected.feasible is False:
+            yield from _against_infeasible(workspace, path, expected)
 
 
 def in_words(skill: Skill, parameters: Mapping[str, MotionValue]) -> dict[str, str]:
@@ -285,10 +285,10 @@ def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence
     return f"nothing matches `{asked}`; `{skill.name}` can use {usable}"
 
 
-def _against_infeasible(workspace: Workspace, path: str, thresholds: Thresholds) -> Iterator[Problem]:
+def _against_infeasible(workspace: Workspace, path: str, expected: ExpectedTask) -> Iterator[Problem]:
     """What is expected of the best candidate of a task of which no candidate is to be feasible."""
-    names = [field.name for field in fields(thresholds) if field.name != "feasible"]
-    stated = [name for name in names if getattr(thresholds, name) is not None]
+    names = [field.name for field in fields(expected) if field.name not in ("task", "feasible")]
+    stated = [name for name in names if getattr(expected, name) is not None]
     if stated:
         keys = ", ".join(f"`{name}`" for name in stated)
         message = f"`{path}`: {keys} expected of the best candidate, but `feasible: false` expects that there is none"

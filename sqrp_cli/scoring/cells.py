@@ -9,7 +9,7 @@ from pathlib import Path
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.knowledge.workspace.workspace import Thresholds, Workspace
+from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
 from sqrp_cli.programming.task import Task, read_task
 from sqrp_cli.scoring.discovery import short_names
 from sqrp_cli.scoring.work.identity import content_digest
@@ -24,7 +24,7 @@ class ScoredTask:
     """
 
     text: str
-    thresholds: Thresholds
+    expected: ExpectedTask
     task: Task | None
     content: str
     problems: tuple[Problem, ...] = ()
@@ -66,10 +66,10 @@ def _tasks(workspace: Workspace) -> tuple[ScoredTask, ...]:
         try:
             task = read_task(expected.task, workspace)
         except InputError as error:
-            tasks.append(ScoredTask(expected.task, expected.thresholds, None, "", error.problems))
+            tasks.append(ScoredTask(expected.task, expected, None, "", error.problems))
             continue
         skill = task.skill.name
         if skill not in contents:
             contents[skill] = content_digest(workspace, skill)
-        tasks.append(ScoredTask(expected.task, expected.thresholds, task, contents[skill]))
+        tasks.append(ScoredTask(expected.task, expected, task, contents[skill]))
     return tuple(tasks)

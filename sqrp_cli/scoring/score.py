@@ -88,7 +88,7 @@ def _task_score(cell: ScoredCell, task: ScoredTask, computer: Computer) -> TaskS
     best = ranking[0] if ranking[0].rank is not None else None
     first = ranking[0].assessment
     why_none = f"{first.candidate.name}: {first.reasons[0]}" if best is None else ""
-    reasons = shortcomings(None if best is None else best.assessment, task.thresholds, why_none)
+    reasons = shortcomings(None if best is None else best.assessment, task.expected, why_none)
     return TaskScore(cell.name, task.text, "failed" if reasons else "passed", best, ways, reasons, content=task.content)
 
 

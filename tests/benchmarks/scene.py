@@ -23,7 +23,7 @@ from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.shapes import Box, Part
 
 TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
-DETECTOR = Detector("color", "color", (0.1, 3.0), np.pi, 8.0, 1.0)
+DETECTOR = Detector(kind="color", distance=(0.1, 3.0), max_incidence=np.pi, min_pixels=8.0)
 SIZE = (0.05, 0.05, 0.05)
 
 
@@ -88,7 +88,19 @@ def _camera(index: int, count: int) -> Camera:
     eye = np.array([0.2 + 1.3 * np.cos(angle), 1.3 * np.sin(angle), 0.6 + 0.35 * (index % 3)])
     K = np.array([[520.0, 0.0, 319.5], [0.0, 520.0, 239.5], [0.0, 0.0, 1.0]])
     X_WC = look_at(eye, (0.25, 0.0, 0.2))
-    return Camera(f"cam{index}", 640, 480, K, "none", np.zeros(0), WORLD, X_WC, 0.1, 4.0, 10.0, 0.05)
+    return Camera(
+        name=f"cam{index}",
+        width=640,
+        height=480,
+        matrix=K,
+        distortion_model="none",
+        distortion=np.zeros(0),
+        frame=WORLD,
+        X_FC=X_WC,
+        far=4.0,
+        rate=10.0,
+        latency=0.05,
+    )
 
 
 def _target(index: int, tool: str) -> Target:

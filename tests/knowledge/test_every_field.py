@@ -4,24 +4,23 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import pytest
-from pydantic import BaseModel, PlainValidator
+from pydantic import BaseModel, PlainValidator, TypeAdapter
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.skill import skill
 from sqrp_cli.knowledge.skill.settings import Kind
 from sqrp_cli.knowledge.skill.skill import SkillFile
-from sqrp_cli.knowledge.text.entries import CameraPose, Entry, Pose
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.knowledge.text.entries import Entry, Stored, Written
+from sqrp_cli.knowledge.text.source import SourceDocument, KeyPath, dotted
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
-from sqrp_cli.knowledge.workspace import workspace_file
-from sqrp_cli.knowledge.workspace.workspace_file import WorkspaceFile
+from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 
 CASES = Path(__file__).parents[1] / "cases" / "every_field"
 FILES: dict[str, type[BaseModel]] = {"workspace.yaml": WorkspaceFile, "skill.yaml": SkillFile}
@@ -46,17 +45,44 @@ def document(file: str) -> SourceDocument:
     return read_yaml(CASES / file)
 
 
+def stated_fields(model: type) -> list[tuple[str, str, bool]]:
+    """Name and key of each field of a model, and whether it must be there."""
+    if issubclass(model, BaseModel):
+        return [(name, info.alias or name, info.is_required()) for name, info in model.model_fields.items()]
+    if is_dataclass(model):
+        return [(part.name, part.name, part.default is MISSING) for part in fields(model)]
+    return []
+
+
+def as_written(owner: object, name: str, data: object) -> object:
+    """A field in the form that a file has it in."""
+    for mark in get_args(get_type_hints(type(owner), include_extras=True)[name]):
+        if isinstance(mark, Written):
+            return TypeAdapter(mark.form).validate_python(data)
+    return getattr(owner, name)
+
+
+def models_in(kind: Any, found: set[type]) -> set[type]:
+    """The models that a file of a kind is made of, besides those that were found."""
+    kind = kind.form if isinstance(kind, Written) else kind
+    if isinstance(kind, type) and issubclass(kind, Entry | Stored) and kind not in found:
+        found.add(kind)
+        for hint in get_type_hints(kind, include_extras=True).values():
+            models_in(hint, found)
+    for part in get_args(kind):
+        models_in(part, found)
+    return found
+
+
 def uses(file: str) -> Iterator[FieldUse]:
     """The fields of a valid file's models that are stated in it."""
 
     def walk(value: object, data: Any, path: KeyPath) -> Iterator[FieldUse]:
-        if isinstance(value, BaseModel):
-            for name, info in type(value).model_fields.items():
-                key = info.alias or name
-                if key in data:
-                    yield FieldUse(file, (*path, key), type(value).__name__, name, info.is_required())
-                    yield from walk(getattr(value, name), data[key], (*path, key))
-        elif isinstance(value, dict):
+        for name, key, required in stated_fields(type(value)):
+            if isinstance(data, dict) and key in data:
+                yield FieldUse(file, (*path, key), type(value).__name__, name, required)
+                yield from walk(as_written(value, name, data[key]), data[key], (*path, key))
+        if isinstance(value, dict):
             for key in value:
                 yield from walk(value[key], data[key], (*path, key))
         elif isinstance(value, list | tuple) and isinstance(data, list):
@@ -71,10 +97,9 @@ USES = [use for file in FILES for use in uses(file)]
 
 def test_the_files_use_the_fields_of_every_model() -> None:
     """A new field belongs into tests/cases/every_field; one or two may wait."""
-    modules = (workspace_file, skill)
-    models = {thing for module in modules for thing in vars(module).values() if isinstance(thing, type)}
-    entries = {model for model in models if issubclass(model, Entry) and model is not Entry} | {Pose, CameraPose}
-    known = {(model.__name__, name) for model in entries for name in model.model_fields}
+    models = models_in(WorkspaceFile, set()) | models_in(SkillFile, set())
+    assert len(models) >= 30
+    known = {(model.__name__, name) for model in models for name, _, _ in stated_fields(model)}
     used = {(use.model, use.name) for use in USES}
     assert {"WorkspaceFile", "SkillFile", "CameraEntry", "BoxSpec"} <= {model for model, _ in used}
     # A camera's pose in a quaternion or as rpy is the same field as any other pose's.

@@ -106,7 +106,7 @@ class Search(ABC):
         assert thing.X_WO is not None
         X_WO = thing.X_WO.copy()
         X_WO[:2, 3] = np.round(X_WO[:2, 3] + 0.03 * random.normal(size=2), 2)
-        objects = {**workspace.objects, thing.name: replace(thing, X_WO=X_WO)}
+        objects = {**workspace.objects, thing.name: replace(thing, pose=X_WO)}
         try:
             return type(self)(Cell.load(replace(workspace, objects=objects)))
         except ValueError:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-from sqrp_cli.knowledge.workspace.workspace import Thresholds
+from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.scoring.thresholds import shortcomings
 
-EXPECTED = Thresholds(None, None, None, 0.1, None, None)
+EXPECTED = ExpectedTask(task="pickup", max_delay=0.1)
 
 
 def assessed(*, blind: float) -> Assessment:

@@ -1,11 +1,21 @@
-"""A calibrated camera."""
+"""A camera: what a workspace file says of it, and the calibrated camera that this and its other files describe.
+
+Numbers are in SI units and angles in radians, whatever unit a file states.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from math import radians, tan
+from typing import Annotated, Literal
 
-from sqrp_cli.geometry import Array, check_finite, check_poses
+from pydantic import Field
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.geometry import Array, check_finite, check_poses, read_only
+from sqrp_cli.knowledge.text.bounds import LARGEST
+from sqrp_cli.knowledge.text.entries import CameraPose, In, Number, Size, Stored, Text, Time
+from sqrp_cli.knowledge.text.units import ANGLE, FREQUENCY, PIXELS
 
 DistortionModel = Literal["none", "plumb_bob", "rational_polynomial", "equidistant"]
 
@@ -21,38 +31,42 @@ DISTORTION_LENGTHS: dict[DistortionModel, int] = {
 MAX_PIXELS = 200_000_000
 """Most pixels of an image; industrial cameras have up to 150 million."""
 
+PixelCount = Annotated[int, Field(strict=True, gt=0, le=100_000)]
+FieldOfView = Annotated[float, In(ANGLE, radians(0.01), radians(179.9))]
+FocalLength = Annotated[float, In(PIXELS, 0.1, LARGEST)]
+Frequency = Annotated[float, In(FREQUENCY, 1e-3, LARGEST)]
 
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """A camera with its calibration, place and sensing range.
 
-    width, height: image size [pixels]; pixel (0, 0) is the centre of the first pixel.
-    matrix: the intrinsic matrix K [pixels], shape (3, 3).
-    distortion_model, distortion: as in ROS `sensor_msgs/CameraInfo` (k1, k2, p1, p2, k3, ...).
-    frame: `world`, or the link that carries the camera.
-    X_FC: pose of the optical frame (x right, y down, z forward) in `frame`, shape (4, 4).
-    near, far: range of optical z in which the camera sees [m].
-    rate: images per second [Hz]. latency: from exposure to the image being available [s].
-    """
+def check_pixels(width: int, height: int) -> None:
+    """Raises PydanticCustomError for an image of more than `MAX_PIXELS`."""
+    if width * height > MAX_PIXELS:
+        message = f"found {width:,} x {height:,} = {width * height:,} pixels, expected at most {MAX_PIXELS:,}"
+        raise PydanticCustomError("image-too-large", message)
 
-    name: str
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Intrinsics:
+    """How the camera itself makes an image; pixel (0, 0) is the centre of the first pixel."""
+
     width: int
+    """Columns of the image [pixels]."""
     height: int
+    """Rows of the image [pixels]."""
     matrix: Array
+    """The intrinsic matrix K [pixels], shape (3, 3)."""
     distortion_model: DistortionModel
     distortion: Array
-    frame: str
-    X_FC: Array
-    near: float
-    far: float
-    rate: float
-    latency: float
+    """As in ROS `sensor_msgs/CameraInfo`: k1, k2, p1, p2, k3, ..."""
 
-    def __post_init__(self) -> None:
-        """Raises ValueError for a pose that is none and for figures that are not finite; `far` may be infinite."""
-        what = f"camera `{self.name}`"
-        check_poses(what, self.X_FC)
-        check_finite(what, self.matrix, self.distortion, self.near, self.rate, self.latency)
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Sensing(Stored):
+    """How far and how often a camera sees: what a workspace file says of it and is used as it stands."""
+
+    near: Annotated[Size, Field(description="Nearest depth at which the camera sees.")] = 0.1
+    far: Annotated[Size, Field(description="Farthest depth at which the camera sees.")] = 10.0
+    rate: Annotated[Frequency, Field(description="Images per second.")]
+    latency: Annotated[Time, Field(description="From exposure to the image being available.")] = 0.0
 
     @property
     def response(self) -> float:
@@ -61,3 +75,121 @@ class Camera:
         That is one frame period and the latency.
         """
         return 1.0 / self.rate + self.latency
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Camera(Sensing, Intrinsics):
+    """A camera with its calibration, place and sensing range."""
+
+    name: str
+    frame: str
+    """`world`, or the link that carries the camera."""
+    X_FC: Array
+    """Pose of the optical frame (x right, y down, z forward) in `frame`, shape (4, 4)."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a pose that is none and for figures that are not finite; `far` may be infinite."""
+        what = f"camera `{self.name}`"
+        check_poses(what, self.X_FC)
+        check_finite(what, self.matrix, self.distortion, self.near, self.rate, self.latency)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DistortionEntry(Stored):
+    """Lens distortion as in ROS camera calibration files."""
+
+    model: DistortionModel
+    """plumb_bob (5), rational_polynomial (8) or equidistant (4 coefficients)."""
+    coefficients: list[Number]
+    """In the order of ROS: k1, k2, p1, p2, k3, ..."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImageEntry(Stored):
+    """The image of a camera: its size, and either a field of view or the focal lengths."""
+
+    width: PixelCount
+    """Columns of the image."""
+    height: PixelCount
+    """Rows of the image."""
+    horizontal_fov: FieldOfView | None = None
+    """Angle from the left to the right edge without lens distortion; square pixels."""
+    fx: FocalLength | None = None
+    """Focal length along x."""
+    fy: FocalLength | None = None
+    """Focal length along y; default fx."""
+    cx: Number | None = None
+    """Principal point; default the middle of the image, (width - 1) / 2."""
+    cy: Number | None = None
+    """Principal point; default the middle of the image, (height - 1) / 2."""
+    distortion: DistortionEntry | None = None
+    """Default: none."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for what cannot be meant together."""
+        check_pixels(self.width, self.height)
+        if (self.horizontal_fov is None) == (self.fx is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `horizontal_fov`, `fx`")
+        if self.horizontal_fov is not None and self.fy is not None:
+            raise PydanticCustomError("conflicting-keys", "`fy` goes with `fx`, not with `horizontal_fov`")
+
+    def intrinsics(self) -> Intrinsics:
+        """What it means: pixels are square unless `fy` is given. How many coefficients there are is not checked."""
+        fx = self.fx if self.fx is not None else 0.5 * self.width / tan(0.5 * (self.horizontal_fov or 0.0))
+        fy = self.fy if self.fy is not None else fx
+        cx = self.cx if self.cx is not None else 0.5 * (self.width - 1)
+        cy = self.cy if self.cy is not None else 0.5 * (self.height - 1)
+        lens = self.distortion or DistortionEntry(model="none", coefficients=[])
+        return Intrinsics(
+            width=self.width,
+            height=self.height,
+            matrix=read_only([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
+            distortion_model=lens.model,
+            distortion=read_only(lens.coefficients),
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CalibrationEntry(Stored):
+    """Where a camera is and how it makes an image: stated, or by files that others wrote."""
+
+    frame: Annotated[
+        Text | None,
+        Field(
+            description="`world` (the default), the cell's; or the link that carries the camera, where `robot/world` is"
+            " a link that the URDF calls `world`. With `hand_eye`: instead of the link that the file names."
+        ),
+    ] = None
+    pose: Annotated[
+        CameraPose | None, Field(description="Pose of the optical frame (z forward, x right, y down) in `frame`.")
+    ] = None
+    hand_eye: Annotated[
+        Text | None,
+        Field(description="A result of easy_handeye or easy_handeye2, instead of `pose`; relative to this file."),
+    ] = None
+    convention: Annotated[
+        Literal["optical", "body"], Field(description="Axes of the stated orientation; body: x forward, y left, z up.")
+    ] = "optical"
+    image: Annotated[ImageEntry | None, Field(description="Size and field of view or focal lengths of the image.")] = (
+        None
+    )
+    calibration: Annotated[Text | None, Field(description="A ROS camera calibration file, instead of `image`.")] = None
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CameraEntry(Sensing, CalibrationEntry):
+    """A camera."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for what cannot be meant together."""
+        if (self.pose is None) == (self.hand_eye is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `pose`, `hand_eye`")
+        if (self.image is None) == (self.calibration is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `image`, `calibration`")
+        if self.near >= self.far:
+            raise PydanticCustomError("empty-range", "`near` must be less than `far`")
+        if self.convention == "body" and self.pose is not None and self.pose.look_at is not None:
+            raise PydanticCustomError(
+                "conflicting-keys",
+                "`look_at` gives the viewing direction; `convention: body` goes with rpy or quaternion",
+            )

@@ -1,26 +1,37 @@
-"""What a detection algorithm can do."""
+"""What a detection algorithm can do. Numbers are in SI units, angles in radians."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from math import pi, radians
+from typing import Annotated, Literal
+
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.knowledge.text.entries import In, Pixels, Range, Stored
+from sqrp_cli.knowledge.text.units import ANGLE, SHARE
 
 DetectorKind = Literal["aruco", "color"]
+Incidence = Annotated[float, In(ANGLE, radians(0.1), pi)]
+VisibleShare = Annotated[float, In(SHARE, 0.001, 1.0)]
 
 
-@dataclass(frozen=True)
-class Detector:
-    """The limits within which a detection algorithm is reliable.
+@dataclass(frozen=True, kw_only=True)
+class Detector(Stored):
+    """The limits within which a detection algorithm is reliable."""
 
-    distance: nearest and farthest distance from the camera to the centre of the box [m].
-    max_incidence: largest angle between the box's normal and the direction to the camera [rad].
-    min_pixels: least square root of the area of the projected box's convex hull [pixels].
-    min_visible: least share of the box's silhouette that must be seen, in (0, 1].
-    """
-
-    name: str
     kind: DetectorKind
-    distance: tuple[float, float]
-    max_incidence: float
-    min_pixels: float
-    min_visible: float
+    """What it detects: ArUco markers or colours."""
+    distance: Range
+    """Nearest and farthest distance from the camera."""
+    max_incidence: Incidence
+    """Largest angle between a box's normal and the direction to the camera."""
+    min_pixels: Pixels
+    """Least size in the image: square root of the area in pixels."""
+    min_visible: VisibleShare = 1.0
+    """Least share of the box that must be seen."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError, a ValueError, for a range without an inside."""
+        if self.distance[0] >= self.distance[1]:
+            raise PydanticCustomError("empty-range", "`distance` must go from a nearer to a farther distance")

@@ -1,13 +1,24 @@
-"""The robot of a cell, as files and settings; `programming.kinematics` makes a moving model of it."""
+"""The robot of a cell: what it is, and the entries of a workspace file that say so.
+
+`programming.kinematics` makes a moving model of it. Numbers are in SI units and angles in radians.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_poses
 from sqrp_cli.knowledge.robot.urdf import UrdfModel
+from sqrp_cli.knowledge.scene import MarkerId
+from sqrp_cli.knowledge.text import units
+from sqrp_cli.knowledge.text.entries import AnyQuantity, Entry, Extents, Pose, Size, Stored, Text, mapping_or_else
+from sqrp_cli.knowledge.text.units import Dimension
 from sqrp_cli.shapes import Geometry, Part
 
 
@@ -58,12 +69,14 @@ class Fingers:
     closed: Mapping[str, float]
 
 
-@dataclass(frozen=True)
-class Marker:
-    """An ArUco marker on a link: square, around the origin of the link's frame, facing along its z axis; side [m]."""
+@dataclass(frozen=True, kw_only=True)
+class Marker(Stored):
+    """An ArUco marker on a link: around the origin of the link's frame, facing along its z axis."""
 
-    id: int
-    side: float
+    id: MarkerId
+    """Which marker of the dictionary it is."""
+    side: Size
+    """Side of the printed square."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,3 +125,124 @@ class Robot:
     def rest(self) -> Mapping[str, float]:
         """Position of joints while nothing moves them [rad or m]: the arm's at home, the fingers' when open."""
         return {**self.home, **(self.fingers.open if self.fingers else {})}
+
+PerJoint = Annotated[
+    Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[AnyQuantity, Tag("<else>")], mapping_or_else()
+]
+"""A limit of joints by name, or of all of them."""
+
+
+class ToolBoxEntry(Entry):
+    """A box of a tool."""
+
+    size: Extents = Field(description="Full extents along its own axes.")
+    pose: Pose = Field(default=Pose(), description="Pose of its centre in the tool's root link.")
+
+
+class ToolEntry(Entry):
+    """A tool that is fixed to the robot: a URDF, or boxes with a frame that grasps."""
+
+    urdf: Text | None = Field(default=None, description="The tool's own URDF; relative to this file, or package://.")
+    boxes: list[ToolBoxEntry] | None = Field(
+        default=None, min_length=1, max_length=100, description="Boxes that enclose the tool, instead of a URDF."
+    )
+    frame: Pose | None = Field(
+        default=None,
+        description="With `boxes`: the frame that grasps, as a pose in the tool's root link; its z axis points out of "
+        "the tool. It is the tool frame, called `tool_tip`.",
+    )
+    link: Text = Field(description="The link of the robot that carries the tool's root link.")
+    pose: Pose = Field(default=Pose(), description="Pose of the tool's root link in that link.")
+
+    @model_validator(mode="after")
+    def _urdf_or_boxes(self) -> ToolEntry:
+        if (self.urdf is None) == (self.boxes is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `urdf`, `boxes`")
+        if (self.boxes is None) != (self.frame is None):
+            raise PydanticCustomError("conflicting-keys", "`boxes` needs `frame`, and `frame` goes with `boxes`")
+        return self
+
+
+PositionsEntry = Annotated[
+    Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
+]
+"""Positions of joints by name, or the name of a state of the SRDF that has them."""
+
+
+class FingersEntry(Entry):
+    """The fingers of a gripper: closed by `grasp` until they touch the object, opened by `release`."""
+
+    open: PositionsEntry = Field(
+        description="Position of each joint that drives the fingers when they are open, or the name of a state of the "
+        "SRDF. Joints that mimic them follow."
+    )
+    closed: PositionsEntry = Field(description="The same when they are closed with nothing between them.")
+
+
+@dataclass(frozen=True)
+class LimitKind:
+    """Marks a limit of joints: its dimension for a joint that turns, and for one that slides."""
+
+    turning: Dimension
+    sliding: Dimension
+
+
+_Velocity = LimitKind(units.ANGULAR_SPEED, units.SPEED)
+_Acceleration = LimitKind(units.ANGULAR_ACCELERATION, units.ACCELERATION)
+_Jerk = LimitKind(units.ANGULAR_JERK, units.JERK)
+
+
+class LimitsEntry(Entry):
+    """Limits of the joints: one value for all of them, or one for each joint by name."""
+
+    velocity: Annotated[PerJoint | None, _Velocity] = Field(default=None, description="Default: the URDF's.")
+    acceleration: Annotated[PerJoint | None, _Acceleration] = Field(
+        default=None, description="Default: 5 rad/s^2 or m/s^2."
+    )
+    jerk: Annotated[PerJoint | None, _Jerk] = Field(default=None, description="Default: 50 rad/s^3 or m/s^3.")
+    stop_acceleration: Annotated[PerJoint | None, _Acceleration] = Field(
+        default=None, description="Of a stop because nobody watches any more. Default, and least: as of every motion."
+    )
+    stop_jerk: Annotated[PerJoint | None, _Jerk] = Field(
+        default=None, description="Of such a stop. Default, and least: as of every motion."
+    )
+
+    def stated(self, limit: str) -> tuple[PerJoint | None, LimitKind]:
+        """One of the limits, and what it is."""
+        kind = next(mark for mark in type(self).model_fields[limit].metadata if isinstance(mark, LimitKind))
+        return getattr(self, limit), kind
+
+
+class RobotEntry(Entry):
+    """The robot, its tool and where it stands."""
+
+    urdf: Text = Field(description="The robot's URDF; relative to this file, or package://.")
+    srdf: Text | None = Field(
+        default=None, description="Its SRDF: named states and collision pairs that need no check."
+    )
+    package_roots: list[Text] = Field(default=[], description="Folders in which package://NAME/ is looked up first.")
+    base: Pose = Field(default=Pose(), description="Pose of the robot's root link in the world.")
+    tool: ToolEntry | None = Field(default=None, description="A tool on the robot, with a URDF of its own.")
+    tool_frame: Text | None = Field(
+        default=None,
+        description="The link that grasps; its z axis points out of the tool, into the object. A tool of boxes has its "
+        "own.",
+    )
+    home: PositionsEntry = Field(
+        description="Position of every joint of the arm by its name, or the name of a state of the SRDF."
+    )
+    fingers: FingersEntry | None = Field(default=None, description="The fingers of its gripper, if they move.")
+    markers: dict[str, Marker] = Field(default={}, description="ArUco markers on links, by the link's name.")
+    limits: LimitsEntry = Field(default=LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
+    geometry: Geometry = Field(
+        default="collision", description="The geometry of the links that is solid and hides things."
+    )
+
+    @model_validator(mode="after")
+    def _one_tool_frame(self) -> RobotEntry:
+        own = self.tool is not None and self.tool.frame is not None
+        if own and self.tool_frame is not None:
+            raise PydanticCustomError(
+                "conflicting-keys", "`tool_frame` and `tool.frame` both say what grasps; keep one"
+            )
+        return self

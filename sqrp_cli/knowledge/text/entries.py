@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any, LiteralString
+from dataclasses import dataclass, fields
+from typing import Annotated, Any, LiteralString, TypeVar, cast
 
 import numpy as np
 from pydantic import (
@@ -42,6 +42,8 @@ from sqrp_cli.knowledge.text.bounds import (
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity, read_quantity
 
+Completed = TypeVar("Completed")
+
 
 class Entry(BaseModel):
     """A mapping of a YAML file that accepts the keys it declares and no others."""
@@ -63,7 +65,7 @@ class Stored:
     Pydantic checks what a file says by the annotations of the fields, and takes a record that exists as it is.
     """
 
-    __pydantic_config__ = ConfigDict(arbitrary_types_allowed=True, use_attribute_docstrings=True)
+    __pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True, use_attribute_docstrings=True)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
@@ -81,16 +83,24 @@ class Stored:
         return no_info_before_validator_function(check, schema, ref=schema.pop("ref"))
 
 
+def completed(record: Callable[..., Completed], *known: object, **found: object) -> Completed:
+    """A record of a dataclass: each field as it was found, otherwise as the last of the known records that has it."""
+    names = {field.name for field in fields(cast("Any", record))}
+    said = {name: value for other in known for name, value in vars(other).items() if name in names}
+    return record(**{**said, **found})
+
+
 @dataclass(frozen=True)
 class Written:
     """Marks a field of a record that a file writes in another form, such as an array as nested lists.
 
-    form: the type that Pydantic checks. read: what the field is of a value in that form, write: the other way round.
+    form: the type that Pydantic checks. read: what the field is of a value in that form, write: the other way round;
+    None in files that only people write.
     """
 
     form: Any
     read: Callable[[Any], Any]
-    write: Callable[[Any], Any]
+    write: Callable[[Any], Any] | None = None
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
         """What Pydantic makes of the form, between `read` and `write`; a record that exists is taken as it is."""
@@ -101,7 +111,7 @@ class Written:
         return no_info_wrap_validator_function(
             validate,
             handler.generate_schema(self.form),
-            serialization=plain_serializer_function_ser_schema(self.write),
+            serialization=plain_serializer_function_ser_schema(self.write) if self.write else None,
         )
 
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, read_only, side_pose
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.scene import Held, SceneObject, Side
 from sqrp_cli.knowledge.skill.settings import Reference, Setting
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Grasp, GraspWaypoint, Release, Skill
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -23,12 +24,17 @@ _Facts = Mapping[Atom, int]
 
 @dataclass(frozen=True, eq=False)
 class _Grip:
-    """How a skill holds an object: by which side, and with what pose X_TO in the tool frame, shape (4, 4)."""
+    """How a skill holds an object, and with what pose X_TO in the tool frame, shape (4, 4)."""
 
     fact: Atom
     skill: Skill
-    side: str
+    held: Held
     X_TO: Array
+
+    @property
+    def side(self) -> str:
+        """By which it is held."""
+        return self.held.held
 
 
 def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[str, tuple[Skill, ...]]:
@@ -75,13 +81,7 @@ def with_held_by_facts(
     )
     mend = f"write `pose: {{held: {first.side}}}`"
     warning = document.problem("held-by-the-facts", ("objects", name, "pose"), message, mend)
-    held = replace(objects[name], X_WO=None, X_TO=first.X_TO)
-    return {**objects, name: held}, (replace(warning, severity="warning"),)
-
-
-def pose_in_tool(size: tuple[float, float, float], side: str, yaw: float, depth: float) -> Array:
-    """The pose X_TO of an object of a size [m] that is held by a side, as in `skill.GraspWaypoint`, shape (4, 4)."""
-    return read_only(inverse(side_pose(size, side) @ pose(axis_rotation(2, yaw), (0.0, 0.0, depth))))
+    return {**objects, name: replace(objects[name], pose=first.held)}, (replace(warning, severity="warning"),)
 
 
 def _holding(skill: Skill, objects: Collection[str]) -> tuple[str, ...]:
@@ -157,8 +157,8 @@ def _grips(fact: Atom, skills: Iterable[Skill], thing: SceneObject) -> Iterator[
         held = _held_at_the_end(skill)
         grasp = next((w for w in skill.waypoints.values() if isinstance(w, GraspWaypoint) and w.object == held), None)
         if grasp is not None:
-            side, X_TO = _grasped(skill, grasp, thing)
-            yield _Grip(fact, skill, side, X_TO)
+            how = _grasped(skill, grasp)
+            yield _Grip(fact, skill, how, how.X_TO(thing.size))
 
 
 def _ambiguous(name: str, one: _Grip, other: _Grip, document: SourceDocument) -> Problem:
@@ -171,11 +171,11 @@ def _ambiguous(name: str, one: _Grip, other: _Grip, document: SourceDocument) ->
     return document.problem("ambiguous-hold", ("objects", name, "pose"), message, mend)
 
 
-def _grasped(skill: Skill, grasp: GraspWaypoint, thing: SceneObject) -> tuple[str, Array]:
+def _grasped(skill: Skill, grasp: GraspWaypoint) -> Held:
     defaults = {parameter.name: parameter.values[0] for parameter in skill.motion_parameters}
 
     def value(setting: Setting) -> float | str:
         return defaults[setting.parameter] if isinstance(setting, Reference) else setting
 
-    side = str(value(grasp.side))
-    return side, pose_in_tool(thing.size, side, float(value(grasp.yaw)), float(value(grasp.depth)))
+    side = cast("Side", value(grasp.side))
+    return Held(held=side, yaw=float(value(grasp.yaw)), depth=float(value(grasp.depth)))

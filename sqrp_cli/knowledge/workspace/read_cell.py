@@ -5,29 +5,27 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, pose, read_only
-from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.knowledge.camera.detector import Detector
+from sqrp_cli.knowledge.camera.calibration import check_distortion, doubtful_projection, read_calibration
+from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
-from sqrp_cli.knowledge.scene import SceneObject, object_types
+from sqrp_cli.knowledge.scene import Held, ObjectEntry, SceneObject
 from sqrp_cli.knowledge.text import packages
 from sqrp_cli.knowledge.text.input_file import ContentDigest
-from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.knowledge.text.source import SourceDocument, KeyPath, dotted
 from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, unusual_values
-from sqrp_cli.knowledge.workspace.calibration import doubtful_projection, image_intrinsics, read_calibration
-from sqrp_cli.knowledge.workspace.held import pose_in_tool
-from sqrp_cli.knowledge.workspace.workspace_file import CameraEntry, HeldEntry, ObjectEntry, PartEntry, WorkspaceFile
+from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.logic.domain import Domain
 from sqrp_cli.logic.literal import Atom
-from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
-
-UNKNOWN = "unknown"
+from sqrp_cli.shapes import Box, Mesh, Part
 
 R_BODY_OPTICAL = ((0.0, 0.0, 1.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0))
 """Axes of an optical frame (x right, y down, z forward) in a body frame (x forward, y left, z up); REP 103."""
@@ -50,13 +48,6 @@ class CellReader:
     problems: list[Problem] = field(default_factory=list)
     warnings: list[Problem] = field(default_factory=list)
 
-    def detectors(self) -> dict[str, Detector]:
-        """The detectors by name."""
-        return {
-            name: Detector(name, entry.kind, entry.distance, entry.max_incidence, entry.min_pixels, entry.min_visible)
-            for name, entry in self.file.detectors.items()
-        }
-
     def cameras(self) -> dict[str, Camera]:
         """The cameras by name; those with problems are left out."""
         cameras = {}
@@ -69,7 +60,7 @@ class CellReader:
 
     def objects(self) -> dict[str, SceneObject]:
         """The objects by name."""
-        held = [name for name, entry in self.file.objects.items() if isinstance(entry.pose, HeldEntry)]
+        held = [name for name, entry in self.file.objects.items() if isinstance(entry.pose, Held)]
         for name, entry in self.file.objects.items():
             self._check_object(name, entry, held[:1])
         return {name: self._object(name, entry) for name, entry in self.file.objects.items()}
@@ -103,21 +94,10 @@ class CellReader:
             self.warnings.extend(doubtful_projection(intrinsics, calibration_document))
         else:
             assert entry.image is not None  # noqa: S101 - CameraEntry accepts exactly one of the two
-            intrinsics = image_intrinsics(self.document, (*path, "image"), entry.image)
-        return Camera(
-            name=name,
-            width=intrinsics.width,
-            height=intrinsics.height,
-            matrix=intrinsics.matrix,
-            distortion_model=intrinsics.distortion_model,
-            distortion=intrinsics.distortion,
-            frame=frame,
-            X_FC=X_FC,
-            near=entry.near,
-            far=entry.far,
-            rate=entry.rate,
-            latency=entry.latency,
-        )
+            intrinsics = entry.image.intrinsics()
+            coefficients = (*path, "image", "distortion", "coefficients")
+            check_distortion(self.document, coefficients, intrinsics.distortion_model, intrinsics.distortion.tolist())
+        return completed(Camera, entry, intrinsics, name=name, frame=frame, X_FC=X_FC)
 
     def _seat(self, path: KeyPath, entry: CameraEntry) -> tuple[str, Array]:
         """The frame that carries a camera, and the pose X_FC of its optical frame in that."""
@@ -135,7 +115,7 @@ class CellReader:
                 raise InputError(self._which_world(path, found))
             frame, X_FC, place = entry.frame or link_called(found.frame, self.links), found.X_FC, found.place
             mend = f"say `frame:` for `{dotted(path)}`, which goes before what the file says"
-            if "convention" not in entry.model_fields_set:
+            if (*path, "convention") not in self.document.keys:
                 self._doubt_axes(path, found)
         if frame != WORLD and frame not in self.links:
             expected = expected_names(frame, [WORLD, *self.links])
@@ -179,58 +159,32 @@ class CellReader:
                 (*path, "on"),
                 f"found `{entry.on}`, which is no object; {expected_names(entry.on, others)}",
             )
-        if isinstance(entry.pose, HeldEntry) and (entry.fixed or name not in held):
+        if isinstance(entry.pose, Held) and (entry.fixed or name not in held):
             why = "the object is fixed" if entry.fixed else f"the tool holds `{held[0]}`"
             self._report("wrong-value", (*path, "pose"), f"found `held`, expected a pose, because {why}")
-        if entry.fixed and entry.pose == UNKNOWN:
+        if entry.fixed and entry.pose is None:
             self._report(
                 "wrong-value", (*path, "pose"), "found `unknown`, expected a pose, because the object is fixed"
             )
 
     def _object(self, name: str, entry: ObjectEntry) -> SceneObject:
-        X_WO = X_TO = None
-        if isinstance(entry.pose, HeldEntry):
-            X_TO = pose_in_tool(entry.size, entry.pose.held, entry.pose.yaw, entry.pose.depth)
-        elif not isinstance(entry.pose, str):
-            X_WO = read_only(entry.pose.matrix())
         parts = [Part(name, name, Box(entry.size), read_only(pose()))] if not entry.parts else []
         for index, part in enumerate(entry.parts):
-            shape = self._shape(("objects", name, "parts", index), part)
-            if shape is not None:
-                part_name = f"{name}/{part.name or index}"
-                parts.append(Part(part_name, name, shape, read_only(part.pose.matrix())))
-        return SceneObject(
-            name=name,
-            type=entry.type,
-            color=entry.color,
-            attributes=tuple(entry.attributes),
-            size=entry.size,
-            X_WO=X_WO,
-            fixed=entry.fixed,
-            on=entry.on,
-            marker=entry.marker,
-            parts=tuple(parts),
-            X_TO=X_TO,
-        )
+            path: KeyPath = ("objects", name, "parts", index)
+            try:
+                shape = part.shape(partial(self._mesh, path))
+            except InputError as error:
+                self.problems.extend(error.problems)
+                continue
+            parts.append(Part(f"{name}/{part.name or index}", name, shape, read_only(part.pose.matrix())))
+        return completed(SceneObject, entry, name=name, parts=tuple(parts))
 
-    def _shape(self, path: KeyPath, entry: PartEntry) -> Shape | None:
-        if entry.box is not None:
-            return Box(entry.box)
-        if entry.sphere is not None:
-            return Sphere(entry.sphere)
-        if entry.cylinder is not None:
-            return Cylinder(entry.cylinder.radius, entry.cylinder.length)
-        if entry.capsule is not None:
-            return Capsule(entry.capsule.radius, entry.capsule.length)
-        assert entry.mesh is not None  # noqa: S101 - PartEntry accepts exactly one shape
+    def _mesh(self, path: KeyPath, name: str, scale: tuple[float, float, float]) -> Mesh:
+        """The mesh of that name in the part at `path`."""
         place = self.document.value_place((*path, "mesh"))
-        try:
-            mesh = packages.resolve(entry.mesh, self.document.path.parent, self.roots, place)
-            add_mesh(self.digest, ".".join(map(str, path)), mesh, place)
-            return mesh_of(mesh, entry.scale)
-        except InputError as error:
-            self.problems.extend(error.problems)
-            return None
+        mesh = packages.resolve(name, self.document.path.parent, self.roots, place)
+        add_mesh(self.digest, ".".join(map(str, path)), mesh, place)
+        return mesh_of(mesh, scale)
 
     def _fact(self, path: KeyPath, text: str, domain: Domain | None) -> Atom | None:
         match = _FACT.fullmatch(text)
@@ -258,7 +212,7 @@ class CellReader:
                     path,
                     f"found `{argument}`, which is no object; {expected_names(argument, self.file.objects)}",
                 )
-            elif not domain.fits(object_types(entry.type, entry.fixed), parameter.type):
+            elif not domain.fits(entry.types, parameter.type):
                 message = f"`{argument}` is of type `{entry.type}`, expected `{parameter.type}`: {signature}"
                 self._report("wrong-object-type", path, message)
         return Atom(predicate, arguments)

@@ -12,7 +12,16 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.frames import link_called
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
-from sqrp_cli.knowledge.robot.robot import Fingers, JointLimits, Marker, Robot, StopLimits, Tool
+from sqrp_cli.knowledge.robot.robot import (
+    Fingers,
+    JointLimits,
+    Marker,
+    Robot,
+    RobotEntry,
+    StopLimits,
+    Tool,
+    ToolEntry,
+)
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
 from sqrp_cli.knowledge.robot.tool_of_boxes import TOOL_TIP, tool_of_boxes
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
@@ -23,7 +32,6 @@ from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity
 from sqrp_cli.knowledge.workspace.read_cell import add_mesh
-from sqrp_cli.knowledge.workspace.workspace_file import RobotEntry, ToolEntry
 from sqrp_cli.shapes import Mesh, Part
 
 MAX_ARM_JOINTS = 20
@@ -35,15 +43,6 @@ DEFAULT_ACCELERATION = 5.0
 """Limit of a joint's acceleration where none is stated [rad/s^2 or m/s^2]."""
 DEFAULT_JERK = 50.0
 """Limit of a joint's jerk where none is stated [rad/s^3 or m/s^3]."""
-
-_LIMIT_DIMENSIONS: Mapping[str, tuple[Dimension, Dimension]] = {
-    "velocity": (units.ANGULAR_SPEED, units.SPEED),
-    "acceleration": (units.ANGULAR_ACCELERATION, units.ACCELERATION),
-    "jerk": (units.ANGULAR_JERK, units.JERK),
-    "stop_acceleration": (units.ANGULAR_ACCELERATION, units.ACCELERATION),
-    "stop_jerk": (units.ANGULAR_JERK, units.JERK),
-}
-"""Dimension of each limit of a joint that turns, and of one that slides."""
 
 
 @dataclass
@@ -208,7 +207,7 @@ class RobotReader:
             if ids.setdefault(marker.id, link) != link:
                 self._report("repeated-value", (*path, "id"), f"`{ids[marker.id]}` has the marker {marker.id} too")
         markers = self.entry.markers.items()
-        return {link_called(link, self.links): Marker(marker.id, marker.side) for link, marker in markers}
+        return {link_called(link, self.links): marker for link, marker in markers}
 
     def _positions(
         self, entry: Mapping[str, Quantity] | str, joints: Sequence[UrdfJoint], path: KeyPath, what: str
@@ -316,10 +315,9 @@ class RobotReader:
 
     def _values(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
         """The stated values of one limit by joint. One value for all goes to every joint that its unit fits."""
-        entry: Quantity | Mapping[str, Quantity] | None = getattr(self.entry.limits, limit)
+        entry, kind = self.entry.limits.stated(limit)
         path: KeyPath = ("robot", "limits", limit)
-        turning, sliding = _LIMIT_DIMENSIONS[limit]
-        dimensions = {joint.name: sliding if joint.type == "prismatic" else turning for joint in joints}
+        dimensions = {joint.name: kind.sliding if joint.type == "prismatic" else kind.turning for joint in joints}
         if entry is None:
             return {}
         if isinstance(entry, Quantity):

@@ -1,48 +1,79 @@
-"""A workspace: everything that is known of one cell, read and validated."""
+"""A workspace: the format of its file, and everything that is known of one cell, read and validated."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.detector import Detector
-from sqrp_cli.knowledge.robot.robot import Robot
-from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.robot.robot import Robot, RobotEntry
+from sqrp_cli.knowledge.scene import ObjectEntry, SceneObject
 from sqrp_cli.knowledge.skill.skill import Skill
-from sqrp_cli.knowledge.text.entries import Finite, PoseMatrix, Stored, Written, refused
+from sqrp_cli.knowledge.text.bounds import LARGEST
 from sqrp_cli.knowledge.text.input_file import SourceFile
+from sqrp_cli.knowledge.text.entries import (
+    Entry,
+    Finite,
+    In,
+    Name,
+    PoseMatrix,
+    Share,
+    Stored,
+    Text,
+    Written,
+    refused,
+)
 from sqrp_cli.knowledge.text.source import LeafValue
+from sqrp_cli.knowledge.text.units import LENGTH, TIME
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.shapes import Mesh, Part
 
 _NAME = r"[A-Za-z_][\w-]*"
 _FACT = re.compile(rf"{_NAME}(\({_NAME}(, *{_NAME})*\))?")
 
 
-@dataclass(frozen=True)
-class Thresholds:
-    """What a task is expected to reach; None where nothing is expected. Q in 0..1, times in s."""
+LongestTime = Annotated[float, In(TIME, 1e-3, LARGEST)]
+Padding = Annotated[float, In(LENGTH, 0.0, 10.0)]
 
-    min_q_avg: float | None = None
-    min_q_eoi: float | None = None
-    max_time: float | None = None
-    max_delay: float | None = None
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedTask(Stored):
+    """A task that the cell must support, with what is expected of its best candidate."""
+
+    task: Text
+    """As on the command line, such as `pickup green`."""
+    min_q_avg: Share | None = None
+    """Least share of the time in which all is seen."""
+    min_q_eoi: Share | None = None
+    """The same of the events of interest."""
+    max_time: LongestTime | None = None
+    """Longest duration."""
+    max_delay: LongestTime | None = None
+    """Longest time until a fault is noticed."""
     feasible: bool | None = None
-    winner: str | None = None
+    """Whether a feasible candidate is expected at all."""
+    winner: Name | None = None
+    """The object that the best candidate is expected to use."""
 
 
-@dataclass(frozen=True)
-class ExpectedTask:
-    """A task that the cell is expected to support."""
+class WorkspaceFile(Entry):
+    """A cell: robot, cameras, detectors, objects, what is true now, skills and expected tasks."""
 
-    task: str
-    thresholds: Thresholds
+    robot: RobotEntry
+    detectors: dict[Name, Detector] = Field(default={}, description="Detection algorithms by name.")
+    cameras: dict[Name, CameraEntry] = Field(default={}, max_length=200, description="Cameras by name.")
+    skills: list[Text] = Field(default=[], description="Folders of the skills that may be used.")
+    objects: dict[Name, ObjectEntry] = Field(default={}, max_length=2000, description="Things in the cell by name.")
+    state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
+    tasks: list[ExpectedTask] = Field(default=[], description="Tasks that the cell must support.")
+    padding: Padding = Field(default=0.0, description="Least distance that motions keep from fixed objects.")
 
 
 def _fact(text: str) -> Atom:
@@ -76,29 +107,31 @@ class World(Stored):
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """Everything that is known of one cell.
-
-    path: the workspace file. digest: SHA-256 over the content of every file that was read, meshes included.
-    files: those files, by the role that each plays, such as `robot.urdf`. values: what the workspace file says, by
-    dotted path.
-    warnings: findings that do not prevent its use. places: position of every key of the file, by dotted path.
-    """
+    """Everything that is known of one cell."""
 
     name: str
     path: Path
+    """The workspace file."""
     robot: Robot
     cameras: Mapping[str, Camera]
     detectors: Mapping[str, Detector]
     objects: Mapping[str, SceneObject]
     state: frozenset[Atom]
+    """The facts that hold at the beginning; every other one is false."""
     skills: Mapping[str, Skill]
     tasks: tuple[ExpectedTask, ...]
     padding: float
+    """Least distance that motions keep from fixed objects [m]."""
     digest: str
+    """SHA-256 over the content of every file that was read, meshes included."""
     files: Mapping[str, SourceFile]
+    """Those files, by the role that each plays, such as `robot.urdf`."""
     values: Mapping[str, LeafValue]
+    """What the workspace file says, by dotted path."""
     warnings: tuple[Problem, ...]
+    """Findings that do not prevent its use."""
     places: Mapping[str, Place]
+    """Position of every key of the file, by dotted path."""
 
     @property
     def stated_world(self) -> World:
@@ -111,3 +144,27 @@ class Workspace:
         X_WO = {name: thing.X_WO for name, thing in self.objects.items() if thing.X_WO is not None}
         fingers = self.robot.fingers.open if self.robot.fingers else {}
         return World(self.state, X_WO, name, X_TO, {**self.robot.home, **fingers})
+
+    @property
+    def meshes(self) -> Mapping[Path, str]:
+        """The files that are read again when it is loaded for computing, with the digests of their content."""
+        parts = [*self.robot.parts, *(part for thing in self.objects.values() for part in thing.parts)]
+        paths = {part.shape.path for part in parts if isinstance(part.shape, Mesh)}
+        return {file.path: file.digest for file in self.files.values() if file.path in paths}
+
+    def relocated(self, moved: Callable[[Path], Path]) -> Workspace:
+        """The workspace on another machine, say: with every file of `meshes` where `moved` puts it."""
+
+        def parts(old: tuple[Part, ...]) -> tuple[Part, ...]:
+            return tuple(
+                replace(part, shape=replace(part.shape, path=moved(part.shape.path)))
+                if isinstance(part.shape, Mesh)
+                else part
+                for part in old
+            )
+
+        return replace(
+            self,
+            robot=replace(self.robot, parts=parts(self.robot.parts)),
+            objects={name: replace(thing, parts=parts(thing.parts)) for name, thing in self.objects.items()},
+        )

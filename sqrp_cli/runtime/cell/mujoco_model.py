@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, pose
-from sqrp_cli.knowledge.marker import MODULES, printed_side
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel
-from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.scene import MODULES, SceneObject
 from sqrp_cli.knowledge.workspace.read_robot import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.cell.engine import mujoco
@@ -122,7 +121,7 @@ class _Builder:
             self._add_part(body, part, FELT, color, touches=_FIXED if thing.fixed else _MOVABLE, density=DENSITY)
         if thing.marker is not None:
             top = pose(position=(0.0, 0.0, thing.size[2] / 2))
-            self._add_marker(body, thing.marker, printed_side(thing), top)
+            self._add_marker(body, thing.marker, thing.marker_side, top)
         if thing.fixed:
             return
         body.add_freejoint(name=thing.name)

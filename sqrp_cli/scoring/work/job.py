@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sqrp_cli.knowledge.workspace.relocation import files_to_load
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
@@ -40,7 +39,7 @@ class PackedWorkspace:
     @classmethod
     def of(cls, workspace: Workspace) -> PackedWorkspace:
         """Pack a workspace."""
-        return cls(workspace.digest, files_to_load(workspace), pickle.dumps(workspace, pickle.HIGHEST_PROTOCOL))
+        return cls(workspace.digest, workspace.meshes, pickle.dumps(workspace, pickle.HIGHEST_PROTOCOL))
 
     def unpack(self) -> Workspace:
         """The workspace."""

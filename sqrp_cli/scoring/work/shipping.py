@@ -12,7 +12,6 @@ from functools import cache
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.workspace.relocation import relocated
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
 from sqrp_cli.scoring.work.identity import program_digest
@@ -37,7 +36,7 @@ def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tup
     job: Job = pickle.loads(data)  # noqa: S301 # what the same program packed
     places = {path: _materialized(path, digest, contents[digest]) for path, digest in job.workspace.files.items()}
     try:
-        return run_job(job, lambda workspace: relocated(workspace, lambda path: places[path]))
+        return run_job(job, lambda workspace: workspace.relocated(lambda path: places[path]))
     except InputError as error:
         raise InputError(*(_translated(problem, places) for problem in error.problems)) from error
 

@@ -29,9 +29,8 @@ VALUES = {
 
 
 def thing(name: str, size: tuple[float, float, float], X_WO: Array | None, fixed: bool = True) -> SceneObject:
-    return SceneObject(
-        name, "thing", None, (), size, X_WO, fixed, None, None, (Part(name, name, Box(size), np.eye(4)),)
-    )
+    part = Part(name, name, Box(size), np.eye(4))
+    return SceneObject(name=name, type="thing", size=size, pose=X_WO, fixed=fixed, parts=(part,))
 
 
 def read_waypoints(stated: Mapping[str, object]) -> dict[str, Waypoint]:

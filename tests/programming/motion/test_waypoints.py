@@ -29,8 +29,8 @@ IN_TOOL = pose(axis_rotation(0, 2.0), (0.01, 0.02, 0.15))
 
 
 def grounder(yaw: float = 0.0, X_WO: np.ndarray | None = None, **X_TO: np.ndarray) -> WaypointGrounder:
-    box = SceneObject("box", "thing", None, (), SIZE, None, False, None, None, ())
-    tray = SceneObject("tray", "thing", None, (), TRAY, None, True, None, None, ())
+    box = SceneObject(name="box", type="thing", size=SIZE, pose=None, parts=())
+    tray = SceneObject(name="tray", type="thing", size=TRAY, pose=None, fixed=True, parts=())
     where = {"box": pose() if X_WO is None else X_WO, "tray": pose(axis_rotation(2, 0.7), (0.4, 0.2, 0.01))}
     binding, values = {"object": "box", "onto": "tray"}, {"yaw": yaw, "along": 0.5}
     return WaypointGrounder(WAYPOINTS, binding, values, {"box": box, "tray": tray}, HOME, where, X_TO)

@@ -365,7 +365,7 @@ def turned_cell(workspace: Workspace, X_NW: Array) -> Workspace:
             for name, camera in workspace.cameras.items()
         },
         objects={
-            name: thing if thing.X_WO is None else replace(thing, X_WO=X_NW @ thing.X_WO)
+            name: thing if thing.X_WO is None else replace(thing, pose=X_NW @ thing.X_WO)
             for name, thing in workspace.objects.items()
         },
     )

@@ -32,7 +32,20 @@ def make_camera(
     cx, cy = center if center is not None else ((size[0] - 1) / 2, (size[1] - 1) / 2)
     matrix = np.array([[focal[0], 0.0, cx], [0.0, focal[1], cy], [0.0, 0.0, 1.0]])
     X_FC = pose() if X_FC is None else X_FC
-    return Camera(name, *size, matrix, model, np.array(distortion), frame, X_FC, near, far, rate, latency)
+    return Camera(
+        name=name,
+        width=size[0],
+        height=size[1],
+        matrix=matrix,
+        distortion_model=model,
+        distortion=np.array(distortion),
+        frame=frame,
+        X_FC=X_FC,
+        near=near,
+        far=far,
+        rate=rate,
+        latency=latency,
+    )
 
 
 def make_detector(
@@ -41,7 +54,13 @@ def make_detector(
     max_incidence: float = np.pi,
     min_pixels: float = 0.0,
 ) -> Detector:
-    return Detector("detector", "color", distance, max_incidence, min_pixels, min_visible)
+    return Detector(
+        kind="color",
+        distance=distance,
+        max_incidence=max_incidence,
+        min_pixels=min_pixels,
+        min_visible=min_visible,
+    )
 
 
 def make_box(
@@ -55,11 +74,10 @@ def make_box(
     encloses: Iterable[str] = (),
 ) -> SoughtBox:
     X_FB = pose() if X_FB is None else X_FB
-    limits = detector or make_detector()
     return SoughtBox(
         name=name,
-        detector=limits.name,
-        limits=limits,
+        detector="detector",
+        limits=detector or make_detector(),
         frame=FrameName(frame),
         size=size,
         X_FB=X_FB,

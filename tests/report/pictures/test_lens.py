@@ -21,7 +21,18 @@ LENSES = {
 def camera(model: str, focal: float = 320.0) -> Camera:
     K = np.array([[focal, 0.0, 311.0], [0.0, 1.02 * focal, 251.0], [0.0, 0.0, 1.0]])
     X = look_at([0, 0, 0], [1, 0, 0])
-    return Camera("cam", 640, 480, K, model, np.array(LENSES[model]), "world", X, 0.1, 9.0, 10.0, 0.0)
+    return Camera(
+        name="cam",
+        width=640,
+        height=480,
+        matrix=K,
+        distortion_model=model,
+        distortion=np.array(LENSES[model]),
+        frame="world",
+        X_FC=X,
+        far=9.0,
+        rate=10.0,
+    )
 
 
 @pytest.mark.parametrize("model", LENSES)

@@ -49,7 +49,18 @@ def camera(
     cx, cy = center or ((size[0] - 1) / 2, (size[1] - 1) / 2)
     matrix = read_only([[focal[0], 0.0, cx], [0.0, focal[1], cy], [0.0, 0.0, 1.0]])
     X = look_at(eye, target) if X_FC is None else X_FC
-    return Camera(name, *size, matrix, lens[0], read_only(lens[1]), frame, read_only(X), 0.1, 10.0, 10.0, 0.05)
+    return Camera(
+        name=name,
+        width=size[0],
+        height=size[1],
+        matrix=matrix,
+        distortion_model=lens[0],
+        distortion=read_only(lens[1]),
+        frame=frame,
+        X_FC=read_only(X),
+        rate=10.0,
+        latency=0.05,
+    )
 
 
 def thing(
@@ -66,7 +77,9 @@ def thing(
     """A thing made of one part, a box unless `shape` says otherwise."""
     part = Part(name, name, shape or Box(size), read_only(pose()))
     X_WO = read_only(pose(rotation, position))
-    return SceneObject(name, "thing", color, (), size, X_WO, fixed, None, marker, (part,))
+    return SceneObject(
+        name=name, type="thing", color=color, size=size, pose=X_WO, fixed=fixed, marker=marker, parts=(part,)
+    )
 
 
 TABLE = thing("table", (0.0, 0.0, -0.02), (2.0, 2.0, 0.04), color="grey", fixed=True)

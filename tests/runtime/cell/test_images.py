@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.knowledge.marker import printed_side
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
@@ -175,7 +174,7 @@ def test_a_marker_lies_on_top_of_its_object_the_right_way_round(turn: float) -> 
     corners, ids, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     assert ids is not None
     assert ids.ravel().tolist() == [42]
-    half = printed_side(plate) / 2
+    half = plate.marker_side / 2
     assert half == pytest.approx(0.035)
     # OpenCV's corners: upper left first, clockwise, as one who looks at the marker sees it.
     square = np.array([[-half, half, 0.05], [half, half, 0.05], [half, -half, 0.05], [-half, -half, 0.05]])

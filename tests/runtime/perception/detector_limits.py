@@ -16,7 +16,6 @@ from sqrp_cli.geometry import Array, box_corners, look_at, pose, read_only, tran
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import FrameName
-from sqrp_cli.knowledge.marker import printed_side
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -75,7 +74,7 @@ def marker_rate(pixels: float, incidence: float, trials: int, seed: int = 0) -> 
     """Share of random views in which a marker is found whose image has an area of pixels^2, tilted by `incidence`."""
     random = np.random.default_rng([seed, round(pixels * 10), round(incidence * 1000)])
     eye = camera(X_FC=look_at((3.0, 0.0, 2.0), (5.0, 0.0, 1.5)), focal=(FOCAL, FOCAL))
-    depth = FOCAL * printed_side(PLATE) * np.sqrt(np.cos(incidence)) / pixels
+    depth = FOCAL * PLATE.marker_side * np.sqrt(np.cos(incidence)) / pixels
     found = 0
     with staged([PLATE], [eye]) as stage:
         for trial in range(trials):

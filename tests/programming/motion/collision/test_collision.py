@@ -28,7 +28,7 @@ READY = np.array([0.3, -1.6, 1.9, -1.9, -1.6, 0.2])
 
 def thing(name: str, size: tuple[float, float, float], X_WO: Array | None, fixed: bool = True) -> SceneObject:
     part = Part(name, name, Box(size), np.eye(4))
-    return SceneObject(name, "thing", None, (), size, X_WO, fixed, None, None, (part,))
+    return SceneObject(name=name, type="thing", size=size, pose=X_WO, fixed=fixed, parts=(part,))
 
 
 TABLE = thing("table", (1.4, 1.8, 0.04), pose(position=(0.35, 0, -0.02)))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.knowledge.workspace.calibration import Intrinsics, read_calibration
+from sqrp_cli.knowledge.camera.calibration import Intrinsics, read_calibration
 from sqrp_cli.knowledge.workspace.load import load_workspace
 
 CAMERAS = Path(__file__).parents[2] / "cases" / "cameras"

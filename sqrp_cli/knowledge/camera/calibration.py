@@ -1,4 +1,4 @@
-"""Camera intrinsics from ROS camera calibration files and from the image entry of a workspace.
+"""Camera intrinsics from ROS camera calibration files.
 
 Calibration files come from many programs. Read here are what `camera_calibration` and the drivers' camera info managers
 write, OpenCV's FileStorage with the same keys, and a printed `sensor_msgs/CameraInfo` message (K and D, or k and d).
@@ -6,9 +6,8 @@ write, OpenCV's FileStorage with the same keys, and a printed `sensor_msgs/Camer
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-from math import tan
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,12 +16,11 @@ from pydantic import AliasChoices, BeforeValidator, Field, Tag, model_validator
 
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.geometry import Array, read_only
-from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, DistortionModel
+from sqrp_cli.knowledge.camera.camera import DISTORTION_LENGTHS, DistortionModel, Intrinsics, PixelCount, check_pixels
 from sqrp_cli.knowledge.text.entries import ForeignEntry, Number, mapping_or_else
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
-from sqrp_cli.knowledge.workspace.workspace_file import DistortionEntry, ImageEntry, PixelCount, check_pixels
 
 _OPENCV_MODELS: dict[int, DistortionModel] = {5: "plumb_bob", 8: "rational_polynomial"}
 """The model that a number of coefficients means in a file that names none."""
@@ -33,17 +31,6 @@ MOST_SCALED = 5.0
 
 MOST_MOVED = 0.2
 """By which share of an image rectifying moves its principal point at most."""
-
-
-@dataclass(frozen=True, eq=False)
-class Intrinsics:
-    """What a calibration says of the camera itself; fields as in `Camera`."""
-
-    width: int
-    height: int
-    matrix: Array
-    distortion_model: DistortionModel
-    distortion: Array
 
 
 def _flat(value: object) -> object:
@@ -97,8 +84,15 @@ def read_calibration(path: Path) -> tuple[Intrinsics, SourceDocument]:
     D_path, coefficients = _numbers(document, _D_KEYS, file.distortion_coefficients, None)
     matrix = _camera_matrix(document, K_path, K_numbers)
     model = _model(document, file.distortion_model, D_path, len(coefficients))
-    distortion = _distortion(document, D_path, model, coefficients)
-    return Intrinsics(file.image_width, file.image_height, matrix, model, distortion), document
+    check_distortion(document, D_path, model, coefficients)
+    intrinsics = Intrinsics(
+        width=file.image_width,
+        height=file.image_height,
+        matrix=matrix,
+        distortion_model=model,
+        distortion=read_only(coefficients),
+    )
+    return intrinsics, document
 
 
 def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Iterator[Problem]:
@@ -142,6 +136,14 @@ def _why_another(P: Array, intrinsics: Intrinsics) -> str | None:
     return None
 
 
+def check_distortion(document: SourceDocument, path: KeyPath, model: DistortionModel, coefficients: Sequence[float]) -> None:
+    """Raises InputError unless there are as many distortion coefficients at `path` as the model has."""
+    expected = DISTORTION_LENGTHS[model]
+    if len(coefficients) != expected:
+        message = f"found {len(coefficients)} distortion coefficients, expected {expected} for `{model}`"
+        raise InputError(document.problem("wrong-length", path, message))
+
+
 def _numbers(
     document: SourceDocument, keys: tuple[str, ...], entry: _Matrix | list[float], count: int | None
 ) -> tuple[KeyPath, list[float]]:
@@ -159,21 +161,6 @@ def _numbers(
     if count is not None and len(numbers) != count:
         raise InputError(document.problem("wrong-length", path, f"found {expected} numbers, expected 3 x 3"))
     return path, numbers
-
-
-def image_intrinsics(document: SourceDocument, path: KeyPath, image: ImageEntry) -> Intrinsics:
-    """Intrinsics from the `image` entry at `path`: pixels are square unless `fy` is given.
-
-    Raises InputError for a wrong number of distortion coefficients.
-    """
-    fx = image.fx if image.fx is not None else 0.5 * image.width / tan(0.5 * (image.horizontal_fov or 0.0))
-    fy = image.fy if image.fy is not None else fx
-    cx = image.cx if image.cx is not None else 0.5 * (image.width - 1)
-    cy = image.cy if image.cy is not None else 0.5 * (image.height - 1)
-    lens = image.distortion or DistortionEntry(model="none", coefficients=[])
-    distortion = _distortion(document, (*path, "distortion", "coefficients"), lens.model, lens.coefficients)
-    matrix = read_only([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return Intrinsics(image.width, image.height, matrix, lens.model, distortion)
 
 
 def _camera_matrix(document: SourceDocument, path: KeyPath, numbers: list[float]) -> Array:
@@ -201,11 +188,3 @@ def _model(document: SourceDocument, name: str | None, path: KeyPath, count: int
         message = f"with {count} distortion coefficients the file must say `distortion_model`"
         raise InputError(document.problem("missing-key", path, message))
     return _OPENCV_MODELS[count]
-
-
-def _distortion(document: SourceDocument, path: KeyPath, model: DistortionModel, coefficients: list[float]) -> Array:
-    expected = DISTORTION_LENGTHS[model]
-    if len(coefficients) != expected:
-        message = f"found {len(coefficients)} distortion coefficients, expected {expected} for `{model}`"
-        raise InputError(document.problem("wrong-length", path, message))
-    return read_only(coefficients)
