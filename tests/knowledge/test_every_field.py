@@ -17,7 +17,7 @@ from sqrp_cli.knowledge.skill import skill
 from sqrp_cli.knowledge.skill.settings import Kind
 from sqrp_cli.knowledge.skill.skill import SkillFile
 from sqrp_cli.knowledge.text.entries import Entry, Stored, Written
-from sqrp_cli.knowledge.text.source import SourceDocument, KeyPath, dotted
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile

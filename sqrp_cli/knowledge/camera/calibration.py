@@ -136,7 +136,9 @@ def _why_another(P: Array, intrinsics: Intrinsics) -> str | None:
     return None
 
 
-def check_distortion(document: SourceDocument, path: KeyPath, model: DistortionModel, coefficients: Sequence[float]) -> None:
+def check_distortion(
+    document: SourceDocument, path: KeyPath, model: DistortionModel, coefficients: Sequence[float]
+) -> None:
     """Raises InputError unless there are as many distortion coefficients at `path` as the model has."""
     expected = DISTORTION_LENGTHS[model]
     if len(coefficients) != expected:

@@ -126,6 +126,7 @@ class Robot:
         """Position of joints while nothing moves them [rad or m]: the arm's at home, the fingers' when open."""
         return {**self.home, **(self.fingers.open if self.fingers else {})}
 
+
 PerJoint = Annotated[
     Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[AnyQuantity, Tag("<else>")], mapping_or_else()
 ]

@@ -10,10 +10,11 @@ from sqrp_cli.errors import Place, Problem, counted, expected_names
 from sqrp_cli.knowledge.frames import TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Skill
-from sqrp_cli.knowledge.text.source import SourceDocument, KeyPath, dotted
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.workspace.read_robot import RobotReader
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, WorkspaceFile
 from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quantifier, literal_count
+
 
 def check_tasks(
     document: SourceDocument, tasks: Sequence[ExpectedTask], skills: Sequence[str], objects: Sequence[str]

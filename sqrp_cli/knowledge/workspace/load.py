@@ -8,8 +8,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.skill.read_skill import read_skill
 from sqrp_cli.knowledge.skill.skill import Skill
-from sqrp_cli.knowledge.text.input_file import ContentDigest
-from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, nearest_entry
+from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, ContentDigest, nearest_entry
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.text.validation import validate

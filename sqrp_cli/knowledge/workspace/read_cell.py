@@ -18,9 +18,9 @@ from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
 from sqrp_cli.knowledge.scene import Held, ObjectEntry, SceneObject
 from sqrp_cli.knowledge.text import packages
-from sqrp_cli.knowledge.text.input_file import ContentDigest
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.knowledge.text.source import SourceDocument, KeyPath, dotted
+from sqrp_cli.knowledge.text.input_file import ContentDigest
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, unusual_values
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.logic.domain import Domain

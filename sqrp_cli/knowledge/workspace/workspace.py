@@ -17,7 +17,6 @@ from sqrp_cli.knowledge.robot.robot import Robot, RobotEntry
 from sqrp_cli.knowledge.scene import ObjectEntry, SceneObject
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.text.bounds import LARGEST
-from sqrp_cli.knowledge.text.input_file import SourceFile
 from sqrp_cli.knowledge.text.entries import (
     Entry,
     Finite,
@@ -30,6 +29,7 @@ from sqrp_cli.knowledge.text.entries import (
     Written,
     refused,
 )
+from sqrp_cli.knowledge.text.input_file import SourceFile
 from sqrp_cli.knowledge.text.source import LeafValue
 from sqrp_cli.knowledge.text.units import LENGTH, TIME
 from sqrp_cli.logic.literal import Atom
