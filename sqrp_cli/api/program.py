@@ -95,10 +95,10 @@ class OpenProgram:
         """Formulas about which monitors can say nothing, as the motion itself contradicts them."""
         from sqrp_cli.report.sentences import short_times
         from sqrp_cli.runtime.monitor.plan_check import contradictions
-        from sqrp_cli.runtime.twin import Twin
+        from sqrp_cli.runtime.robot_body import RobotBody
 
         mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
-        found = contradictions(self.program, Twin.load(self.workspace.robot))
+        found = contradictions(self.program, RobotBody.load(self.workspace.robot))
         return [
             Problem("against-the-plan", short_times(text), Place(self.path), severity="warning", mend=mend)
             for text in found

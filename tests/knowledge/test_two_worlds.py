@@ -13,7 +13,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.runtime.twin import Twin
+from sqrp_cli.runtime.robot_body import RobotBody
 
 Damage = Callable[[dict[str, Any]], Path]
 
@@ -53,7 +53,7 @@ def test_a_calibration_that_names_the_world_of_the_robot_means_its_link(
     workspace = load_workspace(two_worlds(**MOVED, **{HAND: calibrated(tmp_path, "world")}))
     camera = workspace.cameras["hand"]
     assert camera.frame == "robot/world"
-    X_WL = Twin.load(workspace.robot).link_poses({})
+    X_WL = RobotBody.load(workspace.robot).link_poses({})
     assert "world" not in X_WL
     np.testing.assert_allclose((X_WL[camera.frame] @ camera.X_FC)[:3, 3], [0.2, 0.5, 1.5], atol=1e-12)
     assert told(workspace) == []

@@ -20,7 +20,7 @@ from sqrp_cli.runtime.perception.detector_pool import PerceptionError, Perceptio
 from sqrp_cli.runtime.record.frames import FrameEntry, read_frames
 from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction
-from sqrp_cli.runtime.twin import Twin
+from sqrp_cli.runtime.robot_body import RobotBody
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
     """
     entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
     check_recorded(workspace, {entry.camera for entry in entries})
-    twin = Twin.load(workspace.robot)
+    robot = RobotBody.load(workspace.robot)
     checks = []
     compared = skipped = repeated = 0
-    with PerceptionPool(CellKnowledge.of(workspace, twin)) as pool:
+    with PerceptionPool(CellKnowledge.of(workspace, robot)) as pool:
         for index, step in enumerate(program.steps):
-            expectation = Expectation(step, program.joints, twin)
+            expectation = Expectation(step, program.joints, robot)
             judge = Judge(expectation, 1.0)
             check = PredictionCheck(index, expectation, list(workspace.cameras))
             checks.append(check)

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.program.record import ProgramTarget, Step
 from sqrp_cli.runtime.perception.detections import object_of
-from sqrp_cli.runtime.twin import Twin
+from sqrp_cli.runtime.robot_body import RobotBody
 
 SPACING = 0.02
 """Time between the instants at which the nominal motion is looked at [s]."""
@@ -66,11 +66,11 @@ def _is_in(name: str | None, box: TargetBox, situation: Situation) -> bool:
 class Expectation:
     """What is expected of a step if all goes well."""
 
-    def __init__(self, step: Step, joints: tuple[str, ...], twin: Twin) -> None:
+    def __init__(self, step: Step, joints: tuple[str, ...], robot: RobotBody) -> None:
         """joints: names of the arm's joints, in the order of the step's trajectories."""
         self.step = step
         self._t = np.arange(0.0, step.time + SPACING, SPACING)
-        self._X_WO, self._holds = self._simulate(joints, twin)
+        self._X_WO, self._holds = self._simulate(joints, robot)
 
     @property
     def times(self) -> Sequence[float]:
@@ -102,7 +102,7 @@ class Expectation:
         return len(self.covering(atom, t, margin)) >= self.step.targets[atom].cameras
 
     def _simulate(
-        self, joints: tuple[str, ...], twin: Twin
+        self, joints: tuple[str, ...], robot: RobotBody
     ) -> tuple[Mapping[str, Array], Mapping[str, NDArray[np.bool_]]]:
         step = self.step
         q = np.empty((len(self._t), len(joints)))
@@ -113,8 +113,8 @@ class Expectation:
             rows = np.flatnonzero(primitive_of == index)
             if len(rows):
                 q[rows] = primitive.trajectory.positions(self._t[rows] - primitive.start)
-        X_WL = twin.poses_over(dict(zip(joints, q.T, strict=True)))
-        X_WT = X_WL[twin.tool_frame]
+        X_WL = robot.poses_over(dict(zip(joints, q.T, strict=True)))
+        X_WT = X_WL[robot.tool_frame]
         starts = step.before.X_WO
         X_WO: dict[str, Array] = {name: X[None] for name, X in starts.items()}
         for name in dict.fromkeys(primitive.held for primitive in step.primitives if primitive.held is not None):

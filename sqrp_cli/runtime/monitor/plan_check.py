@@ -11,13 +11,13 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.monitor.nominal_step import Expectation
 from sqrp_cli.runtime.monitor.step_monitor import read_formula
-from sqrp_cli.runtime.twin import Twin
+from sqrp_cli.runtime.robot_body import RobotBody
 
 
-def contradictions(program: Program, twin: Twin) -> Iterator[str]:
+def contradictions(program: Program, robot: RobotBody) -> Iterator[str]:
     """What is wrong with the formulas of a program, in words."""
     for number, step in enumerate(program.steps, 1):
-        for text in against_the_plan(Expectation(step, program.joints, twin)):
+        for text in against_the_plan(Expectation(step, program.joints, robot)):
             yield f"step {number} (`{step.short_task}`): {text}"
 
 

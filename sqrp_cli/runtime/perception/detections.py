@@ -18,8 +18,8 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.surface import Surface
-from sqrp_cli.runtime.twin import Twin
 
 
 class Weakness(StrEnum):
@@ -47,17 +47,17 @@ class CellKnowledge:
     detectors: Mapping[str, Detector]
     objects: Mapping[str, SceneObject]
     surfaces: Mapping[str, tuple[Surface, ...]]
-    twin: Twin
+    robot: RobotBody
     markers: Mapping[str, Marker]
 
     @classmethod
-    def of(cls, workspace: Workspace, twin: Twin) -> CellKnowledge:
+    def of(cls, workspace: Workspace, robot: RobotBody) -> CellKnowledge:
         """What a workspace says. Raises InputError for a mesh that cannot be used."""
         objects = workspace.objects
         surfaces = {
             name: tuple(Surface.of(part).coarsened() for part in thing.parts) for name, thing in objects.items()
         }
-        return cls(workspace.cameras, workspace.detectors, objects, surfaces, twin, workspace.robot.markers)
+        return cls(workspace.cameras, workspace.detectors, objects, surfaces, robot, workspace.robot.markers)
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,10 +41,10 @@ class Glance:
     ) -> None:
         self.camera, self.cell, self.watchlist = camera, cell, watchlist
         self.image, self.posture = image, posture
-        self._X_WL = cell.twin.link_poses(posture.joints)
+        self._X_WL = cell.robot.link_poses(posture.joints)
         self._X_WF = frame_poses(self._X_WL, posture.X_WO, watchlist.starts)
         self.view = View(projection, self._X_WF[camera.frame] @ camera.X_FC)
-        self.robot: Silhouette = self.view.silhouette(cell.twin.surfaces, self._X_WL)
+        self.robot: Silhouette = self.view.silhouette(cell.robot.surfaces, self._X_WL)
 
     @cached_property
     def markers(self) -> list[FoundMarker]:

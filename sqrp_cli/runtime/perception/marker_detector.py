@@ -12,7 +12,7 @@ from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxSight, Weaknes
 from sqrp_cli.runtime.perception.expected_view import Glance, extent
 from sqrp_cli.runtime.perception.silhouettes import Outline
 from sqrp_cli.runtime.perception.vision import FoundMarker, dilated, filled
-from sqrp_cli.runtime.twin import OPEN_SHARE
+from sqrp_cli.runtime.robot_body import OPEN_SHARE
 
 ABSENT_SHARE = 0.9
 """Share of a marker's outline in which the background must be seen for the marker to be absent."""
@@ -51,19 +51,19 @@ class MarkerSearch:
         if crop is None:
             return False
         shape, origin = extent(crop)
-        others = {surface.parent for surface in self._glance.cell.twin.surfaces} - {box.frame, *box.encloses}
+        others = {surface.parent for surface in self._glance.cell.robot.surfaces} - {box.frame, *box.encloses}
         hiding = dilated(self._glance.robot.mask(shape, origin, outline.depth, links=others), 1)
         return bool((hiding & filled(shape, origin, [outline.corners])).any())
 
     def _on_finger(self, atom: str, box: TargetBox, marker: FoundMarker) -> Truth:
         """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""
-        twin, watchlist = self._glance.cell.twin, self._glance.watchlist
+        robot, watchlist = self._glance.cell.robot, self._glance.watchlist
         about_object = any(self._glance.thing_of(atom, other) is not None for other in watchlist.targets[atom].boxes)
-        if about_object or twin.fingers is None:
+        if about_object or robot.fingers is None:
             return Truth.TRUE
         ends = []
-        for fingers in (twin.fingers.open, twin.fingers.closed):
-            X_WL = twin.link_poses(twin.with_fingers(self._glance.posture.joints, fingers))
+        for fingers in (robot.fingers.open, robot.fingers.closed):
+            X_WL = robot.link_poses(robot.with_fingers(self._glance.posture.joints, fingers))
             outline = self._glance.view.outline(X_WL[box.frame] @ box.X_FB, box.size)
             if outline is None:
                 return Truth.UNKNOWN

@@ -20,6 +20,7 @@ from sqrp_cli.runtime.record.events import Listener, Retrying, RunEnded, StepBeg
 from sqrp_cli.runtime.record.film import Gallery
 from sqrp_cli.runtime.record.publisher import Narrator
 from sqrp_cli.runtime.record.report import RunReport, StepRecord, Stopped, Unwatched
+from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.arm_motion import Playback
 from sqrp_cli.runtime.run.fault_ledger import FaultLedger
 from sqrp_cli.runtime.run.ground_truth import GroundTruth
@@ -29,7 +30,6 @@ from sqrp_cli.runtime.run.observation import Lookout
 from sqrp_cli.runtime.run.recovery import Retry
 from sqrp_cli.runtime.run.state_recorder import Witness, asked_boxes
 from sqrp_cli.runtime.run.tool import Tool
-from sqrp_cli.runtime.twin import Twin
 
 
 class Execution:
@@ -39,7 +39,7 @@ class Execution:
         self,
         program: Program,
         workspace: Workspace,
-        twin: Twin,
+        robot: RobotBody,
         cell: SimulatedCell,
         pool: PerceptionPool,
         replanner: Replanner,
@@ -53,15 +53,15 @@ class Execution:
 
         witnessed: whether listeners are told where everything really is, too.
         """
-        self._program, self._twin, self._cell, self._faults = program, twin, cell, list(faults)
+        self._program, self._robot, self._cell, self._faults = program, robot, cell, list(faults)
         self._cameras = workspace.cameras
         before = program.steps[0].before
-        robot, joints = workspace.robot, program.joints
+        joints, limits, stop_limits = program.joints, workspace.robot.limits, workspace.robot.stop_limits
         q = np.array([before.joints[name] for name in joints])
-        self._playback = Playback(joints, [robot.limits[n] for n in joints], [robot.stop_limits[n] for n in joints], q)
+        self._playback = Playback(joints, [limits[name] for name in joints], [stop_limits[name] for name in joints], q)
         self._narrator = Narrator(listeners)
         self._eyes = Eyes(workspace.cameras.values(), pool)
-        self._tool = Tool(cell, self._playback, twin.fingers, holding=before.held is not None)
+        self._tool = Tool(cell, self._playback, robot.fingers, holding=before.held is not None)
         self._lookout = Lookout(workspace.cameras, cell, self._eyes, pool, self._narrator, gallery)
         responses = {name: camera.response for name, camera in workspace.cameras.items()}
         self._ledger = FaultLedger(cell, self._eyes, pool, responses, self._narrator)
@@ -72,7 +72,7 @@ class Execution:
             self._tool,
             self._eyes,
             self._lookout,
-            GroundTruth(cell, twin),
+            GroundTruth(cell, robot),
             self._ledger,
             self._narrator,
         )
@@ -131,7 +131,7 @@ class Execution:
 
     def _attempt(self, index: int, step: Step, *, first: bool) -> tuple[Attempt, Alarm | None]:
         """Try a step once. Returns the attempt, and the alarm that needs a response; None if the step is done."""
-        expectation = Expectation(step, self._program.joints, self._twin)
+        expectation = Expectation(step, self._program.joints, self._robot)
         check = PredictionCheck(index, expectation, list(self._cameras))
         judge = Judge(expectation, self._lookout.period)
         attempt = Attempt(step, expectation, judge, check, undisturbed=first)

@@ -13,9 +13,9 @@ from sqrp_cli.runtime.perception.detector_pool import PerceptionPool
 from sqrp_cli.runtime.record.events import VERSION, Listener, ProgramStep, RunBegan
 from sqrp_cli.runtime.record.film import Gallery
 from sqrp_cli.runtime.record.report import FaultRecord, RunReport, tolerance
+from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 from sqrp_cli.runtime.run.run import Execution
-from sqrp_cli.runtime.twin import Twin
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,22 +39,22 @@ class Simulation:
 
         witnessed: whether listeners are told where everything really is, too; the run itself is the same.
         """
-        twin = Twin.load(self.workspace.robot)
-        with PerceptionPool(CellKnowledge.of(self.workspace, twin)) as pool, self.cell() as cell:
-            return self._execution(twin, cell, pool, faults, listeners, gallery, witnessed=witnessed).run()
+        robot = RobotBody.load(self.workspace.robot)
+        with PerceptionPool(CellKnowledge.of(self.workspace, robot)) as pool, self.cell() as cell:
+            return self._execution(robot, cell, pool, faults, listeners, gallery, witnessed=witnessed).run()
 
     def run_in(
         self, cell: SimulatedCell, faults: Sequence[InjectedFault] = (), listeners: Sequence[Listener] = ()
     ) -> RunReport:
         """One run, as `run` but in a cell that `cell` made, which saves the time to make it."""
-        twin = Twin.load(self.workspace.robot)
+        robot = RobotBody.load(self.workspace.robot)
         cell.reset(self.program.steps[0].before)
-        with PerceptionPool(CellKnowledge.of(self.workspace, twin)) as pool:
-            return self._execution(twin, cell, pool, faults, listeners, None).run()
+        with PerceptionPool(CellKnowledge.of(self.workspace, robot)) as pool:
+            return self._execution(robot, cell, pool, faults, listeners, None).run()
 
     def _execution(
         self,
-        twin: Twin,
+        robot: RobotBody,
         cell: SimulatedCell,
         pool: PerceptionPool,
         faults: Sequence[InjectedFault],
@@ -66,7 +66,7 @@ class Simulation:
         return Execution(
             self.program,
             self.workspace,
-            twin,
+            robot,
             cell,
             pool,
             self.replanner,

@@ -28,7 +28,7 @@ from sqrp_cli.runtime.image import Frame
 from sqrp_cli.runtime.perception.detections import CellKnowledge, Posture, Watchlist
 from sqrp_cli.runtime.perception.image_detector import Watcher
 from sqrp_cli.runtime.perception.vision import find_markers
-from sqrp_cli.runtime.twin import Twin
+from sqrp_cli.runtime.robot_body import RobotBody
 from tests.runtime.cell.scenes import camera, cell, empty, thing, world
 
 FOCAL = 600.0
@@ -44,7 +44,7 @@ class Stage:
     """A renderer of things that are put where a test wants them."""
 
     def __init__(self, base: Workspace) -> None:
-        self.knowledge = CellKnowledge.of(base, Twin.load(base.robot))
+        self.knowledge = CellKnowledge.of(base, RobotBody.load(base.robot))
         self._physics = Physics(base, world(base))
         self._renderer = Renderer(self._physics.model, tuple(base.cameras.values()), 0)
         self._positions = self._physics.positions

@@ -21,7 +21,7 @@ OPEN_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Twin:
+class RobotBody:
     """A robot with its tool, placed in the world."""
 
     tree: JointTree
@@ -34,7 +34,7 @@ class Twin:
     """Of its gripper; None if it has none that move."""
 
     @classmethod
-    def load(cls, robot: Robot) -> Twin:
+    def load(cls, robot: Robot) -> RobotBody:
         """Read the meshes. Raises InputError for those that cannot be used."""
         # Imported here, since processes that look at images need no Pinocchio.
         from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
