@@ -260,6 +260,17 @@ class Scores(Result[ScoreDocument]):
         print_report(self.findings)
 
 
+@dataclass(frozen=True, eq=False)
+class Difference(Scores):
+    """What differs between two versions of a workspace, and what that does to its tasks."""
+
+    def show(self) -> None:
+        """Print what `sqrp diff` prints."""
+        from sqrp_cli.terminal.score_table import print_difference
+
+        print_difference(self.findings)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SimulatedRun(Result[RunDocument]):
     """How a run of a program went."""

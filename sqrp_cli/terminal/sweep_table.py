@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from sqrp_cli.scoring.sweep import ScoredVariant, Sweep
-from sqrp_cli.terminal.console import Column, Styled, plain, print_table, say
+import shlex
+from pathlib import Path
+
+from sqrp_cli.scoring.sweep import ScoredVariant, Sweep, from_here
+from sqrp_cli.terminal.console import Column, Styled, plain, print_table, say, say_line
 
 ROWS = 20
 """Variants that the table shows; the document has all."""
@@ -11,8 +14,8 @@ ROWS = 20
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "can be\ndone", "tasks\npassed")
 
 
-def print_sweep(sweep: Sweep) -> None:
-    """The table of variants, the best first."""
+def print_sweep(sweep: Sweep, patch: Path) -> None:
+    """The table of variants, the best first, and what to do with it. patch: the file that makes the best of it."""
     paths = [path for path, _ in max((scored.variant.values for scored in sweep.variants), key=len)]
     columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in column_titles(paths))]
     columns += [Column(title, right=True) for title in _FIGURES]
@@ -26,6 +29,19 @@ def print_sweep(sweep: Sweep) -> None:
     if len(sweep.variants) > len(shown):
         say(plain(f"{len(sweep.variants) - len(shown)} more are in the document of --json.", "dim"))
     say(plain("Figures are means over the choices of objects, of every task, that can be done.", "dim"))
+    say()
+    _conclude(sweep, patch)
+
+
+def _conclude(found: Sweep, patch: Path) -> None:
+    """Which values are best, and the command that sets them."""
+    if not found.patch:
+        say("None is better than the workspace as it is.")
+        return
+    values = ", ".join(f"{path} = {value}" for path, value in found.best.variant.values)
+    among = "" if found.equals == 1 else f" Of {found.equals} that are as good it has the most room around it."
+    say(f"Best is {values}.{among} To have it:")
+    say_line(f"  patch {shlex.quote(from_here(found.document.path))} < {shlex.quote(str(patch))}")
 
 
 def _row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:

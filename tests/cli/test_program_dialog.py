@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.cli import program_dialog
+from sqrp_cli.cli.commands import program_new
 from sqrp_cli.program.file import load_program
 
 
@@ -93,7 +93,7 @@ def test_a_file_that_is_no_program_is_never_overwritten(answer, laying):
 
 
 def test_what_was_chosen_is_saved_before_the_next_question(answer, file, monkeypatch):
-    ask = program_dialog.ask
+    ask = program_new.ask
 
     def interrupted(question: str) -> str:
         if question.startswith("Step 2"):
@@ -102,7 +102,7 @@ def test_what_was_chosen_is_saved_before_the_next_question(answer, file, monkeyp
         return ask(question)
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    monkeypatch.setattr(program_dialog, "ask", interrupted)
+    monkeypatch.setattr(program_new, "ask", interrupted)
     outcome = answer(str(file), "2", "1")
     signal.signal(signal.SIGINT, before)
     assert outcome.code == 130

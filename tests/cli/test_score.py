@@ -196,10 +196,10 @@ def test_ctrl_c_after_scoring_loses_no_score(sqrp, own_watch, tmp_path, monkeypa
     baseline = tmp_path / "baseline.json"
     assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
 
-    def interrupted(*_):
+    def interrupted(*_, **__):
         signal.raise_signal(signal.SIGINT)
 
-    module = "cli.report_page" if where == "write_scores" else "cli.score_run"
+    module = "report.pages.candidate_page" if where == "write_scores" else "api.scores"
     monkeypatch.setattr(f"sqrp_cli.{module}.{where}", interrupted)
     outputs = ("--junit", tmp_path / "junit.xml", "--report", tmp_path / "page.html")
     outcome = sqrp("score", own_watch, "--baseline", baseline, *outputs)

@@ -7,8 +7,21 @@ from typing import Annotated
 
 import typer
 
-from sqrp_cli.cli import score_options as option
-from sqrp_cli.cli.options import Jobs, Json, SampleCount, SampleStep, Seed, Tolerance, job_count, read_sampling
+from sqrp_cli.cli.options import (
+    DEFAULT_ALLOWANCE,
+    Allow,
+    Cluster,
+    Jobs,
+    Json,
+    Out,
+    SampleCount,
+    SampleStep,
+    Seed,
+    Tolerance,
+    job_count,
+    read_sampling,
+    tell,
+)
 from sqrp_cli.errors import ExitCode, InputError
 
 NAME = "diff"
@@ -17,9 +30,9 @@ NAME = "diff"
 def command(
     before: Annotated[Path, typer.Argument(metavar="A", help="A workspace as it was.")],
     after: Annotated[Path, typer.Argument(metavar="B", help="The workspace as it is now.")],
-    allow: option.Allow = option.DEFAULT_ALLOWANCE,
-    out: option.Out = None,
-    cluster: option.Cluster = None,
+    allow: Allow = DEFAULT_ALLOWANCE,
+    out: Out = None,
+    cluster: Cluster = None,
     seed: Seed = 0,
     samples: SampleCount = None,
     dt: SampleStep = None,
@@ -33,12 +46,13 @@ def command(
     """
     from sqrp_cli.scoring.work.dask_client import connected
 
-    with connected(cluster, option.tell) as workers:
-        from sqrp_cli.cli.score_run import show, why_not_scored
+    with connected(cluster, tell) as workers:
+        from sqrp_cli.api.results import Difference
+        from sqrp_cli.api.scores import why_not_scored
+        from sqrp_cli.cli.commands.score import show
         from sqrp_cli.scoring.baselines.difference import difference, read_versions
         from sqrp_cli.scoring.work.compute import Means, open_computer
         from sqrp_cli.terminal.console import progress
-        from sqrp_cli.terminal.score_table import print_difference
 
         means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
         old, new = read_versions(before, after)
@@ -46,4 +60,4 @@ def command(
             findings = difference(old, new, computer, allow, progress)
         if findings.count("error"):
             raise InputError(*why_not_scored(findings))
-        return show(findings, print_difference, as_json=as_json)
+        return show(Difference(findings), as_json=as_json)

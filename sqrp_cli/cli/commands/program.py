@@ -51,7 +51,7 @@ def command(
     seen, which one to take.
     """
     if str(file) == NEW:
-        from sqrp_cli.cli.program_dialog import make_program
+        from sqrp_cli.cli.commands.program_new import make_program
 
         if workspace is None or drop_last or export is not None or rate is not None or as_json:
             raise _refused("`sqrp program new` takes a workspace and nothing else", "sqrp program new WORKSPACE")

@@ -1,25 +1,56 @@
-"""`sqrp score`: every task of many workspaces, with thresholds and a baseline."""
+"""`sqrp score`: every task of many workspaces, with thresholds and a baseline; or variants of one of them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import typer
 
-from sqrp_cli.cli import score_options as option
-from sqrp_cli.cli.options import (
-    Jobs,
-    Json,
-    Report,
-    SampleCount,
-    SampleStep,
-    Seed,
-    Tolerance,
-    job_count,
-    read_sampling,
-)
-from sqrp_cli.cli.score_outputs import Outputs
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.cli import options as option
+from sqrp_cli.cli.options import answer, job_count, read_sampling, tell
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.platform.files import check_distinct, check_writable
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sqrp_cli.api.results import Scores
+    from sqrp_cli.api.scores import ScoreRun
+    from sqrp_cli.scoring.baselines.findings import Findings
+    from sqrp_cli.scoring.work.compute import Means
 
 NAME = "score"
+
+MARK = "# The best variant that `sqrp score --vary` found"
+"""How the patch begins; `patch` and `git apply` skip it. Only files that begin so are overwritten."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files to write."""
+
+    junit: Path | None
+    summary: Path | None
+    baseline: Path | None
+    report: Path | None
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """All of them."""
+        return tuple(path for path in (self.junit, self.summary, self.baseline, self.report) if path is not None)
+
+    def check(self) -> None:
+        """Raises InputError before anything is computed where one of them cannot be written, or two are the same."""
+        options = ("--junit", "--summary", "--save-baseline", "--report")
+        check_distinct(dict(zip(options, (self.junit, self.summary, self.baseline, self.report), strict=True)))
+        for path in self.paths:
+            check_writable(path)
+        if self.report is not None:
+            from sqrp_cli.report.pages.libraries import check_libraries
+
+            check_libraries()
 
 
 def command(
@@ -30,19 +61,19 @@ def command(
     allow: option.Allow = option.DEFAULT_ALLOWANCE,
     junit: option.Junit = None,
     summary: option.Summary = None,
-    report: Report = None,
+    report: option.Report = None,
     out: option.Out = None,
     resume: option.Resume = False,
     cluster: option.Cluster = None,
     vary: option.Vary = None,
     draws: option.Draws = None,
     patch: option.Patch = None,
-    seed: Seed = 0,
-    samples: SampleCount = None,
-    dt: SampleStep = None,
-    tolerance: Tolerance = None,
-    jobs: Jobs = None,
-    as_json: Json = False,
+    seed: option.Seed = 0,
+    samples: option.SampleCount = None,
+    dt: option.SampleStep = None,
+    tolerance: option.Tolerance = None,
+    jobs: option.Jobs = None,
+    as_json: option.Json = False,
 ) -> ExitCode:
     """Score all tasks of many workspaces.
 
@@ -60,14 +91,154 @@ def command(
     if vary and (baseline is not None or outputs.paths):
         raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
     outputs.check()
-    with connected(cluster, option.tell) as workers:
+    with connected(cluster, tell) as workers:
         from sqrp_cli.scoring.work.compute import Means
 
         means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
         if vary:
-            from sqrp_cli.cli.sweep_run import SweepRequest, run_sweep
+            return _vary(paths, vary, draws, patch, means, as_json=as_json)
+        return _score(paths, baseline, allow, outputs, means, context.obj, as_json=as_json)
 
-            return run_sweep(SweepRequest(paths, tuple(vary), draws, patch), means, as_json=as_json)
-        from sqrp_cli.cli.score_run import ScoreRequest, run_score
 
-        return run_score(ScoreRequest(paths, baseline, allow, outputs), means, context.obj, as_json=as_json)
+def _score(
+    paths: Sequence[str],
+    against: Path | None,
+    allowance: float,
+    outputs: Outputs,
+    means: Means,
+    arguments: Sequence[str],
+    *,
+    as_json: bool,
+) -> ExitCode:
+    """Score all, compare with the baseline, write the files that were asked for and print; arguments: of the command.
+
+    Raises InputError for paths, folders and files of no use, and where nothing at all can be scored; else what could be
+    is printed, with the rest in it as errors.
+    """
+    from sqrp_cli.api.results import Scores
+    from sqrp_cli.api.scores import ScoreRun, nothing_scored, why_not_scored
+    from sqrp_cli.platform.files import check_not_read
+    from sqrp_cli.scoring.baselines.baseline import load_baseline
+    from sqrp_cli.terminal.console import note, progress
+
+    check_not_read(outputs.paths, [against])
+    baseline = None if against is None else load_baseline(against, means.sampling)
+    findings = None
+    try:
+        with ScoreRun.open(paths, outputs.paths, means, progress) as run:
+            findings = _findings(run)
+            if baseline is not None and not findings.interrupted:
+                findings = run.compare(findings, baseline, allowance)
+                if findings.interrupted:
+                    note("interrupted before everything was compared with the baseline")
+            if not findings.interrupted:
+                run.write(findings, junit=outputs.junit, summary=outputs.summary, baseline=outputs.baseline)
+        if outputs.report is not None and findings.results and not findings.interrupted:
+            _write_page(run, findings, means, outputs.report, arguments)
+    except KeyboardInterrupt:
+        if findings is None:
+            raise
+        note("interrupted before all files were written")
+        findings = replace(findings, interrupted=True)
+    except InputError:  # a file that cannot be written takes nothing from what was scored
+        if findings is not None and not nothing_scored(findings):
+            show(Scores(findings), as_json=as_json)
+        raise
+    if nothing_scored(findings):
+        raise InputError(*why_not_scored(findings))
+    return show(Scores(findings), as_json=as_json)
+
+
+def _findings(run: ScoreRun) -> Findings:
+    """What was scored, with warnings printed on the way."""
+    from sqrp_cli.terminal.console import note, print_problems
+
+    for cell in run.cells:
+        print_problems(problem for problem in cell.problems if problem.severity == "warning")
+        if cell.workspace is not None and not cell.tasks:
+            note(f"{cell.name} lists no tasks")
+    findings = run.score()
+    print_problems(run.doubts)
+    note(run.count(interrupted=findings.interrupted))
+    return findings
+
+
+def _write_page(run: ScoreRun, findings: Findings, means: Means, page: Path, arguments: Sequence[str]) -> None:
+    from sqrp_cli.report.pages.candidate_page import write_scores
+    from sqrp_cli.terminal.console import note, progress
+
+    write_scores(run.cells, findings, means, page, arguments=arguments, progress=progress)
+    note(f"open {page} in a browser")
+
+
+def show(scores: Scores, *, as_json: bool) -> ExitCode:
+    """Print what was found; returns the exit code that it stands for."""
+    answer(scores, as_json=as_json)
+    if scores.findings.interrupted:
+        return ExitCode.INTERRUPTED
+    if scores.findings.count("error"):
+        return ExitCode.BAD_INPUT
+    return ExitCode.OK if scores.passed else ExitCode.NONE_FEASIBLE
+
+
+def _vary(
+    paths: Sequence[str], texts: Sequence[str], draws: int | None, wanted: Path | None, means: Means, *, as_json: bool
+) -> ExitCode:
+    """Score variants, print them and write the best as a patch. wanted: its file; None: NAME-best.patch."""
+    from sqrp_cli.api.scores import nothing_scored, why_not_scored
+    from sqrp_cli.checks.outside import intervals_outside
+    from sqrp_cli.platform.files import write_atomically
+    from sqrp_cli.report.documents.document import as_text
+    from sqrp_cli.report.documents.scores import VaryDocument
+    from sqrp_cli.scoring.discovery import find_workspaces, short_names
+    from sqrp_cli.scoring.score import wanted_of
+    from sqrp_cli.scoring.sweep import read_variants, sweep
+    from sqrp_cli.scoring.variation import grid_shape, read_variation, variants
+    from sqrp_cli.scoring.work.compute import open_computer
+    from sqrp_cli.terminal.console import note, print_problems, progress, say_raw
+    from sqrp_cli.terminal.sweep_table import print_sweep
+
+    variations = [read_variation(text) for text in texts]
+    values = variants(variations, draws, means.seed)
+    files = find_workspaces(paths)
+    if len(files) > 1:
+        names = ", ".join(f"`{name}`" for name in short_names(files).values())
+        raise InputError(Problem("bad-option", f"--vary is about one workspace, found {names}"))
+    name = short_names(files)[files[0]]
+    patch = wanted or Path(f"{name}-best.patch")
+    _check_patch(patch)
+    with progress("Reading variants", len(values) + 1) as advance:
+        document, read = read_variants(files[0], values, advance)
+    with open_computer(means) as computer:
+        found = sweep(document, read, grid_shape(variations, draws), computer, progress)
+        asked = [want for variant in read for want in wanted_of(variant.cell)]
+        assessments = [outcome.assessment for outcome in map(computer.outcome, asked) if outcome is not None]
+    print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
+    print_problems(intervals_outside(assessments))
+    if found.interrupted:
+        count = len(read)
+        note(f"interrupted before all {count} variants were scored, so none is named the best and no patch is written")
+        return ExitCode.INTERRUPTED
+    each = [variant.findings for variant in found.variants]
+    if nothing_scored(*each):
+        raise InputError(*why_not_scored(*each))
+    if found.patch:
+        write_atomically(patch, f"{MARK}\n{found.patch}")
+    if as_json:
+        say_raw(as_text(VaryDocument.of(found, name, str(patch) if found.patch else None)))
+    else:
+        print_sweep(found, patch)
+    if found.best.findings.count("error"):
+        return ExitCode.BAD_INPUT
+    return ExitCode.OK if found.best.findings.passed else ExitCode.NONE_FEASIBLE
+
+
+def _check_patch(path: Path) -> None:
+    """Raises InputError for a file that cannot be written, or that is there and that no sweep has written."""
+    check_writable(path)
+    if path.is_file():
+        with path.open("rb") as file:
+            own = file.read(len(MARK)) == MARK.encode()
+        if not own:
+            message = "this file is there already and is no patch that --vary wrote; it was left as it is"
+            raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name: --patch FILE"))

@@ -1,0 +1,110 @@
+"""Scoring many workspaces: read, computed, compared with a baseline, and written for a CI server."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from sqrp_cli.checks.outside import intervals_outside
+from sqrp_cli.errors import Problem
+from sqrp_cli.platform.files import check_not_read
+from sqrp_cli.platform.memory import keep_all_so_far
+from sqrp_cli.scoring.baselines.baseline import Baseline, baseline_of, save_baseline
+from sqrp_cli.scoring.baselines.findings import CoverageLookup, Findings, Progress, compare_with, score_cells
+from sqrp_cli.scoring.cells import ScoredCell, read_cells
+from sqrp_cli.scoring.discovery import find_workspaces
+from sqrp_cli.scoring.junit import write_junit
+from sqrp_cli.scoring.score import wanted_of
+from sqrp_cli.scoring.summary import write_summary
+from sqrp_cli.scoring.work.compute import Computer, Means, open_computer
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreRun:
+    """Workspaces, and what computes their candidates. `progress` shows how far each part has come."""
+
+    cells: tuple[ScoredCell, ...]
+    computer: Computer
+    progress: Progress
+
+    @classmethod
+    @contextmanager
+    def open(
+        cls, paths: Sequence[str], outputs: Sequence[Path], means: Means, progress: Progress
+    ) -> Iterator[ScoreRun]:
+        """Hire workers and read the workspaces; workers begin with those that are read.
+
+        Raises InputError for paths and folders of no use, and where an output is a file of a workspace.
+        """
+        files = find_workspaces(paths)
+        check_not_read(outputs, files)
+        cells: list[ScoredCell] = []
+        with open_computer(means) as computer:
+            with progress("Reading workspaces", len(files)) as advance:
+                for cell in read_cells(files):
+                    check_not_read(outputs, _files(cell))
+                    computer.begin(wanted_of(cell))
+                    cells.append(cell)
+                    advance(1)
+            keep_all_so_far()
+            yield cls(tuple(cells), computer, progress)
+
+    def score(self) -> Findings:
+        """Score all; at Ctrl-C those that are finished. Raises InputError where results cannot be kept."""
+        return score_cells(self.cells, self.computer, self.progress)
+
+    @property
+    def doubts(self) -> Iterator[Problem]:
+        """Warnings about formulas whose intervals lie outside the motion; to be asked after `score`."""
+        for cell in self.cells:
+            outcomes = filter(None, map(self.computer.outcome, wanted_of(cell)))
+            yield from intervals_outside(outcome.assessment for outcome in outcomes)
+
+    def count(self, *, interrupted: bool) -> str:
+        """How many candidates were computed, and what of the others."""
+        total = sum(len(wanted_of(cell)) for cell in self.cells)
+        computed, failed = self.computer.computed, self.computer.failed
+        parts = [f"{computed} of {total} candidates were computed"]
+        parts += [f"{failed} could not be"] if failed else []
+        parts += ["the others were known"] if not interrupted and computed + failed < total else []
+        return ", ".join(parts) + (", then interrupted" if interrupted else "")
+
+    def compare(self, findings: Findings, baseline: Baseline, allowance: float) -> Findings:
+        """The findings beside a baseline; at Ctrl-C those without. allowance: see `comparison.compare`."""
+        try:
+            return compare_with(findings, self.cells, baseline, allowance, self._lookup, self.progress)
+        except KeyboardInterrupt:
+            return replace(findings, interrupted=True)
+
+    def write(self, findings: Findings, *, junit: Path | None, summary: Path | None, baseline: Path | None) -> None:
+        """Write the files that are wanted. Raises InputError for one that cannot be written."""
+        if junit is not None:
+            write_junit(findings, junit)
+        if summary is not None:
+            write_summary(findings, summary)
+        if baseline is not None:
+            scores = [result.score for result in findings.results]
+            self._lookup.prepare([(score, way) for score in scores for way in score.ways.values()], self.progress)
+            save_baseline(baseline_of(self.cells, scores, self._lookup, self.computer.sampling), baseline)
+
+    @property
+    def _lookup(self) -> CoverageLookup:
+        return CoverageLookup(self.cells, self.computer)
+
+
+def nothing_scored(*found: Findings) -> bool:
+    """Whether every task or workspace is an error, so that there is no result to print."""
+    statuses = {result.score.status for findings in found for result in findings.results}
+    return statuses == {"error"} and not any(findings.interrupted for findings in found)
+
+
+def why_not_scored(*found: Findings) -> list[Problem]:
+    """Why what could not be scored could not be, each reason once."""
+    scores = (result.score for findings in found for result in findings.results if result.score.status == "error")
+    return [Problem("not-scored", why) for why in dict.fromkeys(reason for one in scores for reason in one.reasons)]
+
+
+def _files(cell: ScoredCell) -> list[Path]:
+    return [] if cell.workspace is None else [file.path for file in cell.workspace.files.values()]
