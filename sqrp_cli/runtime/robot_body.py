@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 
 import numpy as np
 
-from sqrp_cli.errors import Place
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree
 from sqrp_cli.knowledge.robot.robot import Fingers, Robot
-from sqrp_cli.knowledge.robot.urdf import UrdfModel
-from sqrp_cli.knowledge.text.packages import resolve
+from sqrp_cli.knowledge.text.packages import resolve_mesh
 from sqrp_cli.runtime.surface import Surface
 
 OPEN_SHARE = 0.25
@@ -39,8 +37,15 @@ class RobotBody:
         # Imported here, since processes that look at images need no Pinocchio.
         from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
 
-        surfaces = tuple(surface for urdf in robot.urdfs for surface in _surfaces(urdf, robot))
-        return cls(PinocchioModel(robot).tree, robot.rest, surfaces, robot.tool_frame, robot.fingers)
+        resolve = partial(resolve_mesh, robot.package_roots)
+        parts = [part for urdf in robot.urdfs for part in urdf.parts(robot.geometry, resolve)]
+        return cls(
+            tree=PinocchioModel(robot).tree,
+            rest=robot.rest,
+            surfaces=tuple(Surface.of(part) for part in parts),
+            tool_frame=robot.tool_frame,
+            fingers=robot.fingers,
+        )
 
     def link_poses(self, joints: Mapping[str, float]) -> dict[str, Array]:
         """World pose X_WL of every link, shape (4, 4), at joint positions [rad or m]; others are at rest."""
@@ -69,10 +74,3 @@ class RobotBody:
             link: X_WJ[:, mount.joint] @ mount.X_JL if mount.joint >= 0 else np.tile(mount.X_JL, (count, 1, 1))
             for link, mount in self.tree.mounts.items()
         }
-
-
-def _surfaces(model: UrdfModel, robot: Robot) -> list[Surface]:
-    def find(reference: str, file: Path) -> Path:
-        return resolve(reference, file.parent, robot.package_roots, Place(file))
-
-    return [Surface.of(part) for part in model.parts(robot.geometry, find)]

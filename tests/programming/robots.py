@@ -11,8 +11,7 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot, Tool
-from sqrp_cli.knowledge.text.packages import package_roots
-from sqrp_cli.knowledge.workspace.read_robot import resolve_mesh
+from sqrp_cli.knowledge.text.packages import package_roots, resolve_mesh
 from sqrp_cli.programming.arm.kinematics import RobotModel
 
 SUCTION_CUP = Path(__file__).parents[2] / "workspaces" / "robots" / "suction_cup.urdf"

@@ -58,6 +58,11 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
     return path
 
 
+def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
+    """The mesh file that a URDF names, in folders such as `Robot.package_roots`. Raises as `resolve`."""
+    return resolve(reference, urdf.parent, roots, Place(urdf))
+
+
 def _environment_paths(variable: str) -> list[Path]:
     return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.frames import link_called
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
@@ -117,7 +117,7 @@ class RobotReader:
         self.warnings += urdf.warnings
         role = ".".join(map(str, path))
         self.digest.add_file(role, urdf.path)
-        parts = urdf.parts(self.entry.geometry, partial(resolve_mesh, self.roots))
+        parts = urdf.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
         self._parts += parts
         pieces = (piece for link in urdf.links.values() for piece in link.geometry(self.entry.geometry))
         for part, piece in zip(parts, pieces, strict=True):
@@ -346,11 +346,6 @@ class RobotReader:
     def _wrong_unit(self, path: KeyPath, quantity: Quantity, *dimensions: Dimension) -> None:
         found = quantity.dimension.name if quantity.dimension else f"{quantity.value:g}"
         self._report("wrong-unit", path, f"found {found}, expected {expected_quantity(*dimensions)}")
-
-
-def resolve_mesh(roots: Sequence[Path], reference: str, urdf: Path) -> Path:
-    """The mesh file that a URDF names; roots: `Robot.package_roots`. Raises as `packages.resolve`."""
-    return packages.resolve(reference, urdf.parent, roots, Place(urdf))
 
 
 def _in_units(joint: UrdfJoint, *positions: float) -> str:

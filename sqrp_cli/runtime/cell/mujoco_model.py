@@ -13,7 +13,7 @@ from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.robot.urdf import Inertial, UrdfJoint, UrdfLink, UrdfModel
 from sqrp_cli.knowledge.scene import MODULES, SceneObject
-from sqrp_cli.knowledge.workspace.read_robot import resolve_mesh
+from sqrp_cli.knowledge.text.packages import resolve_mesh
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.image import COLORS, Rgb
