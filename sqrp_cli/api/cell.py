@@ -203,9 +203,9 @@ class OpenCell:
         done at once. planner: that of this package by default.
         """
         from sqrp_cli.api.results import Check
-        from sqrp_cli.checks.cell import cell_warnings
+        from sqrp_cli.checks.cell_warnings import cell_warnings
         from sqrp_cli.checks.dependency_check import best_suggestion, check_candidate
-        from sqrp_cli.checks.outside import intervals_outside
+        from sqrp_cli.checks.formulas import intervals_outside
         from sqrp_cli.logic.planner import find_plan
         from sqrp_cli.programming.suggestion import Suggester
         from sqrp_cli.programming.task import impossible_tasks
@@ -234,7 +234,7 @@ class OpenCell:
 
         That is no error, because a program may have left the robot elsewhere.
         """
-        from sqrp_cli.checks.cell import cell_warnings
+        from sqrp_cli.checks.cell_warnings import cell_warnings
 
         cell = self.cell
         yield from cell_warnings(cell)

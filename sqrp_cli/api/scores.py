@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from sqrp_cli.checks.outside import intervals_outside
+from sqrp_cli.checks.formulas import intervals_outside
 from sqrp_cli.errors import Problem
 from sqrp_cli.platform.files import check_not_read
 from sqrp_cli.platform.memory import keep_all_so_far

@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sqrp_cli.checks.lint_actions import formulas_against_the_action, impossible_preconditions
-from sqrp_cli.checks.lint_formulas import contradictions, fault_boxes_that_move, faults_of_the_plan, predicates_of
-from sqrp_cli.checks.lint_lenses import implausible_lenses
-from sqrp_cli.checks.lint_scene import blind_cameras, floating_objects, overlapping_objects, too_small_boxes
-from sqrp_cli.checks.lint_values import detectors_out_of_range, doubtful_images, empty_boxes, thresholds_out_of_reach
+from sqrp_cli.checks.boxes import empty_boxes, fault_boxes_that_move, too_few_cameras, too_small_boxes, without_target
+from sqrp_cli.checks.cameras import (
+    blind_cameras,
+    detectors_out_of_range,
+    doubtful_images,
+    implausible_lenses,
+    thresholds_out_of_reach,
+)
+from sqrp_cli.checks.formulas import (
+    contradictions,
+    faults_of_the_plan,
+    formulas_against_the_action,
+    impossible_preconditions,
+)
+from sqrp_cli.checks.placement import floating_objects, overlapping_objects
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.knowledge.skill.settings import Reference
 from sqrp_cli.knowledge.skill.skill import Skill
@@ -24,13 +34,13 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
     """
     findings: list[Problem] = list(_without_skills(workspace))
     for skill in workspace.skills.values():
-        findings += _without_target(skill)
+        findings += without_target(skill)
         findings += fault_boxes_that_move(skill)
         findings += contradictions(skill)
         findings += faults_of_the_plan(skill)
         findings += impossible_preconditions(skill)
         findings += formulas_against_the_action(skill)
-        findings += _too_few_cameras(workspace, skill)
+        findings += too_few_cameras(workspace, skill)
         findings += empty_boxes(workspace, skill)
         findings += too_small_boxes(workspace, skill)
         findings += _unused_parameters(skill)
@@ -52,28 +62,6 @@ def _without_skills(workspace: Workspace) -> Iterator[Problem]:
         yield Problem("no-skills", message, place, severity="warning", mend=mend)
 
 
-def _without_target(skill: Skill) -> Iterator[Problem]:
-    reported: set[str] = set()
-    for requirement in skill.requirements:
-        for predicate in predicates_of(requirement.formula):
-            if predicate in skill.targets or predicate in reported:
-                continue
-            reported.add(predicate)
-            message = f"skill `{skill.name}`: `{predicate}` is in a formula, but no target says where it can be seen"
-            mend = f"add `{predicate}:` with its boxes under `targets`"
-            yield Problem("literal-without-target", message, requirement.place, mend=mend)
-
-
-def _too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
-    available = len(workspace.cameras)
-    for predicate, target in skill.targets.items():
-        if target.cameras > available:
-            wanted = f"{target.cameras} camera{'s' if target.cameras > 1 else ''}"
-            message = f"skill `{skill.name}`: `{predicate}` needs {wanted}, the cell has {available}"
-            place = skill.place("targets", predicate, "cameras")
-            yield Problem("too-few-cameras", message, place, mend="add cameras, or lower `cameras` of the target")
-
-
 def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
     """Facts that only a grasp makes true, about an object that is not in the tool; and the other way round."""
     grasps = holding_skills(workspace.skills.values(), workspace.objects)
@@ -84,8 +72,8 @@ def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
             message = f"the state has `{fact}`, but by its pose `{name}` is not in the tool"
             mend = "write `pose: {held: +z}` (the side by which it is held), or remove the fact"
             yield Problem("held-against-the-facts", message, place, mend=mend)
-    for name, thing in workspace.objects.items():
-        if thing.X_TO is not None and grasps and name not in stated:
+    for name, item in workspace.objects.items():
+        if item.X_TO is not None and grasps and name not in stated:
             place = workspace.places.get(f"objects.{name}.pose")
             facts = " or ".join(f"`{predicate}({name})`" for predicate in sorted(grasps))
             message = f"by its pose `{name}` is in the tool, but the state does not say {facts}"
@@ -95,8 +83,8 @@ def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
 def _unused_parameters(skill: Skill) -> Iterator[Problem]:
     used = {
         value.parameter
-        for thing in (*skill.waypoints.values(), *skill.primitives)
-        for value in vars(thing).values()
+        for item in (*skill.waypoints.values(), *skill.primitives)
+        for value in vars(item).values()
         if isinstance(value, Reference)
     }
     for parameter in skill.motion_parameters:

@@ -1,4 +1,4 @@
-"""Objects in one place whose shapes are not only boxes: `knowledge.lint_scene` finds those of boxes without meshes."""
+"""Objects in one place whose shapes are not only boxes: `placement` compares those exactly, and without any mesh."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.checks.lint_scene import MIN_OVERLAP
+from sqrp_cli.checks.placement import MIN_OVERLAP
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -21,12 +21,14 @@ LEAST_SHARE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class _Placed:
-    """A solid part of an object, which stands at X_WO; center: of the sphere around the part, in the world."""
+    """A solid part of an object."""
 
-    thing: str
+    object: str
     solid: Solid
     X_WO: Array
+    """Where the object stands, shape (4, 4)."""
     center: Array
+    """Of the sphere around the part, in the world [m], shape (3,)."""
 
     @property
     def shrunk(self) -> _Placed:
@@ -50,20 +52,20 @@ class _Placed:
 
 def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
     """Pairs of objects of which parts that are not both boxes are more than 1 mm deep in each other."""
-    things = workspace.objects.values()
-    if all(isinstance(part.shape, Box) for thing in things for part in thing.parts):
+    objects = workspace.objects.values()
+    if all(isinstance(part.shape, Box) for item in objects for part in item.parts):
         return  # as mostly, and then even many objects take no time
     placed = [
-        _Placed(thing.name, solid, thing.X_WO, transform(thing.X_WO, solid.center))
-        for thing in things
-        if thing.X_WO is not None
-        for solid in map(load_solid, thing.parts)
+        _Placed(item.name, solid, item.X_WO, transform(item.X_WO, solid.center))
+        for item in objects
+        if item.X_WO is not None
+        for solid in map(load_solid, item.parts)
     ]
-    told: set[tuple[str, str]] = set()
+    reported: set[tuple[str, str]] = set()
     for first, second in _close_pairs(placed):
-        pair = (first.thing, second.thing)
-        if pair not in told and _are_in_each_other(first, second):
-            told.add(pair)
+        pair = (first.object, second.object)
+        if pair not in reported and _are_in_each_other(first, second):
+            reported.add(pair)
             one, other = (type(part.solid.part.shape).__name__.lower() for part in (first, second))
             message = (
                 f"objects `{pair[0]}` and `{pair[1]}` are in one place: a {one} of the first and a {other} of the "
@@ -85,7 +87,7 @@ def _close_pairs(placed: Sequence[_Placed]) -> Iterator[tuple[_Placed, _Placed]]
         if boxes[index]:
             near &= ~boxes
         others = (placed[other] for other in np.flatnonzero(near).tolist())
-        yield from ((part, other) for other in others if other.thing != part.thing)
+        yield from ((part, other) for other in others if other.object != part.object)
 
 
 def _are_in_each_other(first: _Placed, second: _Placed) -> bool:

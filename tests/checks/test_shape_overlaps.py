@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.checks.overlap import box_penetration
+from sqrp_cli.checks.placement import PlacedBox
 from sqrp_cli.checks.shape_overlaps import overlapping_shapes
 from sqrp_cli.geometry import Array, box_corners, pose, quaternion_to_matrix, transform
 from sqrp_cli.knowledge.scene import SceneObject
@@ -82,7 +82,7 @@ def test_meshes_of_boxes_are_in_one_place_where_the_boxes_are(told: Told, tmp_pa
     for _ in range(150):
         X = pose(quaternion_to_matrix([*rng.uniform(-1, 1, 3), 0.8]), rng.uniform(-0.1, 0.1, 3))
         size = rng.uniform(0.02, 0.1, 3)
-        depth = box_penetration(at(0.02, 0.0, 0.05), np.array([0.1, 0.06, 0.04]), X, size)
+        depth = PlacedBox(at(0.02, 0.0, 0.05), np.array([0.1, 0.06, 0.04])).penetration(PlacedBox(X, size))
         if not 0.0 < depth < 0.004:  # less is taken off across edges and corners
             deep = depth > 0
             assert bool(told([(mesh, np.eye(4))], [(Box(tuple(size)), X)])) == deep

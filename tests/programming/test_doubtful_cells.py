@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.checks.cell import cell_warnings
-from sqrp_cli.checks.tool_speed import fastest_tool
+from sqrp_cli.checks.cell_warnings import cell_warnings, fastest_tool
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell

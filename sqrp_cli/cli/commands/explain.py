@@ -54,8 +54,8 @@ def command(
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
-    from sqrp_cli.checks.cell import cell_warnings
-    from sqrp_cli.checks.outside import intervals_outside
+    from sqrp_cli.checks.cell_warnings import cell_warnings
+    from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.terminal.console import print_problems, progress, say_raw
 
     if all_candidates and choose is not None:

@@ -69,8 +69,8 @@ def command(
     """
     from sqrp_cli.api.results import Ranking
     from sqrp_cli.api.session import check_choice
-    from sqrp_cli.checks.cell import cell_warnings
-    from sqrp_cli.checks.outside import intervals_outside
+    from sqrp_cli.checks.cell_warnings import cell_warnings
+    from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.programming.ranking import rank, read_criterion
     from sqrp_cli.terminal.console import note, print_problems, say_raw
 

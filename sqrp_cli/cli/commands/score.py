@@ -186,7 +186,7 @@ def _vary(
 ) -> ExitCode:
     """Score variants, print them and write the best as a patch. wanted: its file; None: NAME-best.patch."""
     from sqrp_cli.api.scores import nothing_scored, why_not_scored
-    from sqrp_cli.checks.outside import intervals_outside
+    from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.platform.files import write_atomically
     from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.report.documents.scores import VaryDocument

@@ -14,7 +14,7 @@ def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
     Robot, cameras, objects, skills and state, with every path and pose resolved.
     """
     from sqrp_cli.api.cell import OpenCell
-    from sqrp_cli.checks.cell import cell_warnings
+    from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.terminal.console import print_problems, say_raw
 
     scene = OpenCell.read(workspace).scene()

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sqrp_cli.checks.mesh_sizes import doubtful_meshes
+from sqrp_cli.checks.cell_warnings import doubtful_meshes
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, read_only
 from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of, mesh_unit

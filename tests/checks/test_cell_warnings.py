@@ -1,30 +1,65 @@
-"""Parts that reach outside the size of their object."""
+"""What is doubtful about shapes: meshes in the wrong unit, and parts that reach outside the size of their object."""
 
 from __future__ import annotations
 
+import itertools
+import struct
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from sqrp_cli.checks.part_extents import parts_outside_size
+from sqrp_cli.checks.cell_warnings import doubtful_meshes, parts_outside_size
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
-from tests.checks.test_mesh_sizes import written_stl
 
 LYING = rpy_to_matrix((0.0, np.pi / 2, 0.0))
 SIZE = (0.06, 0.06, 0.08)
 
 
+def written_stl(path: Path, side: float) -> Path:
+    """A tetrahedron in a cube of this side, as a binary STL."""
+    corners = side * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 1]])
+    faces = [
+        b"".join(struct.pack("<3f", *p) for p in (np.zeros(3), *corners[list(three)])) + b"\0\0"
+        for three in itertools.combinations(range(4), 3)
+    ]
+    path.write_bytes(bytes(80) + struct.pack("<I", len(faces)) + b"".join(faces))
+    return path
+
+
+@pytest.mark.parametrize(("side", "scale"), [(40, "0.001"), (4e-5, "1000"), (0.04, None)])
+def test_a_mesh_in_the_wrong_unit_is_doubted(
+    tabletop: Workspace, ur5: RobotModel, tmp_path: Path, side: float, scale: str | None
+) -> None:
+    mesh = Mesh(written_stl(tmp_path / "cube.stl", side))
+    g1 = replace(tabletop.objects["g1"], parts=(Part("g1/0", "g1", mesh, np.eye(4)),))
+    of_object = list(doubtful_meshes(replace(tabletop, objects={"g1": g1}), ur5))
+    big = replace(ur5, parts=(Part("forearm_link", "forearm_link", mesh, np.eye(4)),))
+    of_robot = list(doubtful_meshes(replace(tabletop, objects={}), big))
+    if scale is None:
+        assert of_object == of_robot == []
+    else:
+        for (problem,), name in ((of_object, "`g1`"), (of_robot, "`forearm_link`")):
+            assert problem.severity == "warning"
+            assert name in problem.message
+            assert f"`scale` of {scale}" in (problem.mend or "")
+
+
+def test_the_meshes_of_the_shipped_robot_are_not_doubted(tabletop: Workspace, ur5: RobotModel) -> None:
+    assert list(doubtful_meshes(tabletop, ur5)) == []
+
+
 def told(tabletop: Workspace, *placed: tuple[Shape, Array]) -> list[Problem]:
     """What is said of `g1` with this size and these parts."""
     parts = tuple(Part(f"g1/{index}", "g1", *one) for index, one in enumerate(placed))
-    thing = replace(tabletop.objects["g1"], size=SIZE, parts=parts)
+    item = replace(tabletop.objects["g1"], size=SIZE, parts=parts)
     places = {f"objects.g1.parts.{index}": Place(Path("w.yaml"), index + 1, 9) for index in range(len(parts))}
-    return list(parts_outside_size(replace(tabletop, objects={"g1": thing}, places=places)))
+    return list(parts_outside_size(replace(tabletop, objects={"g1": item}, places=places)))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,142 @@
+"""Findings in the boxes of targets: too small to be seen, empty, moving with what is lost, or not there at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from sqrp_cli.checks.formulas import predicates_of
+from sqrp_cli.errors import Problem
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.frames import WORLD, FrameName
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill.skill import BoxSpec, Grasp, Skill
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+
+
+def without_target(skill: Skill) -> Iterator[Problem]:
+    """Predicates of formulas that no camera can decide, as no target says where to look."""
+    reported: set[str] = set()
+    for requirement in skill.requirements:
+        for predicate in predicates_of(requirement.formula):
+            if predicate in skill.targets or predicate in reported:
+                continue
+            reported.add(predicate)
+            message = f"skill `{skill.name}`: `{predicate}` is in a formula, but no target says where it can be seen"
+            mend = f"add `{predicate}:` with its boxes under `targets`"
+            yield Problem("literal-without-target", message, requirement.place, mend=mend)
+
+
+def too_few_cameras(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
+    """Targets that need more cameras at once than there are."""
+    available = len(workspace.cameras)
+    for predicate, target in skill.targets.items():
+        if target.cameras > available:
+            wanted = f"{target.cameras} camera{'s' if target.cameras > 1 else ''}"
+            message = f"skill `{skill.name}`: `{predicate}` needs {wanted}, the cell has {available}"
+            place = skill.place("targets", predicate, "cameras")
+            yield Problem("too-few-cameras", message, place, mend="add cameras, or lower `cameras` of the target")
+
+
+def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
+    """Boxes that no camera sees as large as their detector needs, even from the nearest possible place."""
+    for predicate, target in skill.targets.items():
+        for index, box in enumerate(target.boxes):
+            detector = workspace.detectors[box.detector]
+            looks = list(product(workspace.cameras.values(), objects_meant(workspace, skill, box)))
+            # Mostly one of the first is large enough, and then the others do not matter.
+            if looks and all(_largest_in_image(workspace, box, *look) < detector.min_pixels for look in looks):
+                largest = max(_largest_in_image(workspace, box, *look) for look in looks)
+                message = (
+                    f"skill `{skill.name}`: box `{box.name}` of `{predicate}` measures at most {largest:.1f} "
+                    f"pixels in any camera, detector `{box.detector}` needs {detector.min_pixels:g}"
+                )
+                mend = "use a larger box or marker, a nearer camera or a longer lens"
+                place = skill.place("targets", predicate, "boxes", index, "name")
+                yield Problem("too-small-for-every-camera", message, place, mend=mend)
+
+
+def empty_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
+    """Boxes of which a negative margin leaves nothing."""
+    for predicate, target in skill.targets.items():
+        for index, box in enumerate(target.boxes):
+            objects = [item for item in objects_meant(workspace, skill, box) if item is not None]
+            item = min(objects, key=lambda item: min(item.size), default=None)
+            if item is None or box.size is not None or min(item.size) + 2 * box.margin > 0:
+                continue
+            message = (
+                f"skill `{skill.name}`: with a margin of {box.margin:g} m nothing is left of box `{box.name}` around "
+                f"`{item.name}`, which is {min(item.size):g} m thin"
+            )
+            place = skill.place("targets", predicate, "boxes", index, "margin")
+            yield Problem("empty-box", message, place, mend="the margin enlarges a box on every side; raise it to 0 m")
+
+
+def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
+    """Boxes of fault literals that move with an object that the skill grasps, and so still do once it is lost."""
+    grasped = {primitive.object for primitive in skill.primitives if isinstance(primitive, Grasp)}
+    reported: set[tuple[str, str]] = set()
+    for requirement in skill.requirements:
+        if requirement.name is None:
+            continue
+        for predicate in predicates_of(requirement.formula):
+            boxes = skill.targets[predicate].boxes if predicate in skill.targets else ()
+            for index, box in enumerate(boxes):
+                if box.frame not in grasped or (predicate, box.name) in reported:
+                    continue
+                reported.add((predicate, box.name))
+                message = (
+                    f"skill `{skill.name}`: fault `{requirement.name}` is seen by box `{box.name}` of `{predicate}`, "
+                    f"which moves with `{box.frame}`; once that is lost, the box is where it fell"
+                )
+                mend = f"give the box a frame that stays: `tool`, or `{FrameName.at_start_of(box.frame)}`"
+                place = skill.place("targets", predicate, "boxes", index, "name")
+                yield Problem("box-moves-with-lost-object", message, place, mend=mend)
+
+
+def objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
+    """The objects that a box may belong to; only None for a box of its own in a frame without an object."""
+    name = box.fits or box.frame.owner
+    if name in workspace.objects:
+        return [workspace.objects[name]]
+    for parameter in skill.action.parameters:
+        if parameter.name == name:
+            objects = workspace.objects.values()
+            return [item for item in objects if skill.domain.fits(item.types, parameter.type)]
+    return [None]
+
+
+def _largest_in_image(workspace: Workspace, box: BoxSpec, camera: Camera, item: SceneObject | None) -> float:
+    """An upper bound of a box's size in an image [pixels]: square root of its area.
+
+    The largest silhouette of a box has the norm of its three face areas as area; at distance r, perspective enlarges it
+    by at most (f / (r - half a diagonal))^2 / cos^3 of the angle to the optical axis, widest at the image's corners.
+    """
+    enlarged = np.add(item.size, 2 * box.margin) if item is not None else (0.0, 0.0, 0.0)
+    size = np.asarray(box.size if box.size is not None else enlarged)
+    detector = workspace.detectors[box.detector]
+    distance = max(detector.distance[0], _known_distance(box, camera, item))
+    nearest = max(distance - 0.5 * float(np.linalg.norm(size)), camera.near)
+    area = float(np.linalg.norm([size[1] * size[2], size[0] * size[2], size[0] * size[1]]))
+    fx, fy = camera.matrix[0, 0], camera.matrix[1, 1]
+    tangent = np.hypot(
+        max(camera.matrix[0, 2], camera.width - camera.matrix[0, 2]) / fx,
+        max(camera.matrix[1, 2], camera.height - camera.matrix[1, 2]) / fy,
+    )
+    stretch = (1.0 + tangent**2) ** 0.75
+    return float(np.sqrt(fx * fy * area) / nearest * stretch)
+
+
+def _known_distance(box: BoxSpec, camera: Camera, item: SceneObject | None) -> float:
+    """Distance from camera to box where both stay where they are [m], else 0."""
+    if camera.frame != WORLD:
+        return 0.0
+    if box.frame == WORLD:
+        X_WF = np.eye(4)
+    elif item is not None and item.X_WO is not None and (box.frame.at_start or item.fixed):
+        X_WF = item.X_WO
+    else:
+        return 0.0
+    return float(np.linalg.norm((X_WF @ box.X_FB)[:3, 3] - camera.X_FC[:3, 3]))

@@ -1,0 +1,256 @@
+"""Findings in cameras and detectors: lenses and images that cannot be meant, and cameras that see nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import atan, degrees, hypot
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.errors import Problem
+from sqrp_cli.geometry import Array, box_corners, inverse, transform
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.text.usual_values import FIELD_OF_VIEW, MOST_STRETCHED
+from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.shapes import Mesh
+
+MOST_BENT = 3.0
+"""By which factor a lens with polynomial distortion may bend the middle of an image's sides in or out."""
+
+MOST_ASIDE = 0.5
+"""How far tangential distortion may move the middle of a side, as a share of its distance from the image's middle."""
+
+_WIDEST = 1e3
+"""Radius in the plane z = 1 that no such lens reaches."""
+
+
+def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
+    """Cameras whose principal point is not in their image, or whose focal lengths cannot be meant."""
+    for camera in workspace.cameras.values():
+        stated = f"cameras.{camera.name}"
+        place = next(
+            workspace.places[key]
+            for key in (f"{stated}.image", f"{stated}.calibration", stated)
+            if key in workspace.places
+        )
+        for code, message, mend in _image_doubts(camera, f"{stated}.image.horizontal_fov" in workspace.places):
+            yield Problem(code, f"camera `{camera.name}`: {message}", place, severity="warning", mend=mend)
+
+
+def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
+    """Cameras whose distortion folds back before the nearest side of the image, bends or shifts it by far too much."""
+    for camera in workspace.cameras.values():
+        if camera.distortion_model == "none":
+            continue
+        message = _why_implausible(camera)
+        if message is not None:
+            place = workspace.places.get(f"cameras.{camera.name}")
+            mend = "compare the coefficients and their order with the calibration"
+            yield Problem("implausible-lens", message, place, severity="warning", mend=mend)
+
+
+def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
+    """Cameras in the world that see no object: they are inside a solid, look elsewhere, or no object is in their range.
+
+    Often the axes of body and optical frame are mixed up.
+    """
+    objects = [item for item in workspace.objects.values() if item.X_WO is not None]
+    shown = [item for item in objects if not item.fixed] or objects
+    for camera in workspace.cameras.values():
+        if camera.frame != WORLD or not shown:
+            continue
+        place = workspace.places.get(f"cameras.{camera.name}")
+        around = next((item for item in objects if _is_inside(item, camera.X_FC[:3, 3])), None)
+        if around is not None:
+            message = f"camera `{camera.name}` is inside `{around.name}`, which hides everything from it"
+            mend = f"move one of them; if `{around.name}` is the camera's own housing, leave it out of the workspace"
+            yield Problem("camera-inside-object", message, place, severity="warning", mend=mend)
+        elif not _sees_any(camera, camera.X_FC, shown):
+            why, mend = _why_blind(workspace, camera, shown)
+            message = f"camera `{camera.name}` sees none of the objects: {why}"
+            yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)
+
+
+def detectors_out_of_range(workspace: Workspace) -> Iterator[Problem]:
+    """Detectors that begin where every camera's range has ended, or end where it has not begun."""
+    if not workspace.cameras:
+        return
+    farthest = max(_farthest(camera) for camera in workspace.cameras.values())
+    nearest = min(camera.near for camera in workspace.cameras.values())
+    for name, detector in workspace.detectors.items():
+        near, far = detector.distance
+        if near > farthest or far < nearest:
+            sees = f"the cameras see from {nearest:g} to {farthest:.3g} m"
+            message = f"detector `{name}` works from {near:g} to {far:g} m, and {sees}, so it never detects anything"
+            place = workspace.places.get(f"detectors.{name}.distance")
+            mend = "correct `distance`, or `near` and `far` of the cameras"
+            yield Problem("detector-out-of-range", message, place, severity="warning", mend=mend)
+
+
+def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
+    """Tasks of which faults must be noticed sooner than any camera shows anything."""
+    fastest = min(workspace.cameras.values(), key=lambda camera: camera.response, default=None)
+    for index, task in enumerate(workspace.tasks):
+        most = task.max_delay
+        if fastest is not None and most is not None and most < fastest.response - 1e-9:
+            takes = f"a frame and the latency of `{fastest.name}`, the fastest camera, take {fastest.response:.3g} s"
+            message = f"`max_delay` of `{task.task}` is {most:g} s, but {takes}: nothing can meet it"
+            place = workspace.places.get(f"tasks.{index}.max_delay")
+            mend = f"allow {fastest.response:.3g} s or more, or use a faster camera"
+            yield Problem("threshold-out-of-reach", message, place, severity="warning", mend=mend)
+
+
+def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, str, str]]:
+    """Code, message and remedy of what is doubtful; view_is_stated: the field of view is stated itself."""
+    (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
+    width, height = camera.width, camera.height
+    if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
+        message = f"the principal point ({cx:g}, {cy:g}) is outside its image of {width} x {height} pixels"
+        yield "principal-point-outside", message, "check `cx` and `cy`; is the calibration that of another image size?"
+    if not 1 / MOST_STRETCHED <= fx / fy <= MOST_STRETCHED:
+        message = f"the focal lengths {fx:g} and {fy:g} make pixels {max(fx / fy, fy / fx):.3g} times as long as wide"
+        yield "unusual-focal-lengths", message, "check `fx` and `fy`; both are in pixels"
+    view = 2 * atan(0.5 * width / fx)
+    if (
+        camera.distortion_model != "equidistant"
+        and not view_is_stated
+        and not (FIELD_OF_VIEW.least <= view <= FIELD_OF_VIEW.most)
+    ):
+        message = (
+            f"`fx` of {fx:g} pixels makes it see {degrees(view):.3g} deg from left to right, usual is {FIELD_OF_VIEW}"
+        )
+        yield "unusual-focal-lengths", message, "state `fx` in pixels, not in mm"
+
+
+def _why_implausible(camera: Camera) -> str | None:
+    focal, across = camera.matrix[0, 0], 0.5 * camera.width / camera.matrix[0, 0]
+    nearest = min(across, 0.5 * camera.height / camera.matrix[1, 1])
+    projection = Projection.of(camera)
+    widest = min(projection.radius * (1 - 1e-9), _WIDEST)
+    largest = _bent(projection, widest).out
+    if largest < nearest:
+        return (
+            f"with its distortion, camera `{camera.name}` shows nothing further than {focal * largest:.0f} pixels from "
+            f"the image's middle, whose nearest side is {focal * nearest:.0f} pixels away"
+        )
+    if camera.distortion_model == "equidistant":
+        return None
+    side = _radius_bent_to(projection, min(across, largest), widest)
+    if not largest < across and not 1 / MOST_BENT <= side / across <= MOST_BENT:
+        with_it, without = (np.degrees(2 * np.arctan(half)) for half in (side, across))
+        return (
+            f"with its distortion, camera `{camera.name}` sees {with_it:.1f} deg from left to right, "
+            f"without it {without:.1f} deg"
+        )
+    aside = _bent(projection, side).aside
+    if aside > MOST_ASIDE * across:
+        return (
+            f"the tangential distortion of camera `{camera.name}` moves the middle of a side of its image by "
+            f"{focal * aside:.0f} pixels, which is {focal * across:.0f} pixels from the image's middle"
+        )
+    return None
+
+
+def _radius_bent_to(projection: Projection, out: float, widest: float) -> float:
+    """The radius in the plane z = 1, up to `widest`, that the lens moves so far out; by bisection."""
+    low, high = 0.0, widest
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _bent(projection, middle).out < out else (low, middle)
+    return low
+
+
+class _Bent(NamedTuple):
+    """Where the lens moves points at a radius in the plane z = 1."""
+
+    out: float
+    """How far from the middle, without the tangential terms."""
+    aside: float
+    """How far these move points on the axes.
+
+    They grow with the square of the radius and move opposite points alike: beyond the image they would outgrow
+    everything else, and bend points on one side back through the middle.
+    """
+
+
+def _bent(projection: Projection, radius: float) -> _Bent:
+    (right, left, bottom, top), _ = projection.bent(
+        radius * np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+    )
+    aside = max(np.linalg.norm(right + left), np.linalg.norm(bottom + top))
+    return _Bent(0.5 * float(right[0] - left[0]), 0.5 * float(aside))
+
+
+def _why_blind(workspace: Workspace, camera: Camera, objects: Sequence[SceneObject]) -> tuple[str, str]:
+    """Why a camera sees none of these objects, and what would change that."""
+    depths = _depths_in_image(camera, camera.X_FC, np.concatenate([_points(item) for item in objects]))
+    if len(depths):
+        beyond = depths.min() > camera.far
+        closest = f"{depths.min():.2f} m away or more" if beyond else f"{depths.max():.2f} m away or less"
+        limit = f"`far` is {camera.far:g} m" if beyond else f"`near` is {camera.near:g} m"
+        mend = "move it closer, or raise `far`" if beyond else "move it back, or lower `near`"
+        if not beyond and depths.max() > camera.far:
+            closest, limit = "too near or too far", f"its range is {camera.near:g} m to {camera.far:g} m"
+            mend = "move it, or change `near` and `far`"
+        return f"what is in its image is {closest}, and {limit}", mend
+    stated = f"cameras.{camera.name}"
+    looks_at_point = f"{stated}.pose.look_at" in workspace.places  # which goes without `convention`
+    axes_are_stated = looks_at_point or f"{stated}.convention" in workspace.places
+    if not axes_are_stated and _sees_any(camera, camera_axes_as_body(camera.X_FC), objects):
+        return "it looks elsewhere", "add `convention: body` to the camera: with x forward, y left, z up it sees them"
+    nearest = min(objects, key=lambda item: float(np.linalg.norm(_points(item)[0] - camera.X_FC[:3, 3])))
+    at = ", ".join(f"{value:g}" for value in _points(nearest)[0].round(3) + 0.0)
+    mend = f"turn it to them: `look_at: [{at}]` in its pose makes it look at `{nearest.name}`"
+    if not looks_at_point:
+        mend += "; a rotation is that of the optical frame, z forward, x right, y down"
+    return "it looks elsewhere", mend
+
+
+def _sees_any(camera: Camera, X_WC: Array, objects: Sequence[SceneObject]) -> bool:
+    """Whether the centre or a corner of one of the objects is within range and image."""
+    depths = _depths_in_image(camera, X_WC, np.concatenate([_points(item) for item in objects]))
+    return bool(((depths >= camera.near) & (depths <= camera.far)).any())
+
+
+def _depths_in_image(camera: Camera, X_WC: Array, points: Array) -> Array:
+    """How far in front of a camera those of the points (n, 3) are that its image has [m], lens distortion aside."""
+    x, y, z = transform(inverse(X_WC), points).T
+    ahead = z > 0
+    depth = np.where(ahead, z, 1.0)
+    x, y = x / depth, y / depth
+    if camera.distortion_model == "equidistant":
+        radius = np.maximum(np.hypot(x, y), 1e-12)
+        x, y = x * np.arctan(radius) / radius, y * np.arctan(radius) / radius
+    u = camera.matrix[0, 0] * x + camera.matrix[0, 2]
+    v = camera.matrix[1, 1] * y + camera.matrix[1, 2]
+    in_image = (u >= -0.5) & (u <= camera.width - 0.5) & (v >= -0.5) & (v <= camera.height - 0.5)
+    found: Array = z[ahead & in_image]
+    return found
+
+
+def _points(item: SceneObject) -> Array:
+    """Centre and corners of an object's box in the world, shape (9, 3)."""
+    assert item.X_WO is not None  # noqa: S101 - callers choose objects of known pose
+    return transform(item.X_WO, np.concatenate([np.zeros((1, 3)), box_corners(item.size)]))
+
+
+def _is_inside(item: SceneObject, point: Array) -> bool:
+    """Whether a point in the world (3,) is inside a solid part of an object; meshes are left out."""
+    return item.X_WO is not None and any(
+        not isinstance(part.shape, Mesh)
+        and part.shape.contains(transform(inverse(item.X_WO @ part.X_PG), point[None])[0])
+        for part in item.parts
+    )
+
+
+def _farthest(camera: Camera) -> float:
+    """Distance to the corner of the image at the depth `far` [m], lens distortion aside; fisheyes see to the side."""
+    if camera.distortion_model == "equidistant":
+        return float("inf")
+    (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
+    return camera.far * hypot(1.0, max(cx, camera.width - cx) / fx, max(cy, camera.height - cy) / fy)

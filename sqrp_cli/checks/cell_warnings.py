@@ -1,0 +1,209 @@
+"""What is doubtful about a cell once the shapes of robot and objects are known: sizes, places, speeds and contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from sqrp_cli.checks.shape_overlaps import overlapping_shapes
+from sqrp_cli.errors import Place, Problem
+from sqrp_cli.geometry import Array, inverse, transform
+from sqrp_cli.knowledge.frames import WORLD, frame_poses
+from sqrp_cli.knowledge.mesh.mesh_unit import mesh_unit
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.skill.settings import Reference
+from sqrp_cli.knowledge.skill.skill import Skill, StraightMove
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.sensing.solids import Solid, load_solid
+from sqrp_cli.shapes import Mesh, Part
+
+LARGEST, SMALLEST = 20.0, 1e-3
+"""Sizes of a link's mesh, as shares of the robot's length, from which its scale is doubted."""
+
+OBJECT_FACTOR = 50.0
+"""Ratio of the sizes of an object and its mesh from which the mesh's scale is doubted."""
+
+ALLOWED = 1e-3
+"""How far a part may reach outside the size of its object [m], as sizes are often rounded."""
+
+FINEST = 1e-4
+"""To what a size is rounded up that would hold all parts [m]."""
+
+
+def cell_warnings(cell: Cell) -> tuple[Problem, ...]:
+    """Warnings about a cell that need the shapes of its robot and objects; `lint` gives those that need none."""
+    workspace, model = cell.workspace, cell.model
+    return (
+        *doubtful_meshes(workspace, model),
+        *parts_outside_size(workspace),
+        *overlapping_shapes(workspace),
+        *cameras_inside(workspace, model, cell.observer.solids),
+        *unreachable_speeds(workspace, model),
+        *assumed_contacts(cell),
+    )
+
+
+def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem]:
+    """Warnings about meshes of the robot, measured against its length, and of objects, against their `size`."""
+    length = float(_lengths(model).sum())
+    for part in model.parts:
+        if isinstance(part.shape, Mesh):
+            size = load_solid(part).diagonal
+            if size > LARGEST * length or size < SMALLEST * length:
+                measured = f"the mesh of link `{part.parent}` measures {_metres(size)}, the arm {_metres(length)}"
+                yield _doubt(measured, Place(part.shape.path), part.shape, size > length, "the <mesh> of the URDF")
+    for item in workspace.objects.values():
+        for index, part in enumerate(item.parts):
+            if isinstance(part.shape, Mesh):
+                solid = load_solid(part)
+                if _scale_is_doubtful(solid, item):
+                    size, stated = solid.diagonal, float(np.linalg.norm(item.size))
+                    place = workspace.places.get(f"objects.{item.name}.parts.{index}.mesh")
+                    measured = f"the mesh of `{item.name}` measures {_metres(size)}, its `size` {_metres(stated)}"
+                    yield _doubt(measured, place, part.shape, size > stated, "this part")
+
+
+def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
+    """A warning about each object with parts that reach more than 1 mm outside its box; the place is the worst part's.
+
+    Objects with a mesh whose scale is doubted already are left out.
+    """
+    for item in workspace.objects.values():
+        if not any(_is_doubted(part, item) for part in item.parts):
+            reached = np.array([_reach(part) for part in item.parts])
+            outside = reached - 0.5 * np.asarray(item.size)
+            if outside.max() > ALLOWED + 1e-9:
+                yield _outside(workspace, item, reached, outside)
+
+
+def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Solid]) -> Iterator[Problem]:
+    """Cameras that are inside a link or an object before anything moves, so that it hides everything from them.
+
+    The link that carries a camera hides as much as any other, if the camera is truly inside its shape.
+    """
+    X_WL = {link: poses[0] for link, poses in model.link_poses(model.home[None]).items()}
+    X_WO = {item.name: item.X_WO for item in workspace.objects.values() if item.X_WO is not None}
+    X_WF = frame_poses(X_WL, X_WO, {})
+    for camera in workspace.cameras.values():
+        eye = (X_WF[camera.frame] @ camera.X_FC)[:3, 3]
+        for solid in solids:
+            parent = solid.part.parent
+            linted = camera.frame == WORLD and parent in workspace.objects and not isinstance(solid.part.shape, Mesh)
+            if linted or parent not in X_WF or not solid.contains(transform(inverse(X_WF[parent]), eye[None])[0]):
+                continue
+            code, what = ("camera-inside-robot", "link ") if parent in model.links else ("camera-inside-object", "")
+            message = f"camera `{camera.name}` is inside {what}`{parent}` at the start, which hides everything from it"
+            mend = "correct the camera's pose"
+            if parent == camera.frame:
+                mend += f", whose origin is that of `{parent}`; its lens must be outside of the link's shape"
+            place = workspace.places.get(f"cameras.{camera.name}")
+            yield Problem(code, message, place, severity="warning", mend=mend)
+            break
+
+
+def unreachable_speeds(workspace: Workspace, model: RobotModel) -> Iterator[Problem]:
+    """Warnings about speeds of straight moves that the joints' velocity limits allow nowhere; moves are then slower."""
+    fastest = fastest_tool(model)
+    for skill in workspace.skills.values():
+        for index, primitive in enumerate(skill.primitives):
+            if not isinstance(primitive, StraightMove):
+                continue
+            speed = max(_values(skill, primitive.speed), default=0.0)
+            if speed > fastest:
+                message = (
+                    f"skill `{skill.name}`: a speed of {speed:g} m/s is asked of `{primitive.name}`, but the velocity "
+                    f"limits of the joints allow less than {fastest:.3g} m/s anywhere, so the move is slower"
+                )
+                place = skill.places.get(f"primitives.{index}.speed")
+                mend = "lower the speed, or correct `robot.limits.velocity`"
+                yield Problem("unreachable-speed", message, place, severity="warning", mend=mend)
+
+
+def assumed_contacts(cell: Cell) -> Iterator[Problem]:
+    """A warning about pairs of links that are not checked because they touch at home or always."""
+    if cell.self_contacts is not None and cell.self_contacts.unchecked:
+        names = ", ".join(f"{a}-{b}" for a, b in sorted(cell.self_contacts.unchecked))
+        message = f"there is no SRDF, and these links touch at home or wherever the arm is: {names}; not checked"
+        mend = "state the pairs that may touch in an SRDF, `robot.srdf`"
+        yield Problem("assumed-contact", message, Place(cell.workspace.robot.urdf.path), severity="warning", mend=mend)
+
+
+def fastest_tool(model: RobotModel) -> float:
+    """An upper bound of the tool frame's speed [m/s], with the arm stretched out and every joint at its limit."""
+    if not model.joints_move_alone:
+        return np.inf
+    lengths = _lengths(model) + np.where(model.turns, 0.0, model.upper - model.lower)
+    reaches = np.cumsum(lengths[::-1])[::-1]
+    return float(model.velocity @ np.where(model.turns, reaches, 1.0))
+
+
+def _is_doubted(part: Part, item: SceneObject) -> bool:
+    return isinstance(part.shape, Mesh) and _scale_is_doubtful(load_solid(part), item)
+
+
+def _scale_is_doubtful(solid: Solid, item: SceneObject) -> bool:
+    """Whether the size of an object's mesh is so far from the object's `size` that the unit must be another one."""
+    ratio = solid.diagonal / float(np.linalg.norm(item.size))
+    return not 1 / OBJECT_FACTOR <= ratio <= OBJECT_FACTOR
+
+
+def _doubt(measured: str, place: Place | None, mesh: Mesh, too_large: bool, where: str) -> Problem:
+    factor, unit = "0.001" if too_large else "1000", mesh_unit(mesh.path)
+    if unit == 1.0:
+        mend = f"if its unit is not the metre, give {where} a `scale` of {factor}"
+    else:
+        mend = f"it counts already that the file gives its unit as {unit:g} m: see the `scale` of {where}"
+    message = f"{measured}; its scale may be off by 1000"
+    return Problem("doubtful-mesh-size", message, place, severity="warning", mend=mend)
+
+
+def _metres(size: float) -> str:
+    return f"{size:.3g} m" if size >= 0.01 else f"{1e3 * size:.2g} mm"
+
+
+def _outside(workspace: Workspace, item: SceneObject, reached: Array, outside: Array) -> Problem:
+    index, axis = divmod(int(outside.argmax()), 3)
+    part = item.parts[index]
+    shape = type(part.shape).__name__.lower()
+    message = (
+        f"part `{part.name}` of `{item.name}`, a {shape}, reaches {1e3 * outside[index, axis]:.1f} mm outside the "
+        f"object's `size` along {'xyz'[axis]}"
+    )
+    others = int((outside.max(axis=1) > ALLOWED + 1e-9).sum()) - 1
+    if others:
+        message += f", and {others} other part{'s' * (others > 1)} outside it too"
+    needed = FINEST * np.ceil(2 * reached.max(axis=0) / FINEST - 1e-6)
+    size = ", ".join(f"{value:.5g}" for value in np.maximum(needed, item.size))
+    mend = f"`size: [{size}]` would hold all parts, centred as the box is; or correct the part's measures or `pose`"
+    place = workspace.places.get(f"objects.{item.name}.parts.{index}")
+    return Problem("part-outside-size", message, place, severity="warning", mend=mend)
+
+
+def _reach(part: Part) -> Array:
+    """How far a part reaches from its object's centre along the object's axes, to either side at most [m], shape (3,).
+
+    Exact also for round shapes, whose solids are a little too wide.
+    """
+    if isinstance(part.shape, Mesh):
+        reach: Array = np.abs(load_solid(part).vertices).max(axis=0)
+        return reach
+    outermost: Array = np.abs(part.X_PG[:3, 3]) + part.shape.half_extents(part.X_PG[:3, :3])
+    return outermost
+
+
+def _values(skill: Skill, setting: object) -> list[float]:
+    """The numbers that a setting may be."""
+    if not isinstance(setting, Reference):
+        return [setting] if isinstance(setting, float) else []
+    named = [parameter.values for parameter in skill.motion_parameters if parameter.name == setting.parameter]
+    return [value for values in named for value in values if isinstance(value, float)]
+
+
+def _lengths(model: RobotModel) -> Array:
+    """Distances from each joint of the arm to the next and from the last to the tool, at home [m], shape (n,)."""
+    points = np.concatenate([model.joint_origins(model.home), model.tool_pose(model.home)[None, :3, 3]])
+    lengths: Array = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return lengths

@@ -1,0 +1,306 @@
+"""Findings in formulas: against each other, against the action of their skill, and against its motion."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from itertools import combinations
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from sqrp_cli.errors import Place, Problem
+from sqrp_cli.knowledge.skill.skill import Requirement, Skill
+from sqrp_cli.logic.domain import Condition, Conjunction, Holds, Negation
+from sqrp_cli.logic.formula import (
+    Always,
+    And,
+    Eventually,
+    Formula,
+    Implies,
+    Instant,
+    Interval,
+    Not,
+    Or,
+    Predicate,
+    children,
+)
+from sqrp_cli.logic.formula_check import ArgumentLists, argument_lists
+from sqrp_cli.logic.formula_time import operators
+from sqrp_cli.logic.truth import Truth
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.task import Candidate
+
+
+Claim = tuple[str, tuple[str, ...] | None]
+"""A predicate with the arguments that it has in the skill."""
+
+
+class _Demand(NamedTuple):
+    """An `always` operator that must hold."""
+
+    interval: Interval
+    true: set[Claim]
+    """What it makes true."""
+    false: set[Claim]
+
+
+def contradictions(skill: Skill) -> Iterator[Problem]:
+    """Pairs of `always` formulas that claim a literal and its negation over a common stretch of time.
+
+    Only what the order of the primitive actions decides is reported: intervals that merely touch do not contradict.
+    """
+    claims = [(requirement, claim) for requirement in skill.requirements for claim in _demands(skill, requirement)]
+    names = [primitive.name for primitive in skill.primitives]
+    for requirement, (interval, positive, negative) in claims:
+        both = positive & negative
+        if both and _before(interval.start, interval.end, names):
+            yield _contradiction(skill, requirement, requirement, min(both))
+    for (first, (one, yes, no)), (second, (other, also_yes, also_no)) in combinations(claims, 2):
+        both = (yes & also_no) | (no & also_yes)
+        starts, ends = (one.start, other.start), (one.end, other.end)
+        if both and all(_before(start, end, names) for start in starts for end in ends):
+            yield _contradiction(skill, second, first, min(both))
+
+
+def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
+    """Faults that are seen whenever all goes well, since the formulas demand what they look for.
+
+    They do so throughout the fault's interval or, of an `eventually`, in some primitive action; only what the order of
+    the primitive actions decides is reported.
+    """
+    lists, names = argument_lists(skill.action), [primitive.name for primitive in skill.primitives]
+    plain = [(requirement, claim) for requirement in skill.requirements for claim in _demands(skill, requirement)]
+    for fault in skill.requirements:
+        if fault.name is None or not isinstance(fault.formula, Always | Eventually):
+            continue
+        whole, stretches = fault.formula.interval, [fault.formula.interval]
+        if isinstance(fault.formula, Eventually):
+            actions = [Interval(Instant(name, "start"), Instant(name, "end")) for name in names]
+            stretches += [action for action in actions if _is_within(action, whole, names)]
+        for stretch in stretches:
+            asked = [(other, yes, no) for other, (span, yes, no) in plain if _is_within(stretch, span, names)]
+            yes = set[Claim]().union(*(yes for _, yes, _ in asked))
+            no = set[Claim]().union(*(no for _, _, no in asked))
+            if not yes & no and _truth(fault.formula.operand, yes, no, lists) == Truth.TRUE:
+                message = (
+                    f"skill `{skill.name}`: the fault `{fault.name}` is seen whenever all goes well: over {stretch}, "
+                    f"{' and '.join(f'`{other.formula}`' for other, _, _ in asked)} "
+                    f"demand{'s' if len(asked) == 1 else ''} what it looks for"
+                )
+                mend = "correct the literals or the interval of one of them"
+                yield Problem("fault-of-the-plan", message, fault.place, mend=mend)
+                break
+
+
+def impossible_preconditions(skill: Skill) -> Iterator[Problem]:
+    """Preconditions that demand a literal and its negation."""
+    true, false = _literals(skill.action.precondition)
+    place = _place(skill)
+    for claim in sorted(true & false, key=str):
+        message = f"skill `{skill.name}`: the precondition demands `{_text(claim)}` and `not {_text(claim)}`"
+        yield Problem("contradictory-precondition", message, place, mend="remove one of them; it can never be done")
+
+
+def formulas_against_the_action(skill: Skill) -> Iterator[Problem]:
+    """`always` formulas over the start of a skill against its precondition, and over its end against its effect."""
+    names = [primitive.name for primitive in skill.primitives]
+    needed = _literals(skill.action.precondition)
+    made = set(map(_claimed, skill.action.effect.adds)), set(map(_claimed, skill.action.effect.deletes))
+    for requirement in skill.requirements:
+        for interval, true, false in _demands(skill, requirement):
+            at_start = _boundary(interval.start, names) == 0 and interval.start.offset <= 0
+            at_end = _boundary(interval.end, names) == len(names) and interval.end.offset >= 0
+            for applies, (yes, no), what, code in (
+                (at_start, needed, "the precondition", "against-the-precondition"),
+                (at_end, made, "the effect", "against-the-effect"),
+            ):
+                both = ((true & no) | (false & yes)) - (true & false) if applies else set()
+                for claim in sorted(both, key=str):
+                    demanded = _text(claim) if claim in true else f"not {_text(claim)}"
+                    message = f"skill `{skill.name}`: `{requirement.formula}` demands `{demanded}` against {what}"
+                    mend = f"correct the formula or {what} in {skill.domain.path.name}"
+                    yield Problem(code, message, requirement.place, mend=mend)
+
+
+class Timed(Protocol):
+    """What is known of one candidate: an `Assessment` or a `Feasibility`; time is None where it is infeasible."""
+
+    @property
+    def candidate(self) -> Candidate:
+        """The candidate."""
+
+    @property
+    def time(self) -> float | None:
+        """Duration of its motion [s]."""
+
+    @property
+    def outside(self) -> tuple[tuple[int, int], ...]:
+        """Its temporal operators that are never looked at."""
+
+
+def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
+    """One warning for each interval of which the motion of some candidate leaves nothing."""
+    feasible: dict[str, list[tuple[Timed, float]]] = {}
+    for one in found:
+        if one.time is not None:
+            feasible.setdefault(one.candidate.skill.name, []).append((one, one.time))
+    return tuple(
+        warning for members in feasible.values() for warning in _outside(members[0][0].candidate.skill, members)
+    )
+
+
+def predicates_of(formula: Formula) -> tuple[str, ...]:
+    """Names of the predicates in a formula, once each, from left to right."""
+    if isinstance(formula, Predicate):
+        return (formula.name,)
+    return tuple(dict.fromkeys(name for part in children(formula) for name in predicates_of(part)))
+
+
+def _contradiction(skill: Skill, requirement: Requirement, other: Requirement, claim: Claim) -> Problem:
+    message = (
+        f"skill `{skill.name}`: `{requirement.formula}` demands `{claim[0]}` and `not {claim[0]}` at the same time"
+    )
+    if other is not requirement:
+        message = (
+            f"skill `{skill.name}`: `{requirement.formula}` and `{other.formula}` (line {other.place.line}) demand "
+            f"`{claim[0]}` and `not {claim[0]}` over a common stretch"
+        )
+    mend = "let one interval end where the other starts, or correct the literal"
+    return Problem("contradictory-formulas", message, requirement.place, mend=mend)
+
+
+def _is_within(inner: Interval, outer: Interval, primitives: list[str]) -> bool:
+    """Whether an interval surely lies within another, however long the primitive actions take."""
+    return _is_not_after(outer.start, inner.start, primitives) and _is_not_after(inner.end, outer.end, primitives)
+
+
+def _is_not_after(first: Instant, second: Instant, primitives: list[str]) -> bool:
+    return _boundary(first, primitives) <= _boundary(second, primitives) and first.offset <= second.offset
+
+
+def _truth(formula: Formula, yes: set[Claim], no: set[Claim], lists: ArgumentLists) -> Truth:
+    """The value of a formula without temporal operators where some claims are true and others false."""
+    parts = [_truth(part, yes, no, lists) for part in children(formula)]
+    match formula:
+        case Predicate():
+            claim = _claim(formula, lists)
+            return Truth.TRUE if claim in yes else Truth.FALSE if claim in no else Truth.UNKNOWN
+        case Not():
+            return ~parts[0]
+        case And():
+            return min(parts)
+        case Or():
+            return max(parts)
+        case Implies():
+            return max(~parts[0], parts[1])
+    return Truth.UNKNOWN
+
+
+def _demands(skill: Skill, requirement: Requirement) -> Iterator[_Demand]:
+    """The `always` operators that must hold, each with the claims that it makes true and false."""
+    lists = argument_lists(skill.action)
+
+    def demanded(formula: Formula, truth: bool) -> Iterator[tuple[Claim, bool]]:
+        match formula:
+            case Predicate():
+                yield _claim(formula, lists), truth
+            case Not(operand):
+                yield from demanded(operand, not truth)
+            case And(operands) if truth:
+                for operand in operands:
+                    yield from demanded(operand, True)
+            case Or(operands) if not truth:
+                for operand in operands:
+                    yield from demanded(operand, False)
+            case Implies(premise, conclusion) if not truth:
+                yield from demanded(premise, True)
+                yield from demanded(conclusion, False)
+
+    def always(formula: Formula) -> Iterator[Always]:
+        if isinstance(formula, Always):
+            yield formula
+        elif isinstance(formula, And):
+            for operand in formula.operands:
+                yield from always(operand)
+
+    if requirement.name is not None:
+        return
+    for operator in always(requirement.formula):
+        literals = list(demanded(operator.operand, True))
+        true, false = ({claim for claim, truth in literals if truth == value} for value in (True, False))
+        yield _Demand(operator.interval, true, false)
+
+
+def _claim(predicate: Predicate, lists: ArgumentLists) -> Claim:
+    known = lists.get(predicate.name, ())
+    return predicate.name, known[0] if predicate.arguments is None and len(known) == 1 else predicate.arguments
+
+
+def _before(first: Instant, second: Instant, primitives: list[str]) -> bool:
+    """Whether `first` surely comes before `second`, however long the primitive actions take."""
+    start, end = _boundary(first, primitives), _boundary(second, primitives)
+    return (start < end and first.offset <= second.offset) or (start == end and first.offset < second.offset)
+
+
+def _boundary(instant: Instant, primitives: list[str]) -> int:
+    """Number of primitive actions that are over at an instant without its offset."""
+    if instant.primitive is None:
+        return 0
+    return primitives.index(instant.primitive) + (instant.edge == "end")
+
+
+def _place(skill: Skill) -> Place:
+    """The line of the skill's action in its PDDL file."""
+    return Place(skill.domain.path, skill.action.place.line)
+
+
+def _literals(condition: Condition) -> tuple[set[Claim], set[Claim]]:
+    """What a condition surely demands to be true, and what to be false."""
+    match condition:
+        case Holds():
+            return {_claimed(condition)}, set()
+        case Negation(Holds() as use):
+            return set(), {_claimed(use)}
+        case Conjunction(parts):
+            found = [_literals(part) for part in parts]
+            return set().union(*(true for true, _ in found)), set().union(*(false for _, false in found))
+    return set(), set()
+
+
+def _claimed(use: Holds) -> Claim:
+    return use.predicate, tuple(term.name for term in use.terms)
+
+
+def _text(claim: Claim) -> str:
+    predicate, arguments = claim
+    return f"{predicate}({', '.join(arguments)})" if arguments else predicate
+
+
+def _outside(skill: Skill, members: list[tuple[Timed, float]]) -> Iterator[Problem]:
+    for index, requirement in enumerate(skill.requirements):
+        for number, operator in enumerate(operators(requirement.formula)):
+            times = [time for one, time in members if (index, number) in one.outside]
+            if not times:
+                continue
+            of = f" of {len(times)} of {len(members)} candidates" if len(times) < len(members) else ""
+            message = (
+                f"skill `{skill.name}`: nothing of the interval {operator.interval} of {_what(requirement)} lies in "
+                f"the motion, so it is never looked at: the motion{of} lasts {_span(times)} s"
+            )
+            first, last = skill.primitives[0].name, skill.primitives[-1].name
+            mend = (
+                f"give times in seconds, or from the start or end of a primitive, such as `[{first}.start, {last}.end]`"
+            )
+            code, origin = "interval-outside-the-motion", operator.interval.start.origin
+            problem = origin.problem(code, message) if origin else Problem(code, message, requirement.place)
+            yield replace(problem, severity="warning", mend=mend)
+
+
+def _what(requirement: Requirement) -> str:
+    fault = f"fault `{requirement.name}`, " if requirement.name is not None else ""
+    return f"{fault}`{requirement.formula}`"
+
+
+def _span(times: list[float]) -> str:
+    shortest, longest = f"{min(times):.2f}", f"{max(times):.2f}"
+    return shortest if shortest == longest else f"{shortest} to {longest}"

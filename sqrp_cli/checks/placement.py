@@ -1,0 +1,150 @@
+"""Findings in where objects are: two in one place, or one in the air. Exact for boxes, and without any mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from sqrp_cli.errors import Problem
+from sqrp_cli.geometry import Array, box_corners, cross, pose, transform
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.shapes import Box, Mesh
+
+MIN_OVERLAP = 1e-3
+"""Depth [m] from which two objects count as being in one place."""
+
+LEAST_GAP = 5e-3
+"""Distance [m] from which an object counts as not standing on another one."""
+
+
+class PlacedBox(NamedTuple):
+    """A box somewhere in the world."""
+
+    X_WB: Array
+    """Pose of its centre, shape (4, 4)."""
+    size: Array
+    """Full extents [m], shape (3,)."""
+
+    @property
+    def corners(self) -> Array:
+        """Its corners in the world [m], shape (8, 3)."""
+        return transform(self.X_WB, box_corners(self.size))
+
+    def penetration(self, other: PlacedBox) -> float:
+        """How far [m] two boxes must be moved apart at least until they only touch; 0 or less if they are apart.
+
+        Exact: the separating-axis theorem over the 3 + 3 face normals and the 9 cross products of edges (Gottschalk et
+        al., OBBTree, SIGGRAPH 1996); the shortest way out of a convex body lies along one of these axes.
+        """
+        axes, others = self.X_WB[:3, :3].T, other.X_WB[:3, :3].T
+        crosses = cross(axes[:, None, :], others[None, :, :]).reshape(-1, 3)
+        return -self._gap(other, np.concatenate([axes, others, _unit(crosses)]))
+
+    def gap_from_above(self, other: PlacedBox) -> float:
+        """How far [m] two boxes are apart at least where heights do not count; 0 or less if one is over the other.
+
+        The separating-axis theorem for their shadows on the floor, whose edges are those of the boxes.
+        """
+        edges = np.concatenate([self.X_WB[:3, :3].T, other.X_WB[:3, :3].T])
+        return self._gap(other, _unit(cross(edges, np.array([0.0, 0.0, 1.0]))))
+
+    def _gap(self, other: PlacedBox, directions: Array) -> float:
+        """The widest gap between both along any of some directions (n, 3) [m]."""
+        reach = np.abs(directions @ self.X_WB[:3, :3]) @ (0.5 * self.size)
+        others = np.abs(directions @ other.X_WB[:3, :3]) @ (0.5 * other.size)
+        between = np.abs(directions @ (self.X_WB[:3, 3] - other.X_WB[:3, 3]))
+        return float((between - (reach + others)).max())
+
+
+def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
+    """Pairs of objects whose boxes are more than 1 mm deep in each other."""
+    objects = [item for item in workspace.objects.values() if item.X_WO is not None]
+    boxes = {item.name: _solid_boxes(item) for item in objects}
+    centers = np.array([item.X_WO[:3, 3] for item in objects if item.X_WO is not None]).reshape(-1, 3)
+    reaches = np.array([max((_reach(item, box) for box in boxes[item.name]), default=-np.inf) for item in objects])
+    distances = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
+    close = np.triu(distances <= reaches[:, None] + reaches[None], k=1)
+    for first, second in np.argwhere(close):
+        one, other = objects[first], objects[second]
+        depth = max(a.penetration(b) for a in boxes[one.name] for b in boxes[other.name])
+        if depth > MIN_OVERLAP:
+            message = (
+                f"objects `{one.name}` and `{other.name}` are in one place: {1e3 * depth:.1f} mm deep in each other"
+            )
+            place = workspace.places.get(f"objects.{other.name}.pose")
+            yield Problem("overlapping-objects", message, place, mend=f"move one of them by {1e3 * depth:.1f} mm")
+
+
+def floating_objects(workspace: Workspace) -> Iterator[Problem]:
+    """Objects that are 5 mm or more away from what they are said to be on.
+
+    With something else under them they may stand on that, if what they are said to be on is below: a cube in a tray is
+    on the table too. Parts that are no boxes count as the boxes around them, so the distance may be larger than what
+    is reported.
+    """
+    around = {item.name: list(_boxes_around(item)) for item in workspace.objects.values() if item.X_WO is not None}
+    for item in workspace.objects.values():
+        support = workspace.objects.get(item.on) if item.on is not None else None
+        if support is None or item.name not in around or support.name not in around:
+            continue
+        above, below = around[item.name], around[support.name]
+        gap = min(-one.penetration(other) for one, other in product(above, below))
+        if gap < LEAST_GAP - 1e-9:
+            continue
+        place = workspace.places.get(f"objects.{item.name}.pose")
+        under = next((name for name, boxes in around.items() if name != item.name and _stand_on(above, boxes)), None)
+        if under is not None:
+            aside = min(one.gap_from_above(other) for one, other in product(above, below))
+            if aside >= LEAST_GAP - 1e-9:
+                message = f"`{item.name}` is said to be on `{support.name}`, but does not stand over it: "
+                message += f"it is {aside:.3g} m beside it, on `{under}`"
+                mend = f"move it onto `{support.name}`, or write `on: {under}`"
+                yield Problem("beside-support", message, place, severity="warning", mend=mend)
+            continue
+        bottom = min(box.corners[:, 2].min() for box in above)
+        top = max(box.corners[:, 2].max() for box in below)
+        mend = f"lower it by {1e3 * gap:.1f} mm" if bottom - top > gap - 1e-6 else f"move it onto `{support.name}`"
+        message = f"`{item.name}` is said to be on `{support.name}`, but between them is a gap of {1e3 * gap:.1f} mm"
+        yield Problem("floating-object", message, place, severity="warning", mend=f"{mend}, or correct `on`")
+
+
+def _solid_boxes(item: SceneObject) -> list[PlacedBox]:
+    """The boxes of an object; pieces of other shapes are left out."""
+    return [
+        PlacedBox(item.X_WO @ part.X_PG, np.asarray(part.shape.size))
+        for part in item.parts
+        if isinstance(part.shape, Box) and item.X_WO is not None
+    ]
+
+
+def _stand_on(boxes: Sequence[PlacedBox], others: Sequence[PlacedBox]) -> bool:
+    """Whether boxes that are lowered by `LEAST_GAP` get into one of the others."""
+    lowered = [PlacedBox(pose(position=(0.0, 0.0, -LEAST_GAP)) @ box.X_WB, box.size) for box in boxes]
+    return any(one.penetration(other) > 1e-9 for one, other in product(lowered, others))
+
+
+def _boxes_around(item: SceneObject) -> Iterator[PlacedBox]:
+    """A box around each part of an object of known pose."""
+    assert item.X_WO is not None  # noqa: S101 - callers choose objects of known pose
+    for part in item.parts:
+        if isinstance(part.shape, Mesh):
+            yield PlacedBox(item.X_WO, np.asarray(item.size))
+        else:
+            yield PlacedBox(item.X_WO @ part.X_PG, 2 * part.shape.half_extents(np.eye(3)))
+
+
+def _reach(item: SceneObject, box: PlacedBox) -> float:
+    """Distance from the object's centre to the farthest corner of one of its boxes, at most [m]."""
+    assert item.X_WO is not None  # noqa: S101 - callers choose objects of known pose
+    return float(np.linalg.norm(box.X_WB[:3, 3] - item.X_WO[:3, 3]) + 0.5 * np.linalg.norm(box.size))
+
+
+def _unit(vectors: Array) -> Array:
+    """Vectors (n, 3) at length 1, without those that have next to none."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    directions: Array = vectors[lengths > 1e-9] / lengths[lengths > 1e-9, None]
+    return directions
