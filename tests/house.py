@@ -1,0 +1,121 @@
+"""Figures about the house: `python -m tests.house [--names] [ANOTHER_CHECKOUT]`, which is then shown as `before`."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = "sqrp_cli"
+IDEAS = ("Box", "Fault", "Camera", "Frame")
+"""Ideas of which there should be few records: classes with this word in their name."""
+LONG = 30
+"""Lines of a function, without its docstring, that are many."""
+
+Figure = tuple[int | str, list[str]]
+"""How many, and which."""
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+class House:
+    """The source of a checkout."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.texts = {path: path.read_text(encoding="utf-8") for path in sorted((root / PACKAGE).rglob("*.py"))}
+        self.trees = {path: ast.parse(text) for path, text in self.texts.items()}
+        self.modules = {self.name(path): path for path in self.texts}
+
+    def name(self, path: Path) -> str:
+        return ".".join(path.relative_to(self.root).with_suffix("").parts).removesuffix(".__init__")
+
+    def nodes(self, *kinds: type[ast.AST]) -> Iterator[tuple[str, ast.AST]]:
+        for path, tree in self.trees.items():
+            yield from ((self.name(path), node) for node in ast.walk(tree) if isinstance(node, kinds))
+
+    def classes(self) -> list[str]:
+        return [node.name for _, node in self.nodes(ast.ClassDef) if isinstance(node, ast.ClassDef)]
+
+    def figures(self) -> dict[str, Figure]:
+        """What is counted, by title."""
+        lines = {self.name(path): text.count("\n") for path, text in self.texts.items()}
+        longest = max(lines, key=lambda name: lines[name])
+        hits = [name for path, text in self.texts.items() for name in [self.name(path)] * text.count("dict[str, Any]")]
+        found: dict[str, Figure] = {
+            "files": (len(lines), []),
+            "lines": (sum(lines.values()), []),
+            "longest file": (lines[longest], [longest]),
+            "files under 60 lines": counted(name for name, count in lines.items() if 1 < count < 60),
+            "modules with one importer": counted(self.with_one_importer()),
+            "dict[str, Any]": counted(hits),
+        }
+        for idea in IDEAS:
+            pattern = re.compile(rf"{idea}(?![a-z])|{idea}s\b")
+            found[f"classes named ..{idea}.."] = counted(name for name in self.classes() if pattern.search(name))
+        found["class names used twice"] = counted(name for name, count in Counter(self.classes()).items() if count > 1)
+        found[f"functions over {LONG} lines"] = counted(self.long_functions())
+        found["public functions that return bare tuples"] = counted(self.bare_tuples())
+        found["broken import contracts"] = (self.broken_contracts(), [])
+        return found
+
+    def with_one_importer(self) -> Iterator[str]:
+        importers: dict[str, set[str]] = {name: set() for name in self.modules}
+        for module, node in self.nodes(ast.Import, ast.ImportFrom):
+            if isinstance(node, ast.ImportFrom) and node.module is not None:
+                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            else:
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in importers.keys() & names:
+                importers[name].add(module)
+        packages = {self.name(path) for path in self.texts if path.name == "__init__.py"}
+        yield from (name for name, found in importers.items() if len(found - packages) == 1 and name not in packages)
+
+    def long_functions(self) -> Iterator[str]:
+        for module, node in self.nodes(ast.FunctionDef, ast.AsyncFunctionDef):
+            if isinstance(node, Function):
+                first = node.body[1] if ast.get_docstring(node) and len(node.body) > 1 else node.body[0]
+                if (node.end_lineno or 0) - first.lineno + 1 + (node.body[0].lineno - node.lineno) > LONG:
+                    yield f"{module}.{node.name}"
+
+    def bare_tuples(self) -> Iterator[str]:
+        for module, node in self.nodes(ast.FunctionDef, ast.AsyncFunctionDef):
+            if isinstance(node, Function) and not node.name.startswith("_") and node.returns is not None:
+                text = ast.unparse(node.returns)
+                if text.startswith("tuple[") and "," in text and not text.endswith(", ...]"):
+                    yield f"{module}.{node.name}"
+
+    def broken_contracts(self) -> int | str:
+        """Import contracts that do not hold, such as imports that point up."""
+        command = Path(sys.executable).with_name("lint-imports")
+        environment = {**os.environ, "PYTHONPATH": str(self.root), "COLUMNS": "200"}
+        run = subprocess.run([command, "--no-cache"], cwd=self.root, env=environment, capture_output=True, text=True)
+        match = re.search(r"(\d+) kept, (\d+) broken", run.stdout)
+        return int(match[2]) if match else "-"
+
+
+def counted(names: Iterator[str] | list[str]) -> Figure:
+    found = sorted(names)
+    return len(found), found
+
+
+def main(arguments: list[str]) -> None:
+    """Print the table."""
+    after = House(ROOT).figures()
+    others = [Path(argument).resolve() for argument in arguments if argument != "--names"]
+    before = [House(other).figures() for other in others]
+    print(f"{'':42}" + "".join(f"{'before':>9}" for _ in before) + f"{'now':>9}")
+    for title, (value, names) in after.items():
+        columns = [*(figures[title][0] for figures in before), value]
+        print(f"{title:42}" + "".join(f"{column:>9}" for column in columns))
+        if "--names" in arguments:
+            print("".join(f"    {name}\n" for name in names), end="")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
