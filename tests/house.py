@@ -86,8 +86,8 @@ class House:
     def bare_tuples(self) -> Iterator[str]:
         for module, node in self.nodes(ast.FunctionDef, ast.AsyncFunctionDef):
             if isinstance(node, Function) and not node.name.startswith("_") and node.returns is not None:
-                text = ast.unparse(node.returns)
-                if text.startswith("tuple[") and "," in text and not text.endswith(", ...]"):
+                parts = [part for part in ast.unparse(node.returns).split(" | ") if part != "None"]
+                if any(part.startswith("tuple[") and "," in part and ", ...]" not in part[-6:] for part in parts):
                     yield f"{module}.{node.name}"
 
     def broken_contracts(self) -> int | str:
