@@ -1,10 +1,12 @@
-"""Poses, rotations and boxes as NumPy arrays.
+"""Poses, rotations and boxes as NumPy arrays, and ranges of the whole numbers that index them.
 
 `X_AB` is the pose of frame B in frame A, a 4x4 matrix that maps coordinates in B to coordinates in A. Quaternions are
-ordered x, y, z, w. Every function here broadcasts over leading dimensions.
+ordered x, y, z, w. Every function of them broadcasts over leading dimensions.
 """
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +16,15 @@ Array = NDArray[np.float64]
 BOX_SIGNS: Array = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 """Corners of the box [-1, 1]^3, shape (8, 3), x slowest and z fastest."""
 
-
 _PARALLEL = 1e-9
 """Sine of the angle below which two directions count as parallel."""
 
 _ORTHONORMAL = 1e-9
 """How far the products of a rotation's axes may be from those of unit vectors at right angles."""
+
+Indices = NDArray[np.int64]
+
+Mask = NDArray[np.bool_]
 
 
 def read_only(array: ArrayLike) -> Array:
@@ -207,6 +212,26 @@ def box_corners(size: ArrayLike) -> Array:
     return corners
 
 
-Indices = NDArray[np.int64]
+class Ranges(NamedTuple):
+    """The whole numbers of many ranges, one range after the other, k in all."""
 
-Mask = NDArray[np.bool_]
+    of: Indices
+    """Index of the range that each number is in, shape (k,)."""
+
+    number: Indices
+    """Shape (k,)."""
+
+
+def ranges(first: NDArray[Any], last: NDArray[Any]) -> Ranges:
+    """The whole numbers of each range from `first`, included, to `last`, not included."""
+    first = first.astype(np.int64)
+    count = np.maximum(last.astype(np.int64) - first, 0)
+    index = np.repeat(np.arange(len(count)), count)
+    return Ranges(index, np.arange(len(index)) + np.repeat(first - np.cumsum(count) + count, count))
+
+
+def begins_run(values: NDArray[Any]) -> Mask:
+    """Whether each value (n,) differs from the one before it; the first one does."""
+    begins = np.ones(len(values), dtype=bool)
+    np.not_equal(values[1:], values[:-1], out=begins[1:])
+    return begins

@@ -8,12 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.geometry import Array, Indices, read_only
 
 NO_SLOPE = 1e-11
 """Highest coefficients of a path's slope that are left out where its zeros are sought [rad or m]: rounding."""
@@ -21,14 +21,13 @@ NO_SLOPE = 1e-11
 
 @dataclass(frozen=True, eq=False)
 class PiecewiseCubic:
-    """The law s(t): a cubic polynomial per piece, so its jerk is constant within each.
-
-    breaks: where the pieces begin, and the end of the last one [s], rising from 0, shape (k + 1,).
-    coefficients: of 1, u, u^2 and u^3 with u = t minus the start of the piece, shape (k, 4).
-    """
+    """The law s(t): a cubic polynomial per piece, so its jerk is constant within each."""
 
     breaks: Array
+    """Where the pieces begin, and the end of the last one [s], rising from 0, shape (k + 1,)."""
+
     coefficients: Array
+    """Of 1, u, u^2 and u^3 with u = t minus the start of the piece, shape (k, 4)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "breaks", read_only(self.breaks))
@@ -83,17 +82,32 @@ class PiecewiseCubic:
         return start + late
 
 
+class JointSpan(NamedTuple):
+    """From where to where each of n joints may be, or is."""
+
+    lower: Array
+    """Shape (n,) [rad or m]."""
+
+    upper: Array
+    """Shape (n,) [rad or m]."""
+
+
+class Extremes(NamedTuple):
+    """The ends of where one joint is [rad or m]."""
+
+    least: float
+    greatest: float
+
+
 @dataclass(frozen=True, eq=False)
 class JointPath:
-    """A path of n joints over the parameter s in [0, 1]: a Chebyshev polynomial per piece and joint.
-
-    breaks: where the pieces begin, and the end of the last one, rising from 0 to 1, shape (p + 1,).
-    coefficients: of the Chebyshev polynomials T_0..T_d over each piece, mapped to [-1, 1] [rad or m],
-    shape (p, d + 1, n).
-    """
+    """A path of n joints over the parameter s in [0, 1]: a Chebyshev polynomial per piece and joint."""
 
     breaks: Array
+    """Where the pieces begin, and the end of the last one, rising from 0 to 1, shape (p + 1,)."""
+
     coefficients: Array
+    """Of the Chebyshev polynomials T_0..T_d over each piece, mapped to [-1, 1] [rad or m], shape (p, d + 1, n)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "breaks", read_only(self.breaks))
@@ -140,13 +154,13 @@ class JointPath:
         bounds: Array = np.abs(self._derived(order)).sum(axis=0) * (2.0 / width[:, None]) ** order
         return bounds
 
-    def range_bounds(self) -> tuple[Array, Array]:
+    def range_bounds(self) -> JointSpan:
         """Bounds of the least and the greatest positions over the whole path, shape (n,) each; exact for lines."""
         width = np.abs(self.coefficients[:, 1:]).sum(axis=1)
         middle = self.coefficients[:, 0]
-        return (middle - width).min(axis=0), (middle + width).max(axis=0)
+        return JointSpan((middle - width).min(axis=0), (middle + width).max(axis=0))
 
-    def extremes(self, joint: int) -> tuple[float, float]:
+    def extremes(self, joint: int) -> Extremes:
         """The least and the greatest position of one joint over the whole path [rad or m], exact up to rounding.
 
         They are at the ends of a piece or where its derivative is zero: the eigenvalues of the colleague matrix.
@@ -158,7 +172,7 @@ class JointPath:
             flat = np.clip(np.real(chebyshev.chebroots(slopes)), -1.0, 1.0) if len(slopes) > 1 else ()
             found.append(chebyshev.chebval(np.array([-1.0, 1.0, *flat]), piece))
         positions = np.concatenate(found)
-        return float(positions.min()), float(positions.max())
+        return Extremes(float(positions.min()), float(positions.max()))
 
     def _derived(self, order: int) -> Array:
         """Chebyshev coefficients of the derivative of an order with respect to x in [-1, 1], shape (..., p, n)."""
@@ -179,16 +193,26 @@ class JointPath:
         return JointPath(self.breaks, coefficients)
 
 
-def side_by_side(paths: Sequence[JointPath]) -> Iterator[tuple[NDArray[np.intp], JointPath]]:
-    """For each degree of polynomials: the paths that have it, by index, (b,), and one path of all their joints, b n.
+class JoinedPaths(NamedTuple):
+    """Paths of n joints each as one: evaluating it takes hardly longer than evaluating one of them."""
 
-    The paths have the same breaks and n joints each; the joints of the first come first.
+    rows: Indices
+    """Which of the paths they are, shape (b,)."""
+
+    path: JointPath
+    """Of all their joints, b n; those of the first path come first."""
+
+
+def side_by_side(paths: Sequence[JointPath]) -> Iterator[JoinedPaths]:
+    """The paths of each degree of polynomials joined.
+
+    They have the same breaks and as many joints each.
     """
     degrees = np.array([path.coefficients.shape[1] for path in paths])
     for degree in sorted(set(degrees.tolist())):
         rows = np.flatnonzero(degrees == degree)
         joints = np.concatenate([paths[row].coefficients for row in rows.tolist()], axis=2)
-        yield rows, JointPath(paths[0].breaks, joints)
+        yield JoinedPaths(rows, JointPath(paths[0].breaks, joints))
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,7 +332,7 @@ def _chebyshev_derivative(coefficients: Array) -> Array:
     return derivative
 
 
-def _piece(breaks: Array, values: Array) -> NDArray[np.intp]:
+def _piece(breaks: Array, values: Array) -> Indices:
     """Index of the piece that each value lies in; the later one at a break, the last one at the end."""
     if len(breaks) == 2:
         return np.zeros(values.shape, dtype=np.intp)

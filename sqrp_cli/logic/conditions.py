@@ -107,10 +107,12 @@ class All:
 
 @dataclass(frozen=True)
 class Some:
-    """A ground disjunction; without alternatives, never true. text: the condition it stands for, for messages."""
+    """A ground disjunction; without alternatives, never true."""
 
     alternatives: tuple[GroundCondition, ...]
+
     text: str
+    """The condition it stands for, for messages."""
 
 
 GroundCondition: TypeAlias = Literal | All | Some

@@ -160,28 +160,33 @@ class Effect:
 
 @dataclass(frozen=True)
 class Action:
-    """An action with its precondition and its unconditional effect; place: where its name stands."""
+    """An action with its precondition and its unconditional effect."""
 
     name: str
     parameters: tuple[Parameter, ...]
     precondition: Condition
     effect: Effect
+
     place: Place = field(compare=False)
+    """Where its name stands."""
 
 
 @dataclass(frozen=True, eq=False)
 class Domain:
-    """A PDDL domain.
-
-    requirements: as declared, such as `:typing`. types: each declared type with its parent; `object` is the root and
-    not among them. constants: each with its type.
-    """
+    """A PDDL domain."""
 
     name: str
     path: Path
+
     requirements: frozenset[str]
+    """As declared, such as `:typing`."""
+
     types: Mapping[str, str]
+    """Each declared type with its parent; `object` is the root and not among them."""
+
     constants: Mapping[str, str]
+    """Each with its type."""
+
     predicates: Mapping[str, Signature]
     actions: Mapping[str, Action]
 
@@ -214,13 +219,15 @@ def merge_domains(domains: Sequence[Domain]) -> Domain:
     only, types and constants not at all, and every action needs a name of its own.
     """
     return Domain(
-        "-".join(domain.name for domain in domains),
-        domains[0].path,
-        frozenset(requirement for domain in domains for requirement in domain.requirements),
-        _merge("type", [(domain, domain.types) for domain in domains], lambda parent: parent),
-        _merge("constant", [(domain, domain.constants) for domain in domains], lambda type_name: type_name),
-        _merge("predicate", [(domain, domain.predicates) for domain in domains], lambda signature: signature.types),
-        _merge("action", [(domain, domain.actions) for domain in domains], lambda _: None),
+        name="-".join(domain.name for domain in domains),
+        path=domains[0].path,
+        requirements=frozenset(requirement for domain in domains for requirement in domain.requirements),
+        types=_merge("type", [(domain, domain.types) for domain in domains], lambda parent: parent),
+        constants=_merge("constant", [(domain, domain.constants) for domain in domains], lambda type_name: type_name),
+        predicates=_merge(
+            "predicate", [(domain, domain.predicates) for domain in domains], lambda signature: signature.types
+        ),
+        actions=_merge("action", [(domain, domain.actions) for domain in domains], lambda _: None),
     )
 
 

@@ -27,13 +27,15 @@ class TraceSample:
 
 @dataclass(frozen=True)
 class Trace:
-    """Evidence about atoms over the time [0, total] [s].
-
-    samples: in order of time; each holds from its time, included, to the next one's, excluded, and the last one up to
-    `end`, included. Before the first sample and after `end` everything is unknown.
-    """
+    """Evidence about atoms over the time [0, total] [s]."""
 
     samples: tuple[TraceSample, ...]
+    """In order of time.
+
+    Each holds from its time, included, to the next one's, excluded, and the last one up to `end`, included. Before the
+    first sample and after `end` everything is unknown.
+    """
+
     end: float
     total: float
 

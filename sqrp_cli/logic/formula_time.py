@@ -44,19 +44,23 @@ class Stretch:
 
 @dataclass(frozen=True)
 class GroundOperator:
-    """A temporal operator of a ground formula with the time in which it applies.
-
-    text: the operator with its body, as written. operator: as written; under a negation an `eventually` stays one.
-    start, end: the closed interval, from the start of the skill [s].
-    literals: those of its body outside any deeper temporal operator, once each, from left to right, as they stand when
-    negations within the body are pushed down to the predicates.
-    """
+    """A temporal operator of a ground formula with the time in which it applies."""
 
     text: str
+    """The operator with its body, as written."""
+
     operator: Operator
+    """As written; under a negation an `eventually` stays one."""
+
     start: float
     end: float
+    """The closed interval, from the start of the skill [s]."""
+
     literals: tuple[Literal, ...]
+    """Those of its body outside any deeper temporal operator, once each, from left to right.
+
+    As they stand when negations within the body are pushed down to the predicates.
+    """
 
     @property
     def stretch(self) -> Stretch:
@@ -102,7 +106,7 @@ def ground_operators(
     ]
     literals = tuple(dict.fromkeys(_own_literals(formula, positive=True)))
     if literals:
-        entries.insert(0, GroundOperator(str(formula), "always", 0.0, 0.0, literals))
+        entries.insert(0, GroundOperator(text=str(formula), operator="always", start=0.0, end=0.0, literals=literals))
     return tuple(entries)
 
 

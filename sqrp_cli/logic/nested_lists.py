@@ -35,10 +35,12 @@ class Word:
 
 @dataclass(frozen=True)
 class WordList:
-    """A list; offset: of its opening parenthesis."""
+    """A list."""
 
     items: tuple[Node, ...]
+
     offset: int
+    """Of its opening parenthesis."""
 
     @property
     def head(self) -> str:

@@ -133,13 +133,13 @@ class _Reader:
         if not sections[":action"] and not self.problems:
             raise self.failure("the domain has no action; expected `(:action NAME ...)`", top)
         return Domain(
-            name.text,
-            self.source.place.file,
-            frozenset(self.requirements),
-            self.types,
-            self.constants,
-            self.predicates,
-            self.actions,
+            name=name.text,
+            path=self.source.place.file,
+            requirements=frozenset(self.requirements),
+            types=self.types,
+            constants=self.constants,
+            predicates=self.predicates,
+            actions=self.actions,
         )
 
     def sections(self, nodes: Sequence[Node]) -> dict[str, list[WordList]]:
@@ -229,7 +229,9 @@ class _Reader:
             precondition = self.condition(parts[":precondition"], scope)
         effect = self.effect(parts[":effect"], scope)
         place = self.source.place_at(name.offset)
-        self.actions[name.text] = Action(name.text, parameters, precondition, effect, place)
+        self.actions[name.text] = Action(
+            name=name.text, parameters=parameters, precondition=precondition, effect=effect, place=place
+        )
 
     def parameters(self, nodes: Sequence[Node], scope: Scope) -> tuple[Parameter, ...]:
         """Reads a typed list of variables and adds them to the scope."""

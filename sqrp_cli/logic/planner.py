@@ -40,25 +40,24 @@ class AlreadySatisfied:
 
 @dataclass(frozen=True)
 class ProvenImpossible:
-    """No plan exists.
-
-    never: the parts of the goal that no sequence of actions can make true; empty if each can be made true, but not all
-    together, or if the budget did not suffice to tell them apart.
-    """
+    """No plan exists."""
 
     never: tuple[UnmetPart, ...]
+    """The parts of the goal that no sequence of actions can make true.
+
+    Empty if each can be made true, but not all together, or if the budget did not suffice to tell them apart.
+    """
 
 
 @dataclass(frozen=True)
 class GaveUp:
-    """Neither a plan nor a proof was found.
-
-    within: how much was looked at, such as `20,000 states`. why: what makes that too little, where it can be told, and
-    what would change that.
-    """
+    """Neither a plan nor a proof was found."""
 
     within: str
+    """How much was looked at, such as `20,000 states`."""
+
     why: str = field(default="", compare=False)
+    """What makes that too little, where it can be told, and what would change that."""
 
 
 _PLATEAU = 500
@@ -78,14 +77,13 @@ class Planner(Protocol):
 
 @dataclass(frozen=True)
 class Budget:
-    """How much work may be done: states looked at, ground actions, and how often an action is held against a state.
-
-    trials: a trial counts once more for every 500 bits of a state, because it takes as much longer.
-    """
+    """How much work may be done: states looked at, ground actions, and how often an action is held against a state."""
 
     states: int = 20_000
     actions: int = 50_000
+
     trials: int = 20_000_000
+    """A trial counts once more for every 500 bits of a state, because it takes as much longer."""
 
 
 def find_plan(

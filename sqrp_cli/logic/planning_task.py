@@ -93,11 +93,14 @@ class GroundAction:
 
 @dataclass(frozen=True, eq=False)
 class PlanningTask:
-    """What the search works on; goal_parts: the conjuncts of the goal, each with what it needs."""
+    """What the search works on."""
 
     initial: int
     goal: Need
+
     goal_parts: tuple[tuple[Literal | Some, Need], ...]
+    """The conjuncts of the goal, each with what it needs."""
+
     actions: tuple[GroundAction, ...]
 
 
@@ -112,16 +115,19 @@ class TaskTooLargeError(Exception):
 
 @dataclass(frozen=True)
 class TaskLimits:
-    """How large a planning task may become.
-
-    actions: ground actions. tried: choices of objects that are looked at, also where only some parameters have one yet.
-    literals: in all ground conditions together. bits: of all actions together, two for each atom.
-    """
+    """How large a planning task may become."""
 
     actions: int = 50_000
+    """Ground actions."""
+
     tried: int = 500_000
+    """Choices of objects that are looked at, also where only some parameters have one yet."""
+
     literals: int = 1_000_000
+    """In all ground conditions together."""
+
     bits: int = 1_000_000_000
+    """Of all actions together, two for each atom."""
 
 
 def planning_task(
@@ -156,7 +162,7 @@ def planning_task(
     actions: list[GroundAction] = []
     literals = 0
     ground = 0
-    choices = _Choices(objects, facts, changeable, domain, limits.tried)
+    choices = _Choices(objects=objects, facts=facts, changeable=changeable, domain=domain, limit=limits.tried)
     for action in domain.actions.values():
         for bound in choices.of(action):
             ground += 1

@@ -33,15 +33,16 @@ def character_name(character: str) -> str:
 
 @dataclass(frozen=True)
 class SourceText:
-    """A text with the place of its first character in a file.
-
-    indent: number of columns that stand before every line but the first in the file and are not part of `text`, as for
-    the value of an indented YAML block.
-    """
+    """A text with the place of its first character in a file."""
 
     text: str
     place: Place
+
     indent: int = 0
+    """Columns that stand before every line but the first in the file and are not part of `text`.
+
+    As for the value of an indented YAML block.
+    """
 
     def place_at(self, offset: int) -> Place:
         """The place in the file of the character at `offset`."""

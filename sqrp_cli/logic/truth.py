@@ -36,14 +36,13 @@ def nanoseconds(seconds: float) -> int:
 
 @dataclass(frozen=True)
 class Signal:
-    """A truth value for every instant of [0, total].
-
-    times: instants at which the value may change [ns], ascending, from 0 to total. values: at the first of them, in the
-    open gap after it, at the second, and so on; 2 n - 1 values for n times.
-    """
+    """A truth value for every instant of [0, total]."""
 
     times: tuple[int, ...]
+    """Instants at which the value may change [ns], ascending, from 0 to total."""
+
     values: tuple[Truth, ...]
+    """At the first of them, in the open gap after it, at the second, and so on; 2 n - 1 values for n times."""
 
     def at(self, time: float) -> Truth:
         """The value at a time [s] in [0, total]."""

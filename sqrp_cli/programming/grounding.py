@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.camera.detector import Detector
@@ -57,15 +58,24 @@ def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, i
     )
 
 
-def on_robot(robot: Robot, model: RobotModel, frame: str, X_FB: Array) -> tuple[str, Array]:
+class FramePose(NamedTuple):
+    """A pose, with the frame that it is in."""
+
+    frame: str
+
+    X_FB: Array
+    """Shape (4, 4)."""
+
+
+def on_robot(robot: Robot, model: RobotModel, frame: str, X_FB: Array) -> FramePose:
     """The same pose in the link of the robot that carries the tool, if `frame` is a link of the tool that is fixed.
 
     So that whoever reads the output needs the robot's URDF only, and that of the tool only for its fingers.
     """
     if robot.tool is None or frame not in model.tool_links or frame in model.fingers.links:
-        return frame, X_FB
+        return FramePose(frame, X_FB)
     X_WL = model.link_poses(model.home[None])
-    return robot.tool.link, inverse(X_WL[robot.tool.link][0]) @ X_WL[frame][0] @ X_FB
+    return FramePose(robot.tool.link, inverse(X_WL[robot.tool.link][0]) @ X_WL[frame][0] @ X_FB)
 
 
 @dataclass(frozen=True)
@@ -126,7 +136,15 @@ class TargetGrounder:
             return held[name]
         skill, X_WH = self.candidate.skill, self.model.tool_pose(self.model.home)
         X_WO = self.world.X_WO
-        waypoints = WaypointGrounder(skill.waypoints, binding, self.candidate.values, self.objects, X_WH, X_WO, held)
+        waypoints = WaypointGrounder(
+            waypoints=skill.waypoints,
+            binding=binding,
+            values=self.candidate.values,
+            objects=self.objects,
+            X_WH=X_WH,
+            X_WO=X_WO,
+            X_TO=held,
+        )
         X_WT = waypoints.pose(waypoint)
         X_TO = held[name] if name in held else inverse(X_WT) @ X_WO[name]
         if frame == self.model.tool_frame:

@@ -22,18 +22,20 @@ class GroundFormula:
 
 @dataclass(frozen=True)
 class Piece:
-    """A piece of the motion within one primitive in which the same formulas apply throughout.
-
-    primitive: index of the primitive. start, end: [s]; equal where a formula applies at one instant only.
-    literals: what must be observable, in the order in which the formulas name it. of_interest: inside an event of
-    interest.
-    """
+    """A piece of the motion within one primitive in which the same formulas apply throughout."""
 
     primitive: int
+    """Index of the primitive."""
+
     start: float
     end: float
+    """[s]; equal where a formula applies at one instant only."""
+
     literals: tuple[Literal, ...]
+    """What must be observable, in the order in which the formulas name it."""
+
     of_interest: bool
+    """Inside an event of interest."""
 
     @property
     def length(self) -> float:
@@ -57,7 +59,13 @@ def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[Gro
         middle = 0.5 * (start + end)
         applying = [operator for operator in operators if _contains(operator.stretch, middle)]
         literals = tuple(dict.fromkeys(literal for operator in applying for literal in operator.literals))
-        return Piece(primitive, start, end, literals, any(_contains(stretch, middle) for stretch in interest))
+        return Piece(
+            primitive=primitive,
+            start=start,
+            end=end,
+            literals=literals,
+            of_interest=any(_contains(stretch, middle) for stretch in interest),
+        )
 
     pieces = []
     for primitive, (start, end) in enumerate(spans):

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sqrp_cli.geometry import Mask
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import apply_effect
 from sqrp_cli.logic.formula_check import argument_lists, bind
@@ -116,7 +116,7 @@ def _target(study: Study, column: int, cameras: tuple[str, ...]) -> ProgramTarge
     )
 
 
-def _intervals(study: Study, seen: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+def _intervals(study: Study, seen: Mask) -> tuple[tuple[float, float], ...]:
     """When a camera sees something: from the first to the last of neighbouring samples in which it does [s]."""
     t = study.timeline.samples.t
     edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))

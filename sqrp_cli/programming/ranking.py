@@ -31,14 +31,13 @@ _QUALITY_STEP = 1e-3
 
 @dataclass(frozen=True)
 class Ranked:
-    """An assessment with its place: rank from 1, None if infeasible.
-
-    pareto: no other is at least as good in Q_avg, Q_eoi and time, and better in one of them.
-    """
+    """An assessment with its place: rank from 1, None if infeasible."""
 
     assessment: Assessment
     rank: int | None
+
     pareto: bool
+    """No other is at least as good in Q_avg, Q_eoi and time, and better in one of them."""
 
 
 def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]:

@@ -78,7 +78,7 @@ def json_document(path: Path, text: str, data: dict[str, Any]) -> JsonDocument:
         (keys if token.is_key else values)[token.path] = token.place
         if not token.is_key:
             keys.setdefault(token.path, token.place)
-    return JsonDocument(path, text.encode(), data, keys, values)
+    return JsonDocument(path=path, content=text.encode(), data=data, keys=keys, values=values)
 
 
 class _Unfit(Exception):  # noqa: N818
@@ -122,10 +122,13 @@ def _refuse(_text: str) -> NoReturn:
 
 @dataclass(frozen=True)
 class _Token:
-    """A key, or the beginning of a value; path: that leads to it."""
+    """A key, or the beginning of a value."""
 
     text: str
+
     path: KeyPath
+    """Which leads to it."""
+
     is_key: bool
     place: Place
 

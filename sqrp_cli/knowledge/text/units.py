@@ -20,11 +20,13 @@ _ANGLES = {"rad": 1.0, "deg": pi / 180, "°": pi / 180}
 
 @dataclass(frozen=True, eq=False)
 class Dimension:
-    """A kind of quantity, with its units and their values in SI units. example: how messages show one."""
+    """A kind of quantity, with its units and their values in SI units."""
 
     name: str
     units: dict[str, float] = field(repr=False)
+
     example: str
+    """How messages show one."""
 
 
 def _per(base: dict[str, float], power: str, name: str, example: str) -> Dimension:

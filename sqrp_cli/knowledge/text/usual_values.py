@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from math import radians
+from typing import NamedTuple
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.text import units
@@ -18,18 +19,23 @@ from sqrp_cli.knowledge.text.units import Dimension, in_unit, meant_instead, rea
 
 @dataclass(frozen=True)
 class Usual:
-    """The usual range of a field.
-
-    at: its dotted path, `*` for any key or index; `*{key}` for entries only in which that key says something other than
-    `false` and `world`. Of several that match a value, the first counts. least, most: in SI units. why: what a value
-    beyond them would mean.
-    """
+    """The usual range of a field."""
 
     at: str
+    """Its dotted path, `*` for any key or index.
+
+    `*{key}` for entries only in which that key says something other than `false` and `world`. Of several that match a
+    value, the first counts.
+    """
+
     least: float
     most: float
+    """In SI units."""
+
     dimension: Dimension | None
+
     why: str
+    """What a value beyond them would mean."""
 
     def __str__(self) -> str:
         return f"{in_unit(self.least, self.dimension)} to {in_unit(self.most, self.dimension)}"
@@ -176,14 +182,22 @@ def _doubt(document: SourceDocument, path: KeyPath, value: object, row: Usual) -
     )
 
 
-def rows_that_apply(document: SourceDocument, usual: Sequence[Usual]) -> Iterator[tuple[KeyPath, object, Usual]]:
-    """The values that a row is about, each with the first of its rows."""
+class RatedValue(NamedTuple):
+    """A value of a document, with the first row that is about it."""
+
+    path: KeyPath
+    value: object
+    usual: Usual
+
+
+def rows_that_apply(document: SourceDocument, usual: Sequence[Usual]) -> Iterator[RatedValue]:
+    """The values that a row is about."""
     rows = _tree(tuple(usual))
     found: dict[KeyPath, tuple[object, Usual]] = {}
     for path, value, row in _walk(document.data, rows, ()):
         for used_path, used in _followed(document, path, value):
             found.setdefault(used_path, (used, row))
-    yield from ((path, value, row) for path, (value, row) in found.items())
+    yield from (RatedValue(path, value, row) for path, (value, row) in found.items())
 
 
 class _Rows(dict[str, "_Rows"]):

@@ -162,13 +162,13 @@ def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> Sour
     root = _compose(path, text)
     if root is None:
         raise InputError(Problem("empty-file", "the file is empty, expected a mapping of keys to values", Place(path)))
-    builder = _Builder(path, text.splitlines(), tags)
+    builder = _Values(path, text.splitlines(), tags)
     data = builder.build(root, ())
     if not isinstance(data, dict):
         place = builder.values[()]
         found = "text" if isinstance(data, str) else describe(data)
         raise InputError(Problem("not-a-mapping", f"found {found}, expected a mapping of keys to values", place))
-    return SourceDocument(path, content, data, builder.keys, builder.values)
+    return SourceDocument(path=path, content=content, data=data, keys=builder.keys, values=builder.values)
 
 
 def _decode(path: Path, content: bytes) -> str:
@@ -271,7 +271,7 @@ def _quoting(problem: Problem, path: Path, text: str, mark: yaml.Mark | None) ->
     return replace(problem, place=place, excerpt=excerpt(line, mark.column + 1))
 
 
-class _Builder:
+class _Values:
     """Turns YAML nodes into plain values and notes where they stand."""
 
     def __init__(self, path: Path, lines: list[str], tags: frozenset[str]) -> None:

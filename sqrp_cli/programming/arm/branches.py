@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import astuple, dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.programming.arm.kinematics import RobotModel
 
 ANY = "any"
@@ -22,25 +21,27 @@ LEAST_OFFSET = 5e-3
 
 @dataclass(frozen=True)
 class BranchChoice:
-    """Which branches are wanted; `any` leaves it open.
+    """Which branches are wanted; `any` leaves it open."""
 
-    elbow: `up` or `down`: the third joint is above or below the line from the second joint to the wrist.
-    shoulder: `left` or `right`: seen from the first joint's axis towards the wrist, where the second joint is.
-    wrist: `no_flip` or `flip`: the fifth joint is bent to the side to which it is at home, or to the other one.
+    elbow: str = ANY
+    """`up` or `down`: the third joint is above or below the line from the second joint to the wrist."""
+
+    shoulder: str = ANY
+    """`left` or `right`: seen from the first joint's axis towards the wrist, where the second joint is."""
+
+    wrist: str = ANY
+    """`no_flip` or `flip`: the fifth joint is bent to the side to which it is at home, or to the other one.
+
     Joints are where the URDF puts their frames. The wrist is the fourth joint if its axis is parallel to the third's,
     else the fifth.
     """
-
-    elbow: str = ANY
-    shoulder: str = ANY
-    wrist: str = ANY
 
     def __str__(self) -> str:
         words = {"elbow": self.elbow, "shoulder": self.shoulder, "wrist": self.wrist}
         return ", ".join(f"{name} {word}" for name, word in words.items() if word != ANY)
 
 
-def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> NDArray[np.bool_]:
+def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
     """Whether each of m positions of the arm, shape (m, n), is of the wanted branches, shape (m,).
 
     Positions that are neither one nor the other (an arm stretched out) are of none. Raises InputError where a name has

@@ -15,9 +15,8 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, inverse, read_only
+from sqrp_cli.geometry import Array, Mask, inverse, read_only
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.pose_search import FOLLOWED, descend, halton, newton, pose_errors, spread_starts
 from sqrp_cli.programming.arm.reach import Unreachable, beyond_reach, closest_turns, limit_excess, why_unreachable
@@ -90,14 +89,16 @@ NOMINAL_OFFSET = 2e-3
 
 @dataclass(frozen=True, eq=False)
 class IkResult:
-    """Joint positions that bring the tool frame to a pose.
-
-    solutions: one per branch, within the joints' limits, in lexicographic order, shape (k, n) [rad or m]; with
-    whole turns added, some may be within the limits a second time. reason: why there is none; None if there are some.
-    """
+    """Joint positions that bring the tool frame to a pose."""
 
     solutions: Array
+    """One per branch, within the joints' limits, in lexicographic order, shape (k, n) [rad or m].
+
+    With whole turns added, some may be within the limits a second time.
+    """
+
     reason: Unreachable | None
+    """Why there is none; None if there are some."""
 
 
 _answers: WeakKeyDictionary[RobotModel, dict[_Question, IkResult]] = WeakKeyDictionary()
@@ -139,7 +140,7 @@ def all_solutions(
     return IkResult(read_only(inside), why_unreachable(model, X_WT, branches))
 
 
-def _redundancy(model: RobotModel, seed: int, samples: int) -> tuple[NDArray[np.bool_], Array]:
+def _redundancy(model: RobotModel, seed: int, samples: int) -> tuple[Mask, Array]:
     """Which joints are held, shape (n,), and joint positions (k, n) to hold them at; one row if none is held."""
     n = len(model.arm)
     held = np.zeros(n, dtype=bool)
@@ -156,7 +157,7 @@ def _redundancy(model: RobotModel, seed: int, samples: int) -> tuple[NDArray[np.
     return held, np.concatenate([model.home[None], middle + reach * (2 * share - 1)])
 
 
-def _branches(model: RobotModel, X_WT: Array, held: NDArray[np.bool_], samples: Array) -> Array:
+def _branches(model: RobotModel, X_WT: Array, held: Mask, samples: Array) -> Array:
     """All branches, whatever the limits, as principal values, shape (k, n).
 
     EAIK's answer is taken only where it finds something and nothing near it is close to singular: there alone it is
@@ -208,7 +209,7 @@ def _solutions_from(
     model: RobotModel,
     X_WT: Array,
     starts: Array,
-    moving: NDArray[np.bool_],
+    moving: Mask,
     steps: int,
     within: tuple[Array, Array] | None = None,
 ) -> Array:
@@ -239,13 +240,13 @@ def _variations(model: RobotModel, q: Array) -> Array:
     return np.concatenate(variations)
 
 
-def _polished(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]]:
+def _polished(model: RobotModel, X_WT: Array, q: Array, moving: Mask) -> tuple[Array, Mask]:
     """Where Newton's method leads from positions q (m, n), and whether that is a solution, (m,)."""
     q, errors = newton(model, X_WT, q, POLISHED, moving)
     return q, errors < SOLVED
 
 
-def _settled(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]) -> Array:
+def _settled(model: RobotModel, X_WT: Array, q: Array, moving: Mask) -> Array:
     """The solutions q (m, n) with those on curves of solutions moved along them to where they are nearest to home.
 
     Each step goes along the curve's tangent, the null space of the Jacobian, and Newton's method leads back to the
@@ -273,12 +274,12 @@ def _settled(model: RobotModel, X_WT: Array, q: Array, moving: NDArray[np.bool_]
     return settled
 
 
-def _smallest_singular_values(model: RobotModel, q: Array, moving: NDArray[np.bool_]) -> Array:
+def _smallest_singular_values(model: RobotModel, q: Array, moving: Mask) -> Array:
     J = model.tool_poses_and_jacobians(q)[1][:, :, moving]
     return np.asarray(np.linalg.svd(J, compute_uv=False)[:, -1], dtype=float)
 
 
-def _principal(q: Array, turns: NDArray[np.bool_]) -> Array:
+def _principal(q: Array, turns: Mask) -> Array:
     """Positions with turning joints in (-pi, pi], up to rounding: -pi counts as pi."""
     wrapped: Array = np.where(turns, np.pi - np.mod(np.pi + 1e-9 - q, 2 * np.pi) + 1e-9, q)
     return wrapped

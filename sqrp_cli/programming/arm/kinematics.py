@@ -6,17 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.geometry import Array, cross, read_only
+from sqrp_cli.geometry import Array, Indices, Mask, cross, read_only
 from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, Mount
 from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint
 from sqrp_cli.shapes import Part
+from sqrp_cli.trajectory import JointSpan
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,16 @@ class FingerModel:
     """All that these joints move."""
 
 
+class ToolMotion(NamedTuple):
+    """Where the tool frame is at m joint positions, and how moving the joints moves it."""
+
+    X_WT: Array
+    """Shape (m, 4, 4)."""
+
+    J: Array
+    """Jacobians, shape (m, 6, n): velocity over angular velocity, in world axes."""
+
+
 @dataclass(frozen=True, eq=False)
 class RobotModel:
     """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
@@ -47,7 +58,7 @@ class RobotModel:
 
     arm: tuple[str, ...]
     """Names of the arm's joints, from the root outwards."""
-    turns: NDArray[np.bool_]
+    turns: Mask
     """Which of them turn; the others slide."""
     lower: Array
     upper: Array
@@ -125,10 +136,10 @@ class RobotModel:
         return (*self.arm, *self.fingers.joints)
 
     @cached_property
-    def position_limits(self) -> tuple[Array, Array]:
-        """Lower and upper position limits of the driven joints [rad or m], shape (n + f,) each."""
+    def position_limits(self) -> JointSpan:
+        """Position limits of the driven joints, n + f of them."""
         fingers = self.fingers
-        return np.concatenate([self.lower, fingers.lower]), np.concatenate([self.upper, fingers.upper])
+        return JointSpan(np.concatenate([self.lower, fingers.lower]), np.concatenate([self.upper, fingers.upper]))
 
     @property
     def hand_links(self) -> frozenset[str]:
@@ -142,7 +153,7 @@ class RobotModel:
         return frozenset(link for link in self.links if not moves[self.tree.chain(link)].any())
 
     @cached_property
-    def _offset_links(self) -> tuple[tuple[str, ...], NDArray[np.intp], Array]:
+    def _offset_links(self) -> tuple[tuple[str, ...], Indices, Array]:
         """The L links that joints carry elsewhere than in their own frames, the joints, (L,), and X_JL, (L, 4, 4)."""
         offset = {
             link: mount
@@ -204,8 +215,8 @@ class RobotModel:
         X_WT: Array = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
         return X_WT
 
-    def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
-        """As `tool_pose` and `jacobian` at m positions of shape (m, n): shapes (m, 4, 4) and (m, 6, n)."""
+    def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
+        """As `tool_pose` and `jacobian` at m positions of shape (m, n)."""
         X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
         X_WT = X_WJ[:, -1] @ self.tree.mounts[self.tool_frame].X_JL
         axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
@@ -213,7 +224,7 @@ class RobotModel:
         columns = np.concatenate([cross(axes, arms), axes], axis=-1)
         if len(slides := self._chain_tree.sliding):
             columns[:, slides, :3], columns[:, slides, 3:] = axes[:, slides], 0.0
-        return X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios
+        return ToolMotion(X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios)
 
     @property
     def followers(self) -> tuple[UrdfJoint, ...]:

@@ -7,13 +7,12 @@ Methods for non-linear least squares problems, 2004, section 3.2, with a fixed s
 from __future__ import annotations
 
 from functools import cache
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
-from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.programming.arm.kinematics import RobotModel, ToolMotion
 
 _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 
@@ -35,8 +34,18 @@ class Kinematics(Protocol):
     def tool_poses(self, q: Array) -> Array:
         """World poses X_WT of the tool frame, shape (m, 4, 4), at m positions of shape (m, n)."""
 
-    def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
-        """The same with their Jacobians, shape (m, 6, n)."""
+    def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
+        """The same with their Jacobians."""
+
+
+class Approach(NamedTuple):
+    """Where a search led from each of m starts."""
+
+    q: Array
+    """Joint positions, shape (m, n)."""
+
+    errors: Array
+    """Pose errors that are left: of `descend`, shape (m, 6); of `newton`, the largest magnitude of each, (m,)."""
 
 
 def pose_errors(X_WT: Array, X_target: Array) -> Array:
@@ -54,11 +63,11 @@ def descend(
     model: RobotModel,
     X_target: Array,
     starts: Array,
-    moving: NDArray[np.bool_],
+    moving: Mask,
     steps: int,
     turn_weight: float = 1.0,
     within: tuple[Array, Array] | None = None,
-) -> tuple[Array, Array]:
+) -> Approach:
     """Follow the pose error downhill from each of m starts, shape (m, n).
 
     X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each start, (m, 4, 4).
@@ -105,18 +114,14 @@ def descend(
         cost = np.where(better, cost_next, cost)
         damping = np.clip(damping * np.where(better, 0.2, 4.0), least_damping, _MOST_DAMPING)
         q_all[rows], e_all[rows] = q, e
-    return q_all, e_all
+    return Approach(q_all, e_all)
 
 
-def newton(
-    model: Kinematics, X_target: Array, q: Array, tolerance: float, moving: NDArray[np.bool_] | None = None
-) -> tuple[Array, Array]:
+def newton(model: Kinematics, X_target: Array, q: Array, tolerance: float, moving: Mask | None = None) -> Approach:
     """Where Newton's method leads from each of m joint positions, shape (m, n), with the least motion of the joints.
 
     X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each row, (m, 4, 4). tolerance: largest pose
     error, in m and rad, from which a row takes no further step. moving: which joints may move, (n,); by default all.
-
-    Returns the joint positions, (m, n), and the magnitude of their largest pose error, (m,).
     """
     targets = np.broadcast_to(X_target, (len(q), 4, 4))
     q, largest = q.copy(), np.zeros(len(q))
@@ -131,7 +136,7 @@ def newton(
             break
         J = J[off] if moving is None else J[off] * moving
         q[rows] += least_steps(J, errors[off])
-    return q, largest
+    return Approach(q, largest)
 
 
 def least_steps(J: Array, errors: Array) -> Array:

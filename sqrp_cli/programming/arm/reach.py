@@ -42,14 +42,15 @@ LEAST_DISTANCE = 1e-9
 
 @dataclass(frozen=True)
 class OutOfReach:
-    """The tool frame, turned as required, comes no closer to its place than `distance` [m].
-
-    too_close: whether the arm could reach places behind it: it lies in a hole of the arm's reach, such as the one
-    around the base of most arms, which cannot fold that tight. Otherwise it lies outside.
-    """
+    """The tool frame, turned as required, comes no closer to its place than `distance` [m]."""
 
     distance: float
+
     too_close: bool
+    """Whether the arm could reach places behind it, so that it lies in a hole of the arm's reach; else it lies outside.
+
+    Most arms have such a hole around the base: they cannot fold that tight.
+    """
 
     def __str__(self) -> str:
         return f"{_metres(self.distance)} too {'close' if self.too_close else 'far'}"

@@ -20,7 +20,7 @@ from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.motion.recovery import Recovery, recovery_over
+from sqrp_cli.programming.motion.stop_and_return import Recovery, recovery_over
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate
@@ -121,13 +121,30 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
         )
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     formulas = ground_formulas(candidate, spans, motion.time)
-    grounder = TargetGrounder(candidate, world, motion, workspace.objects, workspace.detectors, workspace.robot, model)
+    grounder = TargetGrounder(
+        candidate=candidate,
+        world=world,
+        motion=motion,
+        objects=workspace.objects,
+        detectors=workspace.detectors,
+        robot=workspace.robot,
+        model=model,
+    )
     targets = grounder.targets(formulas)
     stage = Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO)
     times = (monitored_time(formulas), interesting_time(formulas))
     timeline = observe(stage, cell.observer, targets, _fault_columns(formulas, targets), sampling, times, full=full)
     start = min((fault_intervals(formulas, fault)[0].start for fault in timeline.faults), default=motion.time)
-    return Study(candidate, world, motion, formulas, targets, stage, timeline, recovery_over(motion, model, start))
+    return Study(
+        candidate=candidate,
+        world=world,
+        motion=motion,
+        formulas=formulas,
+        targets=targets,
+        stage=stage,
+        timeline=timeline,
+        recovery=recovery_over(motion, model, start),
+    )
 
 
 def _fault_columns(formulas: tuple[GroundFormula, ...], targets: tuple[Target, ...]) -> Mapping[str, tuple[int, ...]]:

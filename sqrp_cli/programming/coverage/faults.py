@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array, Mask, begins_run
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.timeline import Timeline
-from sqrp_cli.programming.motion.recovery import Recovery
-from sqrp_cli.programming.ranges import begins_run
+from sqrp_cli.programming.motion.stop_and_return import Recovery
 
 
 def fault_metrics(

@@ -10,12 +10,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array, Mask, ranges
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.pieces import Piece
-from sqrp_cli.programming.ranges import ranges
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -24,47 +24,62 @@ from sqrp_cli.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class SkillUse:
-    """A skill with all that it leaves open.
-
-    binding: the object that each skill parameter stands for. values: of every motion parameter. objects: of the
-    workspace. world: before it.
-    """
+    """A skill with all that it leaves open."""
 
     skill: Skill
+
     binding: Mapping[str, str]
+    """The object that each skill parameter stands for."""
+
     values: Mapping[str, MotionValue]
+    """Of every motion parameter."""
+
     objects: Mapping[str, SceneObject]
+    """Of the workspace."""
+
     world: World
+    """Before it."""
 
 
 @dataclass(frozen=True, eq=False)
 class GroundPrimitive:
-    """A primitive action whose waypoint, settings and surroundings are known.
-
-    X_start, X_end: pose X_WT of the tool frame when it begins and ends, shape (4, 4).
-    home: a joint move to the home configuration; otherwise any joint positions that bring the tool to `X_end` will do,
-    if they are of the wanted branches. via_home: a joint move that stops at home on the way.
-    speed, acceleration, jerk: of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0.
-    hold: how long it stands still [s]; 0 for moves. world: where objects are, and what is held, while it lasts.
-    fingers: how they move meanwhile, None if they stand still. allowed: pairs of names whose contacts belong to the
-    skill.
-    """
+    """A primitive action whose waypoint, settings and surroundings are known."""
 
     name: str
     kind: type[PrimitiveAction]
     to: str | None
+
     X_start: Array
     X_end: Array
-    home: bool
-    via_home: bool
-    branches: BranchChoice
-    speed: float
-    acceleration: float
-    jerk: float
-    hold: float
+    """Pose X_WT of the tool frame when it begins and ends, shape (4, 4)."""
+
     world: World
-    fingers: Trajectory | None
-    allowed: NamePairs
+    """Where objects are, and what is held, while it lasts."""
+
+    home: bool = False
+    """A joint move to the home configuration.
+
+    Otherwise any joint positions that bring the tool to `X_end` will do, if they are of the wanted branches.
+    """
+
+    via_home: bool = False
+    """A joint move that stops at home on the way."""
+
+    branches: BranchChoice = field(default_factory=BranchChoice)
+
+    speed: float = 0.0
+    acceleration: float = 0.0
+    jerk: float = 0.0
+    """Of the primitive: a share for joint moves, in m and s for straight ones, otherwise 0."""
+
+    hold: float = 0.0
+    """How long it stands still [s]; 0 for moves."""
+
+    fingers: Trajectory | None = None
+    """How they move meanwhile, None if they stand still."""
+
+    allowed: NamePairs = frozenset()
+    """Pairs of names whose contacts belong to the skill."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +103,15 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
             X_TO[world.held] = world.X_TO
         to = primitive.to if isinstance(primitive, JointMove | StraightMove) else None
         if to is not None:
-            known = (use.skill.waypoints, use.binding, use.values, use.objects)
-            waypoints = WaypointGrounder(*known, X_home, world.X_WO, X_TO)
+            waypoints = WaypointGrounder(
+                waypoints=use.skill.waypoints,
+                binding=use.binding,
+                values=use.values,
+                objects=use.objects,
+                X_WH=X_home,
+                X_WO=world.X_WO,
+                X_TO=X_TO,
+            )
             if (missing := waypoints.missing(to)) is not None:
                 return Infeasible((missing,))
             X_WT = waypoints.pose(to)
@@ -110,25 +132,28 @@ def _ground(
     values: Mapping[str, MotionValue],
     world: World,
 ) -> GroundPrimitive:
-    speed = acceleration = jerk = hold = 0.0
-    via_home, branches = False, BranchChoice()
+    ground = GroundPrimitive(
+        name=primitive.name, kind=type(primitive), to=to, X_start=X_start, X_end=X_end, world=world
+    )
     match primitive:
         case JointMove():
-            speed = setting_number(primitive.speed, values)
-            via_home = to != HOME and setting_value(primitive.via, values) == HOME
             words = (setting_value(word, values) for word in (primitive.elbow, primitive.shoulder, primitive.wrist))
-            branches = BranchChoice(*map(str, words))
+            return replace(
+                ground,
+                home=to == HOME,
+                via_home=to != HOME and setting_value(primitive.via, values) == HOME,
+                branches=BranchChoice(*map(str, words)),
+                speed=setting_number(primitive.speed, values),
+            )
         case StraightMove():
-            speed = setting_number(primitive.speed, values)
-            acceleration = setting_number(primitive.acceleration, values)
-            jerk = setting_number(primitive.jerk, values)
+            return replace(
+                ground,
+                speed=setting_number(primitive.speed, values),
+                acceleration=setting_number(primitive.acceleration, values),
+                jerk=setting_number(primitive.jerk, values),
+            )
         case Grasp() | Release() | Wait():
-            hold = setting_number(primitive.duration, values)
-    home = isinstance(primitive, JointMove) and to == HOME
-    return GroundPrimitive(
-        primitive.name, type(primitive), to, X_start, X_end, home, via_home, branches, speed, acceleration, jerk, hold,
-        world, None, frozenset(),
-    )  # fmt: skip
+            return replace(ground, hold=setting_number(primitive.duration, values))
 
 
 def _with_fingers(primitive: GroundPrimitive, model: RobotModel, during: World, after: World) -> GroundPrimitive:

@@ -34,36 +34,42 @@ MAX_REASONS = 5
 
 @dataclass(frozen=True, eq=False)
 class TimedPrimitive:
-    """A primitive action with its place in time.
-
-    start, end: [s] from the start of the motion. trajectory: of the driven joints, from 0 to end - start.
-    held: the object in the tool all through it (grasp attaches and release detaches at `end`), with its pose in the
-    tool frame `X_TO`, shape (4, 4); None if there is none. X_WO: where the objects that are not held rest.
-    around: the link or object that it goes around, None if it is direct.
-    """
+    """A primitive action with its place in time."""
 
     name: str
+
     start: float
     end: float
+    """[s] from the start of the motion."""
+
     trajectory: Trajectory
+    """Of the driven joints, from 0 to end - start."""
+
     held: str | None
+    """The object in the tool all through it, None if there is none: grasp attaches and release detaches at `end`."""
+
     X_TO: Array | None
+    """Pose of the held object in the tool frame, shape (4, 4); None if there is none."""
+
     X_WO: Mapping[str, Array]
+    """Where the objects that are not held rest."""
+
     around: str | None = None
+    """The link or object that it goes around, None if it is direct."""
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How arm and fingers move through a skill.
-
-    joint_names: the driven joints, in the order of all joint positions: those of the arm, then those of the fingers.
-    primitives: without gaps, in order.
-    final: the world afterwards, with the facts of before; X_WO of a held object is its pose then.
-    """
+    """How arm and fingers move through a skill."""
 
     joint_names: tuple[str, ...]
+    """The driven joints, in the order of all joint positions: those of the arm, then those of the fingers."""
+
     primitives: tuple[TimedPrimitive, ...]
+    """Without gaps, in order."""
+
     final: World
+    """The world afterwards, with the facts of before; X_WO of a held object is its pose then."""
 
     @property
     def ways_around(self) -> tuple[str, ...]:
@@ -176,7 +182,16 @@ class _Planner:
             moving = with_fingers(self._model, move.trajectory, primitive.fingers, resting_fingers)
             resting = {name: X_WO for name, X_WO in world.X_WO.items() if name != world.held}
             primitives.append(
-                TimedPrimitive(primitive.name, start, end, moving, world.held, world.X_TO, resting, move.around)
+                TimedPrimitive(
+                    name=primitive.name,
+                    start=start,
+                    end=end,
+                    trajectory=moving,
+                    held=world.held,
+                    X_TO=world.X_TO,
+                    X_WO=resting,
+                    around=move.around,
+                )
             )
             start = end
         return Motion(self._model.joints, tuple(primitives), self._final(q_end))

@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from ruckig import InputParameter, Result, Ruckig
 from ruckig import Trajectory as RuckigTrajectory
 
-from sqrp_cli.geometry import Array
-from sqrp_cli.programming.ranges import ranges
+from sqrp_cli.geometry import Array, ranges
 from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory, chain_rule, side_by_side
 
 SAMPLES_PER_DEGREE, LEAST_SAMPLES = 32, 17

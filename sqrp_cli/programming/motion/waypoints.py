@@ -34,20 +34,27 @@ def setting_number(setting: Setting, values: Mapping[str, MotionValue]) -> float
 
 @dataclass(frozen=True, eq=False)
 class WaypointGrounder:
-    """Waypoints of a skill in one binding and one world.
-
-    waypoints: of the skill. binding: the object that each skill parameter stands for. values: of the motion parameters.
-    X_WH: pose of the tool frame at home. X_WO: poses of the objects whose place is known. X_TO: poses in the tool frame
-    of the objects that are held, or were last.
-    """
+    """Waypoints of a skill in one binding and one world."""
 
     waypoints: Mapping[str, Waypoint]
+    """Of the skill."""
+
     binding: Mapping[str, str]
+    """The object that each skill parameter stands for."""
+
     values: Mapping[str, MotionValue]
+    """Of the motion parameters."""
+
     objects: Mapping[str, SceneObject]
+
     X_WH: Array
+    """Pose of the tool frame at home."""
+
     X_WO: Mapping[str, Array]
+    """Poses of the objects whose place is known."""
+
     X_TO: Mapping[str, Array]
+    """Poses in the tool frame of the objects that are held, or were last."""
 
     def pose(self, name: str) -> Array:
         """The pose X_WT of the tool frame at a waypoint of which nothing is `missing`, shape (4, 4).

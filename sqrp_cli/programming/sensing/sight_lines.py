@@ -12,9 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, inverse
+from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, begins_run, inverse
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.programming.ranges import begins_run
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses, poses_at
 from sqrp_cli.programming.sensing.solids import Solid

@@ -17,7 +17,7 @@ from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.logic.literal import Literal
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.faults import fault_metrics, interval_metrics
-from sqrp_cli.programming.motion.recovery import Recovery, stop
+from sqrp_cli.programming.motion.stop_and_return import Recovery, stop
 from sqrp_cli.programming.motion.timing import MotionLimits
 from tests.programming.studies import eventually
 from tests.programming.timelines import ATOMS, RESPONSES, Story, make_story, moments, stories

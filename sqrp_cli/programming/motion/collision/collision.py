@@ -8,9 +8,8 @@ from math import dist
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, pose
+from sqrp_cli.geometry import Array, Indices, pose
 from sqrp_cli.knowledge.robot.joint_tree import Mount
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -133,22 +132,23 @@ def _may_touch(a: Body, X_WA: Array, b: Body, X_WB: Array) -> bool:
     return apart < a.radius + b.radius + CLEARANCE
 
 
-def _crossed(first: Sequence[int], second: Sequence[int]) -> NDArray[np.intp]:
+def _crossed(first: Sequence[int], second: Sequence[int]) -> Indices:
     """Each one of the first with each one of the second, in this order, shape (P, 2)."""
     return np.stack([np.repeat(first, len(second)), np.tile(second, len(first))], axis=1).astype(np.intp)
 
 
 @dataclass(frozen=True)
 class SelfContacts:
-    """Pairs of links, neither neighbours nor rigidly connected, by how they touch: closer than the clearance.
-
-    at_home: at the home position. always: in `ALWAYS` of the positions tried, or more. Both belong to the robot and
-    are not checked. never: in none of them; that proves little, so they are checked all the same.
-    """
+    """Pairs of links, neither neighbours nor rigidly connected, by how they touch: closer than the clearance."""
 
     at_home: NamePairs
+    """At the home position."""
+
     always: NamePairs
+    """In `ALWAYS` of the positions tried, or more. Both belong to the robot and are not checked."""
+
     never: NamePairs
+    """In none of them; that proves little, so they are checked all the same."""
 
     @property
     def unchecked(self) -> NamePairs:
@@ -160,7 +160,7 @@ def find_self_contacts(model: RobotModel, seed: int) -> SelfContacts:
     """Try `SAMPLES` positions that depend on `seed` alone; joints without limits turn once, slide 1 m either way."""
     scene = CollisionScene(model, ())
     fingers = dict(zip(model.fingers.joints, model.fingers.open.tolist(), strict=True))
-    placed = scene.placed(World(frozenset(), {}, None, None, fingers))
+    placed = scene.placed(World(facts=frozenset(), X_WO={}, held=None, X_TO=None, joints=fingers))
     half = np.where(model.turns, np.pi, 1.0)
     lower = np.where(np.isfinite(model.lower), model.lower, model.home - half)
     upper = np.where(np.isfinite(model.upper), model.upper, model.home + half)

@@ -37,16 +37,17 @@ _RESULT = coal.CollisionResult()
 
 @dataclass(frozen=True)
 class Contact:
-    """Two things that come closer than the clearance (or could, by less than a resolution of motion).
-
-    first, second: names of links or objects, the outer one of the arm first. s: where on the path, in [0, 1].
-    clearance: distance that they have to keep [m].
-    """
+    """Two links or objects that come closer than the clearance (or could, by less than a resolution of motion)."""
 
     first: str
     second: str
+    """Names of links or objects, the outer one of the arm first."""
+
     s: float = 0.0
+    """Where on the path, in [0, 1]."""
+
     clearance: float = CLEARANCE
+    """Distance that they have to keep [m]."""
 
     def __str__(self) -> str:
         if self.clearance > CLEARANCE:
@@ -61,24 +62,29 @@ def pair(first: str, second: str) -> tuple[str, str]:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A solid with its hull for coal, and with bounds for culling, all in the frame of its parent P.
-
-    X_PG: pose of the geometry. center, radius: sphere around it. centers (SPHERES, 3), radii (SPHERES,): spheres that
-    cover its surface. X_PB, half: pose and half extents of a box around it. corners (V, 3): points between which all of
-    it lies.
-    """
+    """A solid with its hull for coal, and with bounds for culling, all in the frame of its parent P."""
 
     name: str
     geometry: CoalGeometry
     hull: CoalGeometry
+
     X_PG: Array
+    """Pose of the geometry."""
+
     center: Array
     radius: float
+    """Sphere around it."""
+
     centers: Array
     radii: Array
+    """Spheres that cover its surface, shape (SPHERES, 3) and (SPHERES,)."""
+
     X_PB: Array
     half: Array
+    """Pose and half extents of a box around it."""
+
     corners: Array
+    """Points between which all of it lies, shape (V, 3)."""
 
     @classmethod
     def of(cls, solid: Solid) -> Body:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.geometry import Array, transform
+from sqrp_cli.geometry import Array, Indices, Mask, transform
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import Body
 from sqrp_cli.programming.sensing.solids import load_solid
@@ -64,7 +63,7 @@ class MotionBound:
         axes: Array = (X_WF[:, self.joints, :3, :3] @ self._axes[:, :, None])[..., 0]
         return axes
 
-    def between(self, X_WF: Array, variation: Array, centers: Array, radii: Array, depth: NDArray[np.intp]) -> Array:
+    def between(self, X_WF: Array, variation: Array, centers: Array, radii: Array, depth: Indices) -> Array:
         """How far any point of each of S spheres can move around m configurations [m], shape (m, S, n + 1).
 
         Entry k: against the links of depth k (0: against the world), for spheres no less deep.
@@ -125,9 +124,7 @@ class LowBodies:
                 by_last = np.linalg.norm(points - origins[last], axis=1)
                 self._levers[index, 0] = by_last + np.linalg.norm(np.cross(origins[last] - origins[0], axes[0]))
 
-    def stay_off(
-        self, X_WF: Array, variation: Array, row: NDArray[np.intp], X_WB: Array, half: Array, margin: Array
-    ) -> NDArray[np.bool_]:
+    def stay_off(self, X_WF: Array, variation: Array, row: Indices, X_WB: Array, half: Array, margin: Array) -> Mask:
         """Whether bodies are proven to stay further than a margin from boxes at rest, in k cases, shape (k,).
 
         All corners must stay beyond one of the six faces, the one beyond which they are furthest. Joints turn one after
@@ -152,7 +149,7 @@ class LowBodies:
             steps = variation[:, j, None] * (self._levers[row, j] + moved)
             heights -= sines[:, j, None] * steps
             moved = moved + steps
-        stays: NDArray[np.bool_] = heights.min(axis=1) > margin
+        stays: Mask = heights.min(axis=1) > margin
         return stays
 
 

@@ -6,37 +6,42 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, transform
+from sqrp_cli.geometry import Array, Indices, Mask, transform
 from sqrp_cli.knowledge.robot.joint_tree import Mount
 from sqrp_cli.programming.motion.collision.collision_body import SPHERES, Body, CoalPlacement, NamePairs, placement_at
 from sqrp_cli.programming.motion.collision.motion_bound import LowBodies
 
-Indices = NDArray[np.intp]
-
 
 @dataclass(frozen=True, eq=False)
 class PlacedBodies:
-    """S bodies, each fixed in a frame F: that of a joint, or the world.
-
-    frame: index of the joint, -1 for the world, shape (S,). depth: how many of the arm's joints move it, (S,).
-    X_FG: pose of the geometry, (S, 4, 4). center, radius: sphere around it, (S, 3) and (S,). centers, radii: spheres
-    that cover its surface, (S, k, 3) and (S, k). X_FB, half: pose and half extents of a box around it, (S, 4, 4) and
-    (S, 3). moving: those that the arm moves, by index.
-    """
+    """S bodies, each fixed in a frame F: that of a joint, or the world."""
 
     bodies: tuple[Body, ...]
+
     frame: Indices
+    """Index of the joint, -1 for the world, shape (S,)."""
+
     depth: Indices
+    """How many of the arm's joints move it, (S,)."""
+
     X_FG: Array
+    """Pose of the geometry, (S, 4, 4)."""
+
     center: Array
     radius: Array
+    """Sphere around it, (S, 3) and (S,)."""
+
     centers: Array
     radii: Array
+    """Spheres that cover its surface, (S, k, 3) and (S, k)."""
+
     X_FB: Array
     half: Array
+    """Pose and half extents of a box around it, (S, 4, 4) and (S, 3)."""
+
     moving: Indices
+    """Those that the arm moves, by index."""
 
     @staticmethod
     def of(places: Sequence[tuple[Body, int, Mount]]) -> PlacedBodies:
@@ -86,24 +91,26 @@ class PlacedBodies:
 
 @dataclass(frozen=True, eq=False)
 class BodyPairs:
-    """P pairs of bodies that must not touch, by index, the outer one of the arm in `outer`, shape (P,) each.
-
-    clearance: distance that they have to keep [m].
-    boxed, covered: the larger of the two, around which culling puts a box, and the other one, which it covers by
-    spheres.
-    mover: index of the outer one among `PlacedBodies.moving`.
-    reach: distance of the centres of the spheres around them from which they keep it for sure [m].
-    low: which of `LowBodies` the outer one is if the inner one is larger and rests; -1 otherwise.
-    """
+    """P pairs of bodies that must not touch, by index, the outer one of the arm in `outer`, shape (P,) each."""
 
     inner: Indices
     outer: Indices
+
     clearance: Array
+    """Distance that they have to keep [m]."""
+
     boxed: Indices
     covered: Indices
+    """The larger of the two, around which culling puts a box, and the other one, which it covers by spheres."""
+
     mover: Indices
+    """Index of the outer one among `PlacedBodies.moving`."""
+
     reach: Array
+    """Distance of the centres of the spheres around them from which they keep it for sure [m]."""
+
     low: Indices
+    """Which of `LowBodies` the outer one is if the inner one is larger and rests; -1 otherwise."""
 
     @staticmethod
     def of(inner: Indices, outer: Indices, clearance: Array, bodies: PlacedBodies, low: LowBodies) -> BodyPairs:
@@ -132,7 +139,7 @@ class BodyPairs:
             kept &= ~(is_first[self.inner] & is_second[self.outer] | is_second[self.inner] & is_first[self.outer])
         return self._chosen(kept)
 
-    def _chosen(self, kept: NDArray[np.bool_]) -> BodyPairs:
+    def _chosen(self, kept: Mask) -> BodyPairs:
         return BodyPairs(
             inner=self.inner[kept],
             outer=self.outer[kept],

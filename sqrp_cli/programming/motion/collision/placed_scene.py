@@ -10,13 +10,12 @@ from collections.abc import Container, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import Contact, NamePairs, body_distance, pair
 from sqrp_cli.programming.motion.collision.motion_bound import LowBodies, MotionBound, finger_steps
-from sqrp_cli.programming.motion.collision.placed_bodies import BodyPairs, Indices, PlacedBodies
+from sqrp_cli.programming.motion.collision.placed_bodies import BodyPairs, PlacedBodies
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 FIRST_STRETCH = 0.08
@@ -148,7 +147,13 @@ class PlacedScene:
             distance = body_distance(first, X_1, second, X_2, kept, kept + moved)
             if distance is not None:
                 contact = Contact(first.name, second.name, float(stretches.s[at]), kept)
-                yield _Near(k, at, moved, distance <= kept or moved < resolution, contact)
+                yield _Near(
+                    combination=k,
+                    stretch=at,
+                    bound=moved,
+                    touches=distance <= kept or moved < resolution,
+                    contact=contact,
+                )
 
     def _close(self, stretches: Stretches, X_WF: Array, resolution: float) -> tuple[Indices, Array]:
         """The combinations that culling does not prove apart, (k,), and how far each pair can move [m], (k,).
@@ -170,7 +175,7 @@ class PlacedScene:
         close = close[~self._stay_off(stretches, X_WF, close, resolution)]
         return close, bound[close]
 
-    def _stay_off(self, stretches: Stretches, X_WF: Array, chosen: Indices, resolution: float) -> NDArray[np.bool_]:
+    def _stay_off(self, stretches: Stretches, X_WF: Array, chosen: Indices, resolution: float) -> Mask:
         """Whether a low body is proven to stay off what is at rest over its whole stretch, for chosen combinations.
 
         It stays so far off that no part of the stretch can count as a contact.
@@ -194,40 +199,46 @@ class PlacedScene:
 
 @dataclass(frozen=True)
 class _Near:
-    """A combination of stretch and pair that is not proven apart.
-
-    combination: its index. bound: how far the pair can move against each other from the middle of the stretch [m].
-    touches: whether that counts as the contact. contact: what it would be.
-    """
+    """A combination of stretch and pair that is not proven apart."""
 
     combination: int
+    """Its index."""
+
     stretch: int
+
     bound: float
+    """How far the pair can move against each other from the middle of the stretch [m]."""
+
     touches: bool
+    """Whether that counts as the contact."""
+
     contact: Contact
+    """What it would be."""
 
 
 @dataclass(frozen=True, eq=False)
 class Stretches:
-    """Stretches of a path as their middles, with the pairs of bodies that are still open over each.
-
-    s, half: middle and half length of each stretch, shape (m,). q: joint positions in the middle, shape (m, n).
-    variation: how far each joint can be from there within the stretch, shape (m, n).
-    stretch, pairs: index of stretch and of pair of every open combination, shape (k,), ordered by stretch.
-    """
+    """Stretches of a path as their middles, with the pairs of bodies that are still open over each."""
 
     s: Array
     half: Array
+    """Middle and half length of each stretch, shape (m,)."""
+
     q: Array
+    """Joint positions in the middle, shape (m, n)."""
+
     variation: Array
+    """How far each joint can be from there within the stretch, shape (m, n)."""
+
     stretch: Indices
     pairs: Indices
+    """Index of stretch and of pair of every open combination, shape (k,), ordered by stretch."""
 
     @staticmethod
     def still(q: Array, pairs: int, s: Array | None = None) -> Stretches:
         """Joint positions (m, n) without motion, with all pairs open; s: where on a path they are, (m,)."""
         middles = np.zeros(len(q)) if s is None else s
-        return Stretches(middles, np.zeros(len(q)), q, np.zeros_like(q), *_all_open(len(q), pairs))
+        return _all_open(middles, np.zeros(len(q)), q, np.zeros_like(q), pairs)
 
     @staticmethod
     def along(path: JointPath, slopes: Array, radii: Array, pairs: int) -> Stretches:
@@ -243,7 +254,7 @@ class Stretches:
             middles.append(start + half * (2 * np.arange(count) + 1))
             halves.append(np.full(count, half))
         s, half = np.concatenate(middles), np.concatenate(halves)
-        return Stretches(s, half, path.positions(s), _variation(path, slopes, s, half), *_all_open(len(s), pairs))
+        return _all_open(s, half, path.positions(s), _variation(path, slopes, s, half), pairs)
 
     def halved(self, path: JointPath, slopes: Array, open_ones: Indices, until: float) -> Stretches:
         """Both halves of every stretch with one of the open combinations that begins before `until`."""
@@ -258,12 +269,21 @@ class Stretches:
         both = np.concatenate([2 * stretch, 2 * stretch + 1])
         order = both.argsort(kind="stable")
         pairs = np.concatenate([open_pairs, open_pairs])[order]
-        return Stretches(s, half, path.positions(s), _variation(path, slopes, s, half), both[order], pairs)
+        return Stretches(
+            s=s,
+            half=half,
+            q=path.positions(s),
+            variation=_variation(path, slopes, s, half),
+            stretch=both[order],
+            pairs=pairs,
+        )
 
 
-def _all_open(stretches: int, pairs: int) -> tuple[Indices, Indices]:
-    """Every combination of stretch and pair, ordered by stretch."""
-    return np.arange(stretches).repeat(pairs), np.arange(stretches * pairs) % pairs
+def _all_open(s: Array, half: Array, q: Array, variation: Array, pairs: int) -> Stretches:
+    """Stretches, m of them, over each of which all pairs are open."""
+    m = len(s)
+    stretch, pair = np.arange(m).repeat(pairs), np.arange(m * pairs) % pairs
+    return Stretches(s=s, half=half, q=q, variation=variation, stretch=stretch, pairs=pair)
 
 
 def _variation(path: JointPath, slopes: Array, s: Array, half: Array) -> Array:

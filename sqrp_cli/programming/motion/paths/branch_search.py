@@ -19,14 +19,14 @@ Question = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class Station:
-    """The ways of doing one part of the motion: k branches that begin and end at given joint positions.
-
-    q_start, q_end: shape (k, n). duration: between them, shape (k,) [s].
-    """
+    """The ways of doing one part of the motion: k branches that begin and end at given joint positions."""
 
     q_start: Array
     q_end: Array
+    """Shape (k, n)."""
+
     duration: Array
+    """Between them, shape (k,) [s]."""
 
 
 def fastest_sequence(
@@ -73,15 +73,15 @@ def fastest_sequence(
 
 @dataclass(frozen=True, order=True)
 class _Sequence:
-    """A sequence of branches so far: a bound of the total time, its joint values, and the time spent until its end.
-
-    around: whether the last move is to be a way around.
-    """
+    """A sequence of branches so far: a bound of the total time, its joint values, and the time spent until its end."""
 
     bound: float
     key: tuple[float, ...]
     chosen: tuple[int, ...]
+
     around: bool
+    """Whether the last move is to be a way around."""
+
     spent: float
 
     @property
@@ -126,4 +126,6 @@ class _Sequences:
             if np.isinf(bounds[k]):
                 return
             joints = tuple(self._keys[i][k].tolist())
-            yield _Sequence(float(bounds[k]), (*key, *joints), (*chosen, k), False, float(spent[k]))
+            yield _Sequence(
+                bound=float(bounds[k]), key=(*key, *joints), chosen=(*chosen, k), around=False, spent=float(spent[k])
+            )

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
-from sqrp_cli.geometry import Array
+import numpy as np
+
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.reach import PastLimit
-from sqrp_cli.trajectory import JointPath
+from sqrp_cli.trajectory import JointPath, JointSpan
 
 LIMIT_SLACK = 1e-9
 """By how much joint positions may exceed a limit [rad or m], so that rounding does not matter at the limit."""
@@ -17,7 +18,7 @@ WIDE = 4 * np.pi + 1e-6
 """A joint that turns further than this between its limits goes no further than one without limits [rad]."""
 
 
-def past_limits(model: RobotModel, path: JointPath, may_turn: NDArray[np.bool_] | None = None) -> Array:
+def past_limits(model: RobotModel, path: JointPath, may_turn: Mask | None = None) -> Array:
     """By how much a path of the arm's joints leaves their limits at worst [rad or m], shape (n,); 0 within the slack.
 
     may_turn: joints for which whole turns do not count that bring them within their limits, shape (n,); none by
@@ -26,15 +27,21 @@ def past_limits(model: RobotModel, path: JointPath, may_turn: NDArray[np.bool_] 
     return outside(path, model.lower, model.upper, may_turn)
 
 
-def whole_turns(low: Array, high: Array, lower: Array, upper: Array) -> tuple[Array, Array]:
-    """The fewest and the most whole turns that keep joints within limits whose positions span from low to high.
+class WholeTurns(NamedTuple):
+    """How often joints may be turned wholly: signed, and `fewest` above `most` where no number of turns will do."""
 
-    Shapes that broadcast; signed, and fewest above most where none do.
-    """
-    return np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi)), np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
+    fewest: Array
+    most: Array
 
 
-def outside(path: JointPath, lower: Array, upper: Array, may_turn: NDArray[np.bool_] | None = None) -> Array:
+def whole_turns(low: Array, high: Array, lower: Array, upper: Array) -> WholeTurns:
+    """The whole turns that keep joints within limits whose positions span from low to high; the shapes broadcast."""
+    return WholeTurns(
+        np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi)), np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
+    )
+
+
+def outside(path: JointPath, lower: Array, upper: Array, may_turn: Mask | None = None) -> Array:
     """As `past_limits`, of any joints with limits of shape (n,); positions are looked at closely where it matters."""
     low, high = path.range_bounds()
     excess = np.zeros(len(lower))
@@ -58,9 +65,9 @@ def worst_past_limit(model: RobotModel, path: JointPath) -> PastLimit | None:
     return PastLimit(model.joints[joint], float(excess[joint]), turns)
 
 
-def near_limits(model: RobotModel, near: Array) -> tuple[Array, Array]:
-    """The joints' limits, shape (n,) each; where they are none or very wide, a turn beyond positions `near`, (m, n)."""
+def near_limits(model: RobotModel, near: Array) -> JointSpan:
+    """The joints' limits; where they are none or very wide, a turn beyond positions `near`, (m, n)."""
     far = model.turns & (model.upper - model.lower > WIDE) | np.isinf(model.lower) | np.isinf(model.upper)
     lower = np.where(far, np.maximum(model.lower, near.min(axis=0) - 2 * np.pi), model.lower)
     upper = np.where(far, np.minimum(model.upper, near.max(axis=0) + 2 * np.pi), model.upper)
-    return lower, upper
+    return JointSpan(lower, upper)

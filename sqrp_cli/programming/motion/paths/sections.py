@@ -8,9 +8,8 @@ from itertools import pairwise, product
 from math import prod
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
 from sqrp_cli.programming.arm.branches import chosen_branches
 from sqrp_cli.programming.arm.inverse_kinematics import known_solutions
@@ -22,7 +21,7 @@ from sqrp_cli.programming.motion.paths.branch_search import Station
 from sqrp_cli.programming.motion.paths.position_limits import near_limits, whole_turns
 from sqrp_cli.programming.motion.paths.straight_line import LIMIT_SAMPLES, ToolLine, follow_within_limits, limit_reason
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path, time_paths
-from sqrp_cli.trajectory import JointPath, Trajectory, side_by_side
+from sqrp_cli.trajectory import JointPath, JointSpan, Trajectory, side_by_side
 
 _LIMIT_SAMPLES = np.linspace(0.0, 1.0, LIMIT_SAMPLES)
 
@@ -35,13 +34,13 @@ _Begun = tuple[Array, tuple[Trajectory, ...]]
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A joint move (none at the start of the motion) and what is tied to where it ends, up to the next joint move.
-
-    first: index of the first tied primitive in the skill.
-    """
+    """A joint move (none at the start of the motion) and what is tied to where it ends, up to the next joint move."""
 
     move: GroundPrimitive | None
+
     first: int
+    """Index of the first tied primitive in the skill."""
+
     tied: tuple[GroundPrimitive, ...]
 
     @property
@@ -61,14 +60,13 @@ def cut_into_sections(primitives: Sequence[GroundPrimitive]) -> list[Section]:
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """One way through a section: where its joint move ends, and the trajectories of the tied primitives.
-
-    turns: offsets by whole turns of joints that keep all of it within the joints' limits, shape (k, n).
-    """
+    """One way through a section: where its joint move ends, and the trajectories of the tied primitives."""
 
     q: Array
     trajectories: tuple[Trajectory, ...]
+
     turns: Array
+    """Offsets by whole turns of joints that keep all of it within the joints' limits, shape (k, n)."""
 
     @property
     def q_end(self) -> Array:
@@ -83,14 +81,16 @@ class Branch:
 
 @dataclass(frozen=True, eq=False)
 class Ways(Station):
-    """All k ways through a section: its branches, with each of their turns.
-
-    branches: some of one or more ways. of: index of the branch of each way, shape (k,). turns: of each, shape (k, n).
-    """
+    """All k ways through a section: its branches, with each of their turns."""
 
     branches: tuple[Branch, ...]
-    of: NDArray[np.intp]
+    """Some of one or more ways."""
+
+    of: Indices
+    """Index of the branch of each way, shape (k,)."""
+
     turns: Array
+    """Of each, shape (k, n)."""
 
     @staticmethod
     def through(branches: Sequence[Branch]) -> Ways:
@@ -100,7 +100,7 @@ class Ways(Station):
         q_start = np.stack([branch.q for branch in branches])[of] + turns
         q_end = np.stack([branch.q_end for branch in branches])[of] + turns
         duration = np.array([branch.duration for branch in branches])[of]
-        return Ways(q_start, q_end, duration, tuple(branches), of, turns)
+        return Ways(q_start=q_start, q_end=q_end, duration=duration, branches=tuple(branches), of=of, turns=turns)
 
     def branch(self, k: int) -> Branch:
         """The branch of a way."""
@@ -182,7 +182,7 @@ class BranchFinder:
         return begun
 
     def _straight_moves(
-        self, index: int, primitive: GroundPrimitive, q: Array, may_turn: NDArray[np.bool_]
+        self, index: int, primitive: GroundPrimitive, q: Array, may_turn: Mask
     ) -> list[Trajectory | None]:
         """Straight moves from joint positions (b, n) at the primitive's speed, or slower where joints cannot keep up.
 
@@ -274,7 +274,7 @@ def _combinations(counts: Sequence[range]) -> Array:
     return np.array(list(product(*reversed(chosen))), dtype=float).reshape(-1, len(counts))
 
 
-def _passed(branches: Sequence[_Begun], limits: tuple[Array, Array]) -> tuple[Array, Array]:
+def _passed(branches: Sequence[_Begun], limits: JointSpan) -> JointSpan:
     """The least and the greatest joint positions of each branch, shape (b, n).
 
     Sampled, but exact where what is between samples could decide how many whole turns keep the limits, (n,) each.
@@ -293,4 +293,4 @@ def _passed(branches: Sequence[_Begun], limits: tuple[Array, Array]) -> tuple[Ar
         for trajectory in branches[row][1]:
             least, greatest = trajectory.path.extremes(joint)
             low[row, joint], high[row, joint] = min(low[row, joint], least), max(high[row, joint], greatest)
-    return low, high
+    return JointSpan(low, high)

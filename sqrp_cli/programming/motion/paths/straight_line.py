@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
-from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.programming.arm.kinematics import RobotModel, ToolMotion
 from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, newton, pose_errors
 from sqrp_cli.programming.arm.reach import PastLimit
 from sqrp_cli.programming.infeasible import Infeasible
@@ -41,13 +40,11 @@ POSE_COORDINATES = 6
 
 @dataclass(frozen=True, eq=False)
 class ToolLine:
-    """A straight line of the tool frame: its origin moves evenly while it turns evenly about one fixed axis (slerp).
-
-    X_start, X_end: poses X_WT of the tool frame in the world, shape (4, 4).
-    """
+    """A straight line of the tool frame: its origin moves evenly while it turns evenly about one fixed axis (slerp)."""
 
     X_start: Array
     X_end: Array
+    """Poses X_WT of the tool frame in the world, shape (4, 4)."""
 
     @cached_property
     def length(self) -> float:
@@ -87,9 +84,7 @@ def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> JointPath | I
     return path
 
 
-def follow_within_limits(
-    model: RobotModel, q0: Array, line: ToolLine, may_turn: NDArray[np.bool_]
-) -> list[JointPath | Infeasible]:
+def follow_within_limits(model: RobotModel, q0: Array, line: ToolLine, may_turn: Mask) -> list[JointPath | Infeasible]:
     """As `follow`; of an arm with more joints than a pose needs, those that would leave their limits are held still.
 
     may_turn: joints that may be turned wholly to where they are within their limits, shape (n,). Where holding joints
@@ -110,9 +105,7 @@ def follow_within_limits(
     ]
 
 
-def _is_to_be_held(
-    model: RobotModel, path: JointPath | Infeasible, held: NDArray[np.bool_], may_turn: NDArray[np.bool_]
-) -> bool:
+def _is_to_be_held(model: RobotModel, path: JointPath | Infeasible, held: Mask, may_turn: Mask) -> bool:
     """Whether a path leaves limits that further joints, held still, might keep; `held`, shape (n,), then has them."""
     outside = past_limits(model, path, may_turn) > 0.0 if isinstance(path, JointPath) else np.zeros_like(held)
     if not outside.any() or (outside & held).any() or (outside | held).sum() > len(held) - POSE_COORDINATES:
@@ -126,16 +119,16 @@ class HeldJoints:
     """An arm of which some joints are held still: held, shape (n,). See `RobotModel` for what it can be asked."""
 
     model: RobotModel
-    held: NDArray[np.bool_]
+    held: Mask
 
     def tool_poses(self, q: Array) -> Array:
         """As of the arm."""
         return self.model.tool_poses(q)
 
-    def tool_poses_and_jacobians(self, q: Array) -> tuple[Array, Array]:
+    def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
         """As of the arm, but that moving the joints that are held does not move the tool."""
         X_WT, J = self.model.tool_poses_and_jacobians(q)
-        return X_WT, np.where(self.held, 0.0, J)
+        return ToolMotion(X_WT, np.where(self.held, 0.0, J))
 
 
 def follow(model: Kinematics, q0: Array, line: ToolLine) -> list[JointPath | Infeasible]:
@@ -258,7 +251,7 @@ def _advance(model: Kinematics, line: ToolLine, q: Array, s: Array, to: Array) -
     return reached, stuck
 
 
-def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, Mask]:
     """Joint positions near guesses (m, n) that bring the tool to poses (m, 4, 4), and which of them do, (m,)."""
     q, errors = newton(model, X_WT, guesses, NEWTON_TOLERANCE)
     return q, (errors <= NEWTON_TOLERANCE) & (np.abs(q - guesses).max(axis=1, initial=0.0) <= LARGEST_STEP)

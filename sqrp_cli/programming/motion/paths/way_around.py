@@ -16,7 +16,7 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.timing import MotionLimits, time_path
-from sqrp_cli.trajectory import JointPath, PiecewiseCubic, Trajectory
+from sqrp_cli.trajectory import JointPath, JointSpan, PiecewiseCubic, Trajectory
 
 SPARE = 2e-3
 """What straight pieces and curves are kept away from everything beyond the clearance, or almost [m]; saves time."""
@@ -47,21 +47,20 @@ LONGEST_EDGE = 0.6
 
 @dataclass(frozen=True, eq=False)
 class WaySearch:
-    """What a search for a way around came to.
-
-    trajectory: the motion, None if none was found, which does not prove that there is none. tries: straight pieces
-    that the planner looked at.
-    """
+    """What a search for a way around came to."""
 
     trajectory: Trajectory | None
+    """The motion, None if none was found, which does not prove that there is none."""
+
     tries: int
+    """Straight pieces that the planner looked at."""
 
 
 def find_way(
     scene: PlacedScene,
     q0: Array,
     q1: Array,
-    bounds: tuple[Array, Array],
+    bounds: JointSpan,
     radii: Array,
     limits: MotionLimits,
     tries: int,
@@ -226,7 +225,7 @@ def corner_curve(corner: Array, before: Array, after: Array, reach: float) -> Ar
 def plan_polyline(
     q0: Array,
     q1: Array,
-    bounds: tuple[Array, Array],
+    bounds: JointSpan,
     scale: Array,
     is_free: Callable[[Array, Array], bool],
     tries: int,
@@ -250,7 +249,7 @@ def plan_polyline(
         asked += 1
         return is_free(first / scale, second / scale)
 
-    space = _space(q0 * scale, q1 * scale, bounds[0] * scale, bounds[1] * scale, MARGIN * scale)
+    space = _space(q0 * scale, q1 * scale, bounds.lower * scale, bounds.upper * scale, MARGIN * scale)
     information = base.SpaceInformation(space)
     information.setStateValidityChecker(lambda _: True)
     validator = _validator(information, lambda first, second: asked < tries and asked_is_free(first, second), len(q0))

@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices, cross, inverse, transform
-from sqrp_cli.programming.ranges import begins_run
+from sqrp_cli.geometry import Array, Indices, begins_run, cross, inverse, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.nearest_inside import nearest_inside

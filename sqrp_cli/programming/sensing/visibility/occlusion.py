@@ -15,8 +15,7 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS, Array, Indices
-from sqrp_cli.programming.ranges import ranges
+from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, ranges
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import TOUCH, Pairs, SightLines
 from sqrp_cli.programming.sensing.solids import Solid

@@ -13,8 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, Indices
-from sqrp_cli.programming.ranges import ranges
+from sqrp_cli.geometry import Array, Indices, ranges
 from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
 
 AHEAD = 1e-6

@@ -17,8 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, cross, inverse, transform
-from sqrp_cli.programming.ranges import begins_run
+from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, begins_run, cross, inverse, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.silhouette import (

@@ -20,7 +20,7 @@ from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE
 from sqrp_cli.programming.motion.paths import joint_moves
 from sqrp_cli.programming.motion.paths.way_around import blended_path
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.motion.recovery import recovery_over
+from sqrp_cli.programming.motion.stop_and_return import recovery_over
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move_duration, phase_samples
 from sqrp_cli.trajectory import Trajectory
 from tests.programming.motion.cells import Cell, PinocchioCell, thing

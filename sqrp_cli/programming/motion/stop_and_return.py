@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,13 +18,11 @@ INSTANTS = 65
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """Time to stop and move back to the start, by the instant at which the robot is told to stop.
-
-    t, duration: [s], shape (n,) each; linear in between.
-    """
+    """Time to stop and move back to the start, by the instant at which the robot is told to stop."""
 
     t: Array
     duration: Array
+    """[s], shape (n,) each; linear in between."""
 
     def at(self, t: Array) -> Array:
         """The time for each of the given instants; beyond the end it is that of the end."""
@@ -63,12 +62,21 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     return Recovery(t, stopping.max(axis=1) + back)
 
 
-def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> tuple[Array, Array]:
-    """Shortest times [s] to rest, and how far joints move meanwhile [rad or m], shape (m, n) like the arguments.
+class Stopping(NamedTuple):
+    """How joints come to rest."""
+
+    duration: Array
+    """Shortest time to rest [s], shape (m, n)."""
+
+    displacement: Array
+    """How far they move meanwhile [rad or m], shape (m, n)."""
+
+
+def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> Stopping:
+    """The shortest way to rest from velocities and accelerations, shape (m, n) each.
 
     The acceleration changes at the jerk limit to a peak p, stays there if p is the acceleration limit, and returns to
-    zero. With signs such
-    that p is positive, velocity u and acceleration b: p^2 / J - b^2 / 2J = -u.
+    zero. With signs such that p is positive, velocity u and acceleration b: p^2 / J - b^2 / 2J = -u.
     """
     A, J = limits.acceleration, limits.jerk
     sign = np.where(velocity + acceleration * np.abs(acceleration) / (2 * J) > 0, -1.0, 1.0)
@@ -84,4 +92,4 @@ def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> tuple[Ar
         + after_rise * hold + p * hold**2 / 2
         + after_hold * fall + p * fall**2 / 2 - J * fall**3 / 6
     )  # fmt: skip
-    return rise + hold + fall, sign * moved
+    return Stopping(rise + hold + fall, sign * moved)
