@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
-    from sqrp_cli.scoring.baselines.findings import Progress
+    from sqrp_cli.scoring.scorecard import Progress
     from sqrp_cli.starter.random_cell import Crowd
 
 
@@ -262,8 +262,8 @@ class OpenCell:
         """Score all tasks that the workspace lists. out: a folder in which results are kept for a later call."""
         from sqrp_cli.api.results import Scores
         from sqrp_cli.programming.coverage.sampling import Adaptive
-        from sqrp_cli.scoring.baselines.findings import score_cells
         from sqrp_cli.scoring.cells import read_cells
+        from sqrp_cli.scoring.scorecard import score_cells
         from sqrp_cli.scoring.work.compute import Means, open_computer
 
         check_sampling(sampling)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.record.film import Gallery
     from sqrp_cli.runtime.run.injected_fault import InjectedFault
     from sqrp_cli.runtime.run.simulation import Simulation
-    from sqrp_cli.scoring.baselines.findings import Progress
+    from sqrp_cli.scoring.scorecard import Progress
 
 DEFAULT_RUNS = 20
 """Runs of a sweep."""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.record.events import Event
     from sqrp_cli.runtime.record.report import RunReport
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
-    from sqrp_cli.scoring.baselines.findings import Findings
+    from sqrp_cli.scoring.scorecard import Scorecard
     from sqrp_cli.starter.make import Starter
 
 AnyDocument = TypeVar("AnyDocument", bound=Document, covariant=True)
@@ -236,7 +236,7 @@ class Scene(Result[ShowDocument]):
 class Scores(Result[ScoreDocument]):
     """Every task of some workspaces."""
 
-    findings: Findings
+    findings: Scorecard
 
     @property
     def passed(self) -> bool:

@@ -12,12 +12,10 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.platform.files import check_not_read
 from sqrp_cli.platform.memory import keep_all_so_far
 from sqrp_cli.scoring.baselines.baseline import Baseline, baseline_of, save_baseline
-from sqrp_cli.scoring.baselines.findings import CoverageLookup, Findings, Progress, compare_with, score_cells
-from sqrp_cli.scoring.cells import ScoredCell, read_cells
-from sqrp_cli.scoring.discovery import find_workspaces
-from sqrp_cli.scoring.junit import write_junit
+from sqrp_cli.scoring.cells import ScoredCell, find_workspaces, read_cells
+from sqrp_cli.scoring.ci_files import write_junit, write_summary
 from sqrp_cli.scoring.score import wanted_of
-from sqrp_cli.scoring.summary import write_summary
+from sqrp_cli.scoring.scorecard import CoverageLookup, Progress, Scorecard, compare_with, score_cells
 from sqrp_cli.scoring.work.compute import Computer, Means, open_computer
 
 
@@ -51,7 +49,7 @@ class ScoreRun:
             keep_all_so_far()
             yield cls(tuple(cells), computer, progress)
 
-    def score(self) -> Findings:
+    def score(self) -> Scorecard:
         """Score all; at Ctrl-C those that are finished. Raises InputError where results cannot be kept."""
         return score_cells(self.cells, self.computer, self.progress)
 
@@ -71,14 +69,14 @@ class ScoreRun:
         parts += ["the others were known"] if not interrupted and computed + failed < total else []
         return ", ".join(parts) + (", then interrupted" if interrupted else "")
 
-    def compare(self, findings: Findings, baseline: Baseline, allowance: float) -> Findings:
+    def compare(self, findings: Scorecard, baseline: Baseline, allowance: float) -> Scorecard:
         """The findings beside a baseline; at Ctrl-C those without. allowance: see `comparison.compare`."""
         try:
             return compare_with(findings, self.cells, baseline, allowance, self._lookup, self.progress)
         except KeyboardInterrupt:
             return replace(findings, interrupted=True)
 
-    def write(self, findings: Findings, *, junit: Path | None, summary: Path | None, baseline: Path | None) -> None:
+    def write(self, findings: Scorecard, *, junit: Path | None, summary: Path | None, baseline: Path | None) -> None:
         """Write the files that are wanted. Raises InputError for one that cannot be written."""
         if junit is not None:
             write_junit(findings, junit)
@@ -94,13 +92,13 @@ class ScoreRun:
         return CoverageLookup(self.cells, self.computer)
 
 
-def nothing_scored(*found: Findings) -> bool:
+def nothing_scored(*found: Scorecard) -> bool:
     """Whether every task or workspace is an error, so that there is no result to print."""
     statuses = {result.score.status for findings in found for result in findings.results}
     return statuses == {"error"} and not any(findings.interrupted for findings in found)
 
 
-def why_not_scored(*found: Findings) -> list[Problem]:
+def why_not_scored(*found: Scorecard) -> list[Problem]:
     """Why what could not be scored could not be, each reason once."""
     scores = (result.score for findings in found for result in findings.results if result.score.status == "error")
     return [Problem("not-scored", why) for why in dict.fromkeys(reason for one in scores for reason in one.reasons)]

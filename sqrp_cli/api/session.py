@@ -22,7 +22,7 @@ from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.programming.task import Task, read_task
-from sqrp_cli.scoring.baselines.findings import Progress
+from sqrp_cli.scoring.scorecard import Progress
 
 
 @dataclass(frozen=True, eq=False)

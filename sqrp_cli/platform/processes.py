@@ -14,7 +14,7 @@ import threading
 import traceback
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor
+from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from multiprocessing import forkserver, resource_tracker
@@ -216,27 +216,33 @@ class Team(Generic[Message, Answer]):
         A message whose worker died is sent to a new one. Raises what went wrong in a worker, and InputError where two
         died of the same message.
         """
-        left = deque(range(len(messages)))
-        idle, busy = self._workers[::-1], dict[Worker[Message, Answer], int]()
-        answers, lost = dict[int, Answer](), set[int]()
+        left, answers, lost = deque(range(len(messages))), dict[int, Answer](), set[int]()
+        begun = {worker: deque[int]() for worker in self._workers}
         for wanted in range(len(messages)):
             while wanted not in answers:
-                while idle and left:
-                    worker = idle.pop()
-                    busy[worker] = left.popleft()
-                    worker.send(messages[busy[worker]])
-                for worker in Worker.first_of(busy):
-                    index = busy.pop(worker)
+                self._hand_out(messages, left, begun)
+                for worker in Worker.first_of([worker for worker, own in begun.items() if own]):
+                    index = begun[worker].popleft()
                     try:
                         answers[index] = worker.receive()
-                        idle.append(worker)
                     except WorkerDied as error:
                         if index in lost:
                             raise InputError(died("what was asked for")) from error
                         lost.add(index)
-                        left.appendleft(index)
-                        idle.append(self._replaced(worker))
+                        left.extendleft((*reversed(begun.pop(worker)), index))
+                        begun[self._replaced(worker)] = deque()
             yield answers.pop(wanted)
+
+    def _hand_out(
+        self, messages: Sequence[Message], left: deque[int], begun: dict[Worker[Message, Answer], deque[int]]
+    ) -> None:
+        """Give every worker something to do, and while there is enough left something to go on with."""
+        while left:
+            worker = min(begun, key=lambda worker: len(begun[worker]))
+            if len(begun[worker]) > (len(left) > len(begun)):
+                return
+            begun[worker].append(left.popleft())
+            worker.send(messages[begun[worker][-1]])
 
     def _replaced(self, worker: Worker[Message, Answer]) -> Worker[Message, Answer]:
         worker.close()
@@ -262,45 +268,29 @@ def died(computed: str) -> Problem:
     return Problem("worker-died", message)
 
 
-_Call: TypeAlias = tuple[Callable[..., object], tuple[object, ...], dict[str, object]]
-
-
-class ProcessExecutor(Executor):
-    """One process that does what it is sent, in order; the arguments and results travel.
+class ProcessExecutor(Generic[Item, Result]):
+    """One process that does the same with whatever it is sent, in order; only results travel back.
 
     Where it died, this and all that it still had to do fails with WorkerDied.
     """
 
-    def __init__(self) -> None:
-        self._worker: Worker[_Call, object] = Worker(forked(), _caller)
+    def __init__(self, work: Callable[[Item], Result]) -> None:
+        self._worker: Worker[Item, Result] = Worker(forked(), _same, work)
         self._thread = ThreadPoolExecutor(1)  # which waits for it
 
-    def submit(self, function, /, *arguments, **options):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN002, ANN003, ANN201
-        """See `Executor`."""
-        return self._thread.submit(self._ask, (function, arguments, options))
+    def submit(self, item: Item) -> Future[Result]:
+        """Have something done; an exception of the work is that of the future."""
+        return self._thread.submit(self._ask, item)
 
-    def _ask(self, call: _Call) -> object:
-        self._worker.send(call)
+    def _ask(self, item: Item) -> Result:
+        self._worker.send(item)
         return self._worker.receive()
 
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """See `Executor`."""
-        self._thread.shutdown(wait=wait, cancel_futures=cancel_futures)
-        self._worker.close()
+    def close(self) -> None:
+        """End the process at once, whatever it is doing."""
+        self._worker.kill()
+        self._thread.shutdown(cancel_futures=True)
 
 
-def _caller() -> Callable[[_Call], object]:
-    return lambda call: call[0](*call[1], **call[2])
-
-
-class ThisProcess(Executor):
-    """An executor without processes: everything is done when it is submitted."""
-
-    def submit(self, function, /, *arguments, **options):  # type: ignore[no-untyped-def] # noqa: ANN001, ANN002, ANN003, ANN201
-        """Do it now."""
-        future: Future[object] = Future()
-        try:
-            future.set_result(function(*arguments, **options))
-        except Exception as error:
-            future.set_exception(error)
-        return future
+def _same(work: Callable[[Item], Result]) -> Callable[[Item], Result]:
+    return work

@@ -1,41 +1,43 @@
-"""What is to be scored: every workspace with its tasks, or why it cannot be."""
+"""What is to be scored: the workspaces that folders, files and patterns stand for, with their tasks."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import glob
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.checks.lint import lint
-from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.knowledge.workspace.load import WORKSPACE_FILE, load_workspace, workspace_file
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
+from sqrp_cli.platform.paths_as_text import shown_name
 from sqrp_cli.programming.task import Task, read_task
-from sqrp_cli.scoring.discovery import short_names
 from sqrp_cli.scoring.work.identity import content_digest
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredTask:
-    """A task that a workspace lists.
-
-    task: with its candidates; None where the text cannot be read, and then `problems` says why. content: see
-    `identity.content_digest`.
-    """
+    """A task that a workspace lists."""
 
     text: str
     expected: ExpectedTask
     task: Task | None
+    """With its candidates; None where the text cannot be read."""
     content: str
+    """Digest of what the figures depend on, see `identity.content_digest`."""
     problems: tuple[Problem, ...] = ()
+    """Why the text cannot be read."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredCell:
-    """A workspace to be scored. name: what output calls it. workspace: None where `problems` has an error."""
+    """A workspace to be scored."""
 
     name: str
+    """What output calls it."""
     workspace: Workspace | None
+    """None where `problems` has an error."""
     tasks: tuple[ScoredTask, ...] = ()
     problems: tuple[Problem, ...] = ()
 
@@ -73,3 +75,49 @@ def _tasks(workspace: Workspace) -> tuple[ScoredTask, ...]:
             contents[skill] = content_digest(workspace, skill)
         tasks.append(ScoredTask(expected.task, expected, task, contents[skill]))
     return tuple(tasks)
+
+
+def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
+    """The workspace files that patterns stand for, each once: in the order of the patterns, each pattern's by name.
+
+    A pattern is a workspace file, the folder of one, a folder with workspaces at any depth below it (hidden folders
+    left out), or a glob of those (`cells/*`, `**` for any depth). Raises InputError for one that no workspace fits.
+    """
+    found: dict[Path, None] = {}
+    for pattern in patterns:
+        if Path(pattern).exists() or not glob.has_magic(pattern):
+            matches = [Path(pattern)]
+        else:
+            matches = [Path(match) for match in sorted(glob.glob(pattern, recursive=True))]  # noqa: PTH207
+        files = [file for match in matches for file in _files(match)]
+        if not files:
+            # A single path that does not exist is explained by whoever reads workspaces.
+            files = [] if glob.has_magic(pattern) else [workspace_file(Path(pattern))]
+        if not files:
+            message = f"no workspace fits `{pattern}`; a workspace is a folder with a {WORKSPACE_FILE}"
+            raise InputError(Problem("no-workspace", message, Place(Path(pattern))))
+        found.update(dict.fromkeys(Path.cwd() / file for file in files))
+    return tuple(found)
+
+
+def _files(path: Path) -> list[Path]:
+    if path.is_file():
+        return [path] if path.suffix in (".yaml", ".yml") else []
+    if (path / WORKSPACE_FILE).is_file():
+        return [path / WORKSPACE_FILE]
+    found = path.rglob(WORKSPACE_FILE)
+    return sorted(file for file in found if not any(part.startswith(".") for part in file.relative_to(path).parts))
+
+
+def short_names(files: Sequence[Path]) -> Mapping[Path, str]:
+    """What output calls each workspace: its folder's name, or as much of its path as tells it from the others."""
+    names: dict[Path, str] = {}
+    paths = {file: (file.parent if file.name == WORKSPACE_FILE else file.with_suffix("")) for file in files}
+    for file, path in paths.items():
+        count = 1
+        while count < len(path.parts) and any(
+            other.parts[-count:] == path.parts[-count:] for at, other in paths.items() if at != file
+        ):
+            count += 1
+        names[file] = shown_name("/".join(path.parts[-count:]))
+    return names

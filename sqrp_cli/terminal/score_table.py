@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqrp_cli.scoring.baselines.findings import Findings, Result, listed
+from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard, listed
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say
 
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 
 
-def print_report(findings: Findings) -> None:
+def print_report(findings: Scorecard) -> None:
     """The table with a row per task, then a sentence for everything that is not as it should be."""
     if findings.results:
         print_results(findings.results)
@@ -27,14 +27,14 @@ def print_report(findings: Findings) -> None:
         say(verdict(findings))
 
 
-def print_results(results: Sequence[Result]) -> None:
+def print_results(results: Sequence[ComparedScore]) -> None:
     """The table with a row per task."""
     columns = [Column("workspace", shrink=True), Column("task", shrink=True), Column("best", shrink=True)]
     columns += [Column(title, right=True) for title in ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")]
     print_table([*columns, Column("")], [_row(result) for result in results])
 
 
-def print_comparison(findings: Findings) -> None:
+def print_comparison(findings: Scorecard) -> None:
     """Improvements, new and vanished tasks, and what changed where nothing got worse."""
     for result in findings.results:
         comparison = result.comparison
@@ -55,7 +55,7 @@ def print_comparison(findings: Findings) -> None:
             say(joined(["\n", ("changed", "dim"), f" {workspace}, with no effect: {listed(changes)}"]))
 
 
-def print_difference(findings: Findings) -> None:
+def print_difference(findings: Scorecard) -> None:
     """What differs between two versions, and what that does to every way of doing a task."""
     if findings.interrupted:
         say("Interrupted before the two versions could be compared.")
@@ -78,7 +78,7 @@ def print_difference(findings: Findings) -> None:
         say(joined(["  ", ("gone  ", "yellow"), f"  {task}"]))
 
 
-def verdict(findings: Findings) -> str:
+def verdict(findings: Scorecard) -> str:
     """The sentence that ends a run."""
     total = len(findings.results) + findings.unfinished
     of_all = f"of {total} task{'s' if total != 1 else ''}"
@@ -93,12 +93,12 @@ def verdict(findings: Findings) -> str:
     return ", ".join(counts) + "."
 
 
-def _name(result: Result) -> str:
+def _name(result: ComparedScore) -> str:
     score = result.score
     return score.workspace if score.task is None else f"{score.workspace}, {score.task}"
 
 
-def _row(result: Result) -> list[Styled]:
+def _row(result: ComparedScore) -> list[Styled]:
     score = result.score
     status = plain(score.status, _STYLES[score.status])
     if score.best is None:

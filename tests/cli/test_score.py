@@ -312,7 +312,7 @@ def test_a_full_disk_ends_with_a_message(sqrp, own_watch, tmp_path, monkeypatch)
 
 def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     program = (
-        "import sys; from pathlib import Path; from sqrp_cli.scoring.work.results_folder import Results\n"
+        "import sys; from pathlib import Path; from sqrp_cli.scoring.work.results import Results\n"
         "results = Results(Path(sys.argv[1])); print('ready', flush=True); sys.stdin.read()"
     )
     arguments = [sys.executable, "-c", program, str(tmp_path / "results")]

@@ -12,6 +12,7 @@ import tempfile
 import time
 from concurrent.futures import BrokenExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -57,19 +58,24 @@ def test_what_the_processes_of_a_run_import_is_there() -> None:
     assert [name for name in NEEDED if importlib.util.find_spec(name) is None] == []
 
 
+def _call(what: tuple[Any, ...]) -> Any:
+    function, *arguments = what
+    return function(*arguments)
+
+
 def test_sending_much_to_a_process_that_was_killed_does_not_wait_for_ever() -> None:
-    executors = [ProcessExecutor(), ProcessExecutor()]  # the second one inherits what is open when it begins
-    first, second = (executor.submit(os.getpid).result(PATIENCE) for executor in executors)
+    executors = [ProcessExecutor(_call), ProcessExecutor(_call)]  # the second one inherits what is open when it begins
+    first, second = (executor.submit((os.getpid,)).result(PATIENCE) for executor in executors)
     assert first != second
 
-    sent = [executors[0].submit(time.sleep, 2 * PATIENCE)]
-    sent += [executors[0].submit(len, bytes(1_000_000)) for _ in range(3)]  # more than a pipe holds
+    sent = [executors[0].submit((time.sleep, 2 * PATIENCE))]
+    sent += [executors[0].submit((len, bytes(1_000_000))) for _ in range(3)]  # more than a pipe holds
     os.kill(first, signal.SIGKILL)
 
     assert all(isinstance(future.exception(PATIENCE), BrokenExecutor) for future in sent)
-    assert executors[1].submit(len, b"more").result(PATIENCE) == 4
+    assert executors[1].submit((len, b"more")).result(PATIENCE) == 4
     for executor in executors:
-        executor.shutdown()
+        executor.close()
 
 
 def test_what_goes_wrong_in_a_process_goes_wrong_here() -> None:

@@ -14,7 +14,7 @@ from sqrp_cli.errors import InputError
 def test_a_scheduler_reads_tasks_without_loading_the_program():
     code = """
 import pickle, sys
-from sqrp_cli.scoring.work.cluster_tasks import run_packed
+from sqrp_cli.scoring.work.cluster import run_packed
 pickle.loads(pickle.dumps(run_packed))
 print(*({"numpy", "coal", "pinocchio", "sqrp_cli.scoring.work.job"} & set(sys.modules)))
 """
@@ -23,11 +23,11 @@ print(*({"numpy", "coal", "pinocchio", "sqrp_cli.scoring.work.job"} & set(sys.mo
 
 def test_workers_load_the_program_before_there_are_jobs(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    from sqrp_cli.scoring.work import shipping
-    from sqrp_cli.scoring.work.dask_client import connected
+    from sqrp_cli.scoring.work import job
+    from sqrp_cli.scoring.work.cluster import connected
 
     prepared = threading.Event()
-    monkeypatch.setattr(shipping, "prepare", prepared.set)
+    monkeypatch.setattr(job, "prepare", prepared.set)
     options = {"dashboard_address": ":0", "protocol": "tcp", "local_directory": str(tmp_path)}
     with (
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **options) as local,
@@ -40,10 +40,10 @@ def test_workers_load_the_program_before_there_are_jobs(tmp_path, monkeypatch):
 
 def test_it_is_told_when_all_workers_are_gone(tmp_path, monkeypatch):
     distributed = pytest.importorskip("distributed")
-    from sqrp_cli.scoring.work import dask_client, shipping
+    from sqrp_cli.scoring.work import cluster, job
 
-    monkeypatch.setattr(shipping, "prepare", lambda: None)
-    monkeypatch.setattr(dask_client, "LOOKS", 0.05)
+    monkeypatch.setattr(job, "prepare", lambda: None)
+    monkeypatch.setattr(cluster, "LOOKS", 0.05)
     told, gone = [], threading.Event()
 
     def tell(text: str) -> None:
@@ -53,7 +53,7 @@ def test_it_is_told_when_all_workers_are_gone(tmp_path, monkeypatch):
     options = {"dashboard_address": ":0", "protocol": "tcp", "local_directory": str(tmp_path)}
     with (
         distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, **options) as local,
-        dask_client.connected(local.scheduler_address, tell),
+        cluster.connected(local.scheduler_address, tell),
     ):
         assert not gone.wait(timeout=0.5)
         local.scale(0)
@@ -64,7 +64,7 @@ def test_it_is_told_when_all_workers_are_gone(tmp_path, monkeypatch):
 @pytest.mark.parametrize("port", ["0", "-1", "65536", "9223372036854775808", "9" * 400])
 def test_a_port_that_no_machine_has_is_refused(port):
     pytest.importorskip("distributed")
-    from sqrp_cli.scoring.work.dask_client import connected
+    from sqrp_cli.scoring.work.cluster import connected
 
     with pytest.raises(InputError, match="no Dask scheduler answers at"), connected(f"tcp://127.0.0.1:{port}", print):
         pass

@@ -15,7 +15,7 @@ from sqrp_cli.programming.coverage.blind_spans import coverage_of, difference, i
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.scoring.work.outcome import CoverageRecord, Outcome
+from sqrp_cli.scoring.work.results import CoverageRecord, Outcome
 
 ROOT = Path(__file__).parents[2]
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
-from sqrp_cli.scoring.margin import middle_of_draws, middle_of_grid
+from sqrp_cli.scoring.sweep import middle_of_draws, middle_of_grid
 
 
 @pytest.mark.parametrize(

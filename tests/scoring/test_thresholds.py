@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.scoring.thresholds import shortcomings
+from sqrp_cli.scoring.score import shortcomings
 
 EXPECTED = ExpectedTask(task="pickup", max_delay=0.1)
 

@@ -44,13 +44,13 @@ def command(
 
     Say what differs, field by field, and which literal is no longer seen by which camera, and when, because of it.
     """
-    from sqrp_cli.scoring.work.dask_client import connected
+    from sqrp_cli.scoring.work.cluster import connected
 
     with connected(cluster, tell) as workers:
         from sqrp_cli.api.results import Difference
         from sqrp_cli.api.scores import why_not_scored
         from sqrp_cli.cli.commands.score import show
-        from sqrp_cli.scoring.baselines.difference import difference, read_versions
+        from sqrp_cli.scoring.scorecard import difference, read_versions
         from sqrp_cli.scoring.work.compute import Means, open_computer
         from sqrp_cli.terminal.console import progress
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from sqrp_cli.api.results import Scores
     from sqrp_cli.api.scores import ScoreRun
-    from sqrp_cli.scoring.baselines.findings import Findings
+    from sqrp_cli.scoring.scorecard import Scorecard
     from sqrp_cli.scoring.work.compute import Means
 
 NAME = "score"
@@ -79,7 +79,7 @@ def command(
 
     Each task's best candidate is held against the thresholds that its workspace states, and against a baseline.
     """
-    from sqrp_cli.scoring.work.dask_client import connected
+    from sqrp_cli.scoring.work.cluster import connected
 
     if resume and out is None:
         mend = "name the folder of the interrupted run: --out DIR --resume"
@@ -149,7 +149,7 @@ def _score(
     return show(Scores(findings), as_json=as_json)
 
 
-def _findings(run: ScoreRun) -> Findings:
+def _findings(run: ScoreRun) -> Scorecard:
     """What was scored, with warnings printed on the way."""
     from sqrp_cli.terminal.console import note, print_problems
 
@@ -163,7 +163,7 @@ def _findings(run: ScoreRun) -> Findings:
     return findings
 
 
-def _write_page(run: ScoreRun, findings: Findings, means: Means, page: Path, arguments: Sequence[str]) -> None:
+def _write_page(run: ScoreRun, findings: Scorecard, means: Means, page: Path, arguments: Sequence[str]) -> None:
     from sqrp_cli.report.pages.candidate_page import write_scores
     from sqrp_cli.terminal.console import note, progress
 
@@ -190,7 +190,7 @@ def _vary(
     from sqrp_cli.platform.files import write_atomically
     from sqrp_cli.report.documents.document import as_text
     from sqrp_cli.report.documents.scores import VaryDocument
-    from sqrp_cli.scoring.discovery import find_workspaces, short_names
+    from sqrp_cli.scoring.cells import find_workspaces, short_names
     from sqrp_cli.scoring.score import wanted_of
     from sqrp_cli.scoring.sweep import read_variants, sweep
     from sqrp_cli.scoring.variation import grid_shape, read_variation, variants

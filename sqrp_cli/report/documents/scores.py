@@ -14,7 +14,7 @@ from sqrp_cli.scoring.score import Status
 
 if TYPE_CHECKING:
     from sqrp_cli.scoring.baselines.comparison import Loss
-    from sqrp_cli.scoring.baselines.findings import Findings, Result
+    from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard
     from sqrp_cli.scoring.sweep import Sweep
 
 
@@ -86,7 +86,7 @@ class TaskResult(Record):
     baseline: ComparedTask | None
 
     @classmethod
-    def of(cls, result: Result) -> TaskResult:
+    def of(cls, result: ComparedScore) -> TaskResult:
         """One task of one workspace."""
         score = result.score
         return cls(
@@ -122,7 +122,7 @@ class ScoreDocument(Document):
     passed: bool
 
     @classmethod
-    def of(cls, findings: Findings) -> ScoreDocument:
+    def of(cls, findings: Scorecard) -> ScoreDocument:
         """Every result."""
         return cls(
             results=[TaskResult.of(result) for result in findings.results],

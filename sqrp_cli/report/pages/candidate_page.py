@@ -24,9 +24,9 @@ from sqrp_cli.version import __version__
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace
-    from sqrp_cli.scoring.baselines.findings import Findings, Progress
     from sqrp_cli.scoring.cells import ScoredCell
     from sqrp_cli.scoring.score import TaskScore
+    from sqrp_cli.scoring.scorecard import Progress, Scorecard
     from sqrp_cli.scoring.work.compute import Means
 
 
@@ -60,7 +60,7 @@ def write_ranking(
 
 def write_scores(
     cells: Sequence[ScoredCell],
-    findings: Findings,
+    findings: Scorecard,
     means: Means,
     path: Path,
     *,

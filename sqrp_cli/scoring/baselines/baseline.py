@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from pydantic import Field, PlainSerializer, PlainValidator, ValidationError
 from pydantic_core import PydanticCustomError
@@ -21,10 +21,10 @@ from sqrp_cli.platform.paths_as_text import json_line
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.scoring.baselines.source_fields import fields_of
+from sqrp_cli.scoring.baselines.changes import fields_of
 from sqrp_cli.scoring.cells import ScoredCell
 from sqrp_cli.scoring.score import TaskScore
-from sqrp_cli.scoring.work.outcome import CoverageRecord, Seconds
+from sqrp_cli.scoring.work.results import CoverageRecord, Seconds
 
 MAX_BYTES = 100_000_000
 """Largest baseline that is read, and written."""
@@ -215,10 +215,17 @@ def _option(sampling: Sampling) -> str:
             return f"--dt {dt:g}"
 
 
-def vanished(baseline: Baseline, names: Mapping[str, Sequence[str]]) -> tuple[tuple[str, str], ...]:
-    """Workspace and text of every task that a baseline has and that is no longer there; names: tasks by workspace."""
+class VanishedTask(NamedTuple):
+    """A task that a baseline has and that is no longer there."""
+
+    workspace: str
+    task: str
+
+
+def vanished(baseline: Baseline, names: Mapping[str, Sequence[str]]) -> tuple[VanishedTask, ...]:
+    """Every task that a baseline has and that is no longer there; names: tasks by workspace."""
     return tuple(
-        (workspace, task)
+        VanishedTask(workspace, task)
         for workspace, record in baseline.workspaces.items()
         for task in record.tasks
         if task not in names.get(workspace, ())

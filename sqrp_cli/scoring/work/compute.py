@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,27 +11,26 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.scoring.work.dask_client import Cluster
-from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done
+from sqrp_cli.scoring.work.cluster import Cluster, DaskWorkers
+from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done, LocalWorkers, Workers
 from sqrp_cli.scoring.work.identity import candidate_key
 from sqrp_cli.scoring.work.job import Job, PackedWorkspace
-from sqrp_cli.scoring.work.outcome import Outcome
-from sqrp_cli.scoring.work.results_folder import Results, results_in
-from sqrp_cli.scoring.work.workers import Workers, open_workers
+from sqrp_cli.scoring.work.results import Outcome, Results
 
 
 @dataclass(frozen=True)
 class Means:
-    """How to compute: how, with what, and where results are kept; None: in memory only.
-
-    jobs: processes of this machine; cluster: what computes instead of them. seed: of what planning draws.
-    """
+    """How to compute: how, with what, and where results are kept."""
 
     sampling: Sampling
     jobs: int = 1
+    """Processes of this machine."""
     cluster: Cluster | None = None
+    """What computes instead of them."""
     out: Path | None = None
+    """Folder of the results; None: they are kept in memory only."""
     seed: int = 0
+    """Of what planning draws at random."""
 
 
 @contextmanager
@@ -40,7 +39,8 @@ def open_computer(means: Means) -> Iterator[Computer]:
 
     Raises InputError for a folder that cannot be used.
     """
-    with results_in(means.out) as results, open_workers(means.jobs, means.cluster) as workers:
+    workers = LocalWorkers(means.jobs) if means.cluster is None else DaskWorkers(means.cluster)
+    with closing(workers), closing(Results(means.out)) as results:
         computer = Computer(workers, results, means.sampling, means.seed)
         try:
             yield computer
@@ -51,18 +51,18 @@ def open_computer(means: Means) -> Iterator[Computer]:
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """A candidate whose figures are wanted; content: digest of its workspace, see `identity.content_digest`."""
+    """A candidate whose figures are wanted."""
 
     workspace: Workspace
     content: str
+    """Digest of the workspace, see `identity.content_digest`."""
     candidate: Candidate
 
 
 class Computer:
     """Gets outcomes of candidates, from where results are kept or from workers.
 
-    seed: of what planning draws at random. computed, failed: how many had to be computed, and how
-    many could not be.
+    computed, failed: how many had to be computed, and how many could not be.
     """
 
     def __init__(self, workers: Workers, results: Results, sampling: Sampling, seed: int = 0) -> None:

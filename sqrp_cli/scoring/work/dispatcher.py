@@ -1,4 +1,4 @@
-"""Keeping workers busy with jobs until all are done, whatever happens to the workers."""
+"""Who does the jobs, and keeping them busy until all are done, whatever happens to them."""
 
 from __future__ import annotations
 
@@ -8,26 +8,99 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import dataclass
 from itertools import islice
 from math import ceil
+from typing import NamedTuple, Protocol
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.platform.processes import died
-from sqrp_cli.scoring.work.job import Job, joined
-from sqrp_cli.scoring.work.workers import Workers
+from sqrp_cli.platform.processes import ProcessExecutor, died
+from sqrp_cli.scoring.work.job import Job, joined, run_job
 
 SHARES = 2
 """A worker gets at most one in so many of its part of the jobs that are left, so that all of them end together."""
 
-Running = tuple[tuple[Job, ...], int]
-"""Jobs that a worker does as one, and which worker that is."""
+Outcomes = tuple[str, ...]
+"""What `run_job` results in."""
+
+
+class Workers(Protocol):
+    """Where jobs are done: this process, processes of this machine, or a cluster."""
+
+    count: int
+    """Of workers, each of which does one job at a time."""
+    ahead: int
+    """So many jobs a worker should have, so that it never waits for us."""
+    portion: int
+    """So many jobs at most are done as one, few enough that little is lost with a worker."""
+    aside: bool
+    """Whether they work while this process does something else."""
+
+    def submit(self, job: Job, worker: int) -> Future[Outcomes]:
+        """Let a worker do a job; the result is that of `run_job`.
+
+        That the worker died shows as `BrokenExecutor` of the result. Raises InputError where there is no one left to do
+        it.
+        """
+
+    def restart(self, worker: int) -> None:
+        """Replace a worker, which may have died; nothing that it had to do is under way any more."""
+
+    def close(self) -> None:
+        """End what has begun."""
+
+
+class LocalWorkers:
+    """Processes of this machine; with one job at a time this process does it.
+
+    Each process is an executor of its own: who gets a job decides who has to load its workspace.
+    """
+
+    def __init__(self, jobs: int) -> None:
+        self.count, self.aside, self.portion = jobs, jobs > 1, 1
+        self.ahead = 2 if self.aside else 1
+        self._processes: dict[int, ProcessExecutor[Job, Outcomes]] = {}
+
+    def submit(self, job: Job, worker: int) -> Future[Outcomes]:
+        """See `Workers`."""
+        if not self.aside:
+            return _done_here(job)
+        if worker not in self._processes:
+            self._processes[worker] = ProcessExecutor(run_job)
+        return self._processes[worker].submit(job)
+
+    def restart(self, worker: int) -> None:
+        """See `Workers`."""
+        if worker in self._processes:
+            self._processes.pop(worker).close()
+
+    def close(self) -> None:
+        """See `Workers`."""
+        for worker in list(self._processes):
+            self.restart(worker)
+
+
+def _done_here(job: Job) -> Future[Outcomes]:
+    future: Future[Outcomes] = Future()
+    try:
+        future.set_result(run_job(job))
+    except Exception as error:
+        future.set_exception(error)
+    return future
 
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """A job with the outcome of each of its candidates, or with why there is none."""
+    """A job that is done."""
 
     job: Job
-    outcomes: tuple[str, ...] = ()
+    outcomes: Outcomes = ()
+    """Of each of its candidates; none where there are problems."""
     problems: tuple[Problem, ...] = ()
+    """Why there are no outcomes."""
+
+
+class _Running(NamedTuple):
+    jobs: tuple[Job, ...]
+    """Done as one."""
+    worker: int
 
 
 class Dispatcher:
@@ -45,7 +118,7 @@ class Dispatcher:
         self._keep = keep
         self._unclaimed: deque[deque[Job]] = deque()  # by workspace
         self._claimed: list[deque[Job]] = [deque() for _ in range(workers.count)]  # by worker
-        self._running: dict[Future[tuple[str, ...]], Running] = {}
+        self._running: dict[Future[Outcomes], _Running] = {}
         self._apart: deque[Job] = deque()  # failed together with others
         self._lost: deque[Job] = deque()  # with their worker
 
@@ -75,20 +148,25 @@ class Dispatcher:
         for future in self._running:
             future.cancel()
         wait(self._running)
-        for future, (jobs, _) in self._running.items():
-            for done in _results(future, jobs) or ():
+        for future, running in self._running.items():
+            for done in _results(future, running.jobs) or ():
                 if done.outcomes:
                     self._keep(done)
         self._running.clear()
 
     def _hand_out(self) -> None:
         """Give every worker something to do, and then something to go on with."""
-        under_way = Counter(worker for _, worker in self._running.values())
+        under_way = Counter(running.worker for running in self._running.values())
         for ahead in range(self._workers.ahead):
             for worker in range(self._workers.count):
                 if under_way[worker] == ahead and (jobs := self._next_for(worker)):
-                    self._running[self._submit(jobs, worker)] = (jobs, worker)
+                    self._begin(jobs, worker)
                     under_way[worker] += 1
+
+    def _begin(self, jobs: tuple[Job, ...], worker: int) -> Future[Outcomes]:
+        future = self._workers.submit(joined(jobs), worker)
+        self._running[future] = _Running(jobs, worker)
+        return future
 
     def _next_for(self, worker: int) -> tuple[Job, ...]:
         """What a worker should do next: more of what it has loaded, a workspace of its own, or half of another one."""
@@ -111,21 +189,6 @@ class Dispatcher:
         left = sum(map(len, (*self._unclaimed, *self._claimed)))
         return min(self._workers.portion, ceil(left / (SHARES * self._workers.count)))
 
-    def _submit(self, jobs: tuple[Job, ...], worker: int) -> Future[tuple[str, ...]]:
-        job = joined(jobs)
-        try:
-            return self._workers.submit(job, worker)
-        except BrokenExecutor:
-            if self._is_busy(worker):
-                while self._is_busy(worker):
-                    self._collect()  # finds what it was doing lost, and replaces it
-            else:
-                self._workers.restart(worker)
-            return self._workers.submit(job, worker)
-
-    def _is_busy(self, worker: int) -> bool:
-        return any(other == worker for _, other in self._running.values())
-
     def _collect(self, *, wait_for_one: bool = True) -> None:
         """Keep what is done, and replace workers that died."""
         wait(self._running, timeout=None if wait_for_one else 0, return_when=FIRST_COMPLETED)
@@ -142,26 +205,25 @@ class Dispatcher:
                     self._keep(done)
         for worker, (first, *others) in lost.items():
             self._workers.restart(worker)  # what it still had to do is lost then, too
-            behind = [future for future, (_, other) in self._running.items() if other == worker and future.done()]
-            others += [self._running.pop(future)[0] for future in behind]
+            behind = [future for future, running in self._running.items() if running.worker == worker and future.done()]
+            others += [self._running.pop(future).jobs for future in behind]
             self._lost.extend(first)  # what it was doing; it had not begun with the others
             self._claimed[worker].extendleft(job for jobs in reversed(others) for job in reversed(jobs))
 
     def _again(self, job: Job) -> None:
         """Do a job whose worker died with nothing else under way, in case there was too little memory for both."""
-        future = self._submit((job,), 0)
-        self._running[future] = ((job,), 0)
+        self._workers.restart(0)
+        future = self._begin((job,), 0)
         wait([future])
         results = _results(future, (job,))
         if results is None:
-            self._workers.restart(0)
             results = [Done(job, problems=(died(", ".join(candidate.name for candidate in job.candidates)),))]
         del self._running[future]
         for done in results:
             self._keep(done)
 
 
-def _results(future: Future[tuple[str, ...]], jobs: Sequence[Job]) -> list[Done] | None:
+def _results(future: Future[Outcomes], jobs: Sequence[Job]) -> list[Done] | None:
     """What jobs that were done as one came to; None where their worker died."""
     try:
         outcomes = iter(future.result())

@@ -1,15 +1,25 @@
-"""One portion of the work, as it travels to a process or a machine, and what is done there."""
+"""One portion of the work, as it travels to a process or a machine, and what is done there.
+
+To machines that do not share our disk the files of a workspace travel as content, named by its digest.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import os
 import pickle
+import tempfile
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
+from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.blind_spans import coverage_of
@@ -18,7 +28,8 @@ from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.scoring.work.outcome import Outcome
+from sqrp_cli.scoring.work.identity import program_digest
+from sqrp_cli.scoring.work.results import Outcome
 
 CELLS_KEPT = 4
 """Cells that a worker keeps loaded; the jobs of one workspace mostly come one after the other."""
@@ -26,14 +37,12 @@ CELLS_KEPT = 4
 
 @dataclass(frozen=True, eq=False)
 class PackedWorkspace:
-    """A workspace as bytes: packed once, and unpacked only by a worker that has not loaded its cell yet.
-
-    digest: of the workspace, under which a worker keeps its cell. files: the digest of each file that is read to load
-    it, by where it is on the machine that packed it.
-    """
+    """A workspace as bytes: packed once, and unpacked only by a worker that has not loaded its cell yet."""
 
     digest: str
+    """Of the workspace; a worker keeps its cell under it."""
     files: Mapping[Path, str]
+    """The digest of each file that is read to load it, by where it is on the machine that packed it."""
     data: bytes
 
     @classmethod
@@ -49,18 +58,17 @@ class PackedWorkspace:
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """Some candidates of a workspace.
-
-    content: digest of what their figures depend on, see `identity.content_digest`. seed: of what planning draws at
-    random. coverage: whether their coverage is wanted besides their figures.
-    """
+    """Some candidates of a workspace."""
 
     workspace: PackedWorkspace
     content: str
+    """Digest of what their figures depend on, see `identity.content_digest`."""
     candidates: tuple[Candidate, ...]
     sampling: Sampling
     seed: int
+    """Of what planning draws at random."""
     coverage: bool
+    """Whether their coverage is wanted besides their figures."""
 
     def goes_with(self, other: Job) -> bool:
         """Whether a job of the same run can be done as one with this."""
@@ -71,10 +79,9 @@ class Job:
 
 def joined(jobs: Sequence[Job]) -> Job:
     """Jobs that go with each other as one."""
-    first, *others = jobs
-    if not others:
-        return first
-    return replace(first, candidates=tuple(candidate for job in jobs for candidate in job.candidates))
+    if len(jobs) == 1:
+        return jobs[0]
+    return replace(jobs[0], candidates=tuple(candidate for job in jobs for candidate in job.candidates))
 
 
 def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) -> tuple[str, ...]:
@@ -111,3 +118,57 @@ def _cell(job: Job, placed: Callable[[Workspace], Workspace] | None) -> Cell:
     if len(_cells) > CELLS_KEPT:
         _cells.popitem(last=False)
     return cell
+
+
+def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Do a job that travelled as bytes, from a machine that does not share its disk with this one.
+
+    program: digest of the program that sent it. contents: of the workspace's files, by their digests. Raises
+    InputError as `run_job`, and where this machine runs another program or version.
+    """
+    if program != program_digest():
+        message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
+        raise InputError(Problem("version-mismatch", message, mend="install the same versions on every worker"))
+    prepare()
+    job: Job = pickle.loads(data)  # noqa: S301 # of the same program
+    places = {path: _materialized(path, digest, contents[digest]) for path, digest in job.workspace.files.items()}
+    try:
+        return run_job(job, lambda workspace: workspace.relocated(lambda path: places[path]))
+    except InputError as error:
+        raise InputError(*(_translated(problem, places) for problem in error.problems)) from error
+
+
+@cache
+def prepare() -> None:
+    """Load the program, and see to the memory of this process."""
+    keep_freed_memory()
+    collect_seldom()
+    program_digest()
+
+
+def _materialized(path: Path, digest: str, content: bytes) -> Path:
+    """The file with a content on this machine's disk, written if it is not there yet."""
+    folder = Path(tempfile.gettempdir()) / f"sqrp-files-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    place = folder / f"{digest}{path.suffix}"
+    if place not in _checked:
+        if not place.is_file() or hashlib.sha256(place.read_bytes()).hexdigest() != digest:
+            write_atomically(place, content)
+        _checked.add(place)
+    return place
+
+
+_checked: set[Path] = set()
+"""Files whose content this process has seen to be right."""
+
+
+def _translated(problem: Problem, places: Mapping[Path, Path]) -> Problem:
+    """The problem with the names that the files have where the job came from."""
+    message = problem.message
+    for original, local in places.items():
+        message = message.replace(str(local), str(original))
+    place = problem.place
+    if place is not None:
+        originals = [original for original, local in places.items() if local == place.file]
+        place = replace(place, file=originals[0]) if originals else place
+    return replace(problem, message=message, place=place)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
 from types import SimpleNamespace
 
 import pytest
@@ -12,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.platform.processes import WorkerDied
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.scoring.work.dispatcher import Dispatcher, Done
 from sqrp_cli.scoring.work.job import Job, PackedWorkspace
@@ -37,9 +37,10 @@ class FakeWorkers:
         self.turn = 0
 
     def submit(self, job, worker):
-        if worker in self.broken:
-            raise BrokenProcessPool("it died earlier")
         future: Future = Future()
+        if worker in self.broken:
+            future.set_exception(WorkerDied("it died earlier"))
+            return future
         self.waiting[worker].append((future, job))
         assert len(self.waiting[worker]) <= self.ahead
         return future
@@ -54,7 +55,7 @@ class FakeWorkers:
         self.begun[job.name] += 1
         if job.trouble == "always dies" or (job.trouble == "dies once" and self.begun[job.name] == 1):
             for lost, _ in [(future, job), *self.waiting[worker]]:
-                lost.set_exception(BrokenProcessPool("a worker died"))
+                lost.set_exception(WorkerDied("a worker died"))
             self.waiting[worker].clear()
             self.broken.add(worker)
         elif job.trouble == "bad input":
@@ -133,6 +134,8 @@ def test_a_worker_that_is_found_dead_with_work_to_do_is_replaced_once():
         dispatcher.add([make_job("a", "dies once")])
         workers.work()
         dispatcher.add([make_job("b")])
+        assert workers.restarts == 1
+        dispatcher.add([])
     assert workers.restarts == 1
     assert [job.name for _, job in workers.waiting[0]] == ["b"]
 
@@ -172,7 +175,7 @@ class PortionWorkers(FakeWorkers):
         troubles = {name.partition(" ")[2] for name in names}
         if "dies" in troubles:
             for lost, _ in [(future, names), *self.waiting[worker]]:
-                lost.set_exception(BrokenProcessPool("a worker died"))
+                lost.set_exception(WorkerDied("a worker died"))
             self.waiting[worker].clear()
         elif "bad" in troubles:
             future.set_exception(InputError(Problem("bad", "no good")))

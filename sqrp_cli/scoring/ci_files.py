@@ -1,16 +1,60 @@
-"""Scores as Markdown, for the summary page of a CI job."""
+"""Scores as a JUnit file, which CI servers show as test results."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
+from xml.etree import ElementTree as Xml
 
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.scoring.baselines.findings import Findings, Result, listed
+from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard, listed
 from sqrp_cli.shown import one_line
 
 
-def write_summary(findings: Findings, path: Path) -> None:
+def write_junit(findings: Scorecard, path: Path) -> None:
+    """A test suite per workspace, a test case per task. Raises InputError where the file cannot be written.
+
+    A task that is not good enough, or worse than its baseline, is a `failure`; what cannot be scored is an `error`.
+    """
+    root = Xml.Element("testsuites", {"name": "sqrp score", **_counts(findings.results)})
+    for workspace, group in groupby(findings.results, key=lambda result: result.score.workspace):
+        results = list(group)
+        suite = Xml.SubElement(root, "testsuite", {"name": one_line(workspace), **_counts(results)})
+        for result in results:
+            _case(suite, result)
+    Xml.indent(root)
+    write_atomically(path, Xml.tostring(root, encoding="unicode", xml_declaration=False).join((_HEAD, "\n")))
+
+
+_HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
+
+
+def _counts(results: Sequence[ComparedScore]) -> dict[str, str]:
+    statuses = [result.score.status for result in results]
+    counts = {"tests": len(statuses), "failures": statuses.count("failed"), "errors": statuses.count("error")}
+    return {name: str(count) for name, count in {**counts, "skipped": 0}.items()}
+
+
+def _case(suite: Xml.Element, result: ComparedScore) -> None:
+    score = result.score
+    case = Xml.SubElement(
+        suite, "testcase", classname=one_line(score.workspace), name=one_line(score.task or "workspace")
+    )
+    if score.status != "passed":
+        kind = "failure" if score.status == "failed" else "error"
+        element = Xml.SubElement(case, kind, message=one_line(score.reasons[0]), type=score.status)
+        element.text = "\n".join(map(one_line, score.reasons))
+    if score.best is not None:
+        best = score.best.assessment
+        qualities = [("Q_eoi", best.q_eoi), ("Q_avg", best.q_avg)]
+        lines = [f"{label}: {100 * quality:.1f} %" for label, quality in qualities if quality is not None]
+        lines = [f"best: {best.candidate.name}", *lines, f"time: {best.time:.2f} s"]
+        Xml.SubElement(case, "system-out").text = "\n".join(map(one_line, lines))
+
+
+def write_summary(findings: Scorecard, path: Path) -> None:
     """What needs attention first, then the table of all tasks. Raises InputError where the file cannot be written."""
     named = (("passed", "passed"), ("failed", "failed"), ("error", "could not be scored"))
     counts = ", ".join(f"{findings.count(status)} {words}" for status, words in named if findings.count(status))
@@ -39,7 +83,7 @@ def write_summary(findings: Findings, path: Path) -> None:
     write_atomically(path, "\n".join(lines) + "\n")
 
 
-def _row(result: Result) -> str:
+def _row(result: ComparedScore) -> str:
     score = result.score
     cells = [score.workspace, score.task or "", "", "", "", "", "", score.status]
     if score.best is not None:
@@ -55,7 +99,7 @@ def _row(result: Result) -> str:
     return "| " + " | ".join(_text(cell) for cell in cells) + " |"
 
 
-def _name(result: Result) -> str:
+def _name(result: ComparedScore) -> str:
     score = result.score
     return _text(score.workspace if score.task is None else f"{score.workspace}, {score.task}")
 

@@ -1,24 +1,36 @@
-"""What is kept of a computed candidate: its figures, and its coverage where that was asked for, as text."""
+"""What is kept of computed candidates: their figures and coverage as text, in a folder from which a run goes on."""
 
 from __future__ import annotations
 
+import errno
 import hashlib
-from dataclasses import asdict, dataclass, fields
+import os
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import IO, Annotated, Any, Literal
 
 from pydantic import Field
 
-from sqrp_cli.errors import InputError
+from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.entries import Entry
+from sqrp_cli.knowledge.text.input_file import read_text
 from sqrp_cli.knowledge.text.json_file import parse_json
 from sqrp_cli.logic.formula_time import Stretch
+from sqrp_cli.platform.files import make_folder, naming, write_atomically
 from sqrp_cli.platform.paths_as_text import json_line
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
+
+LOCK = ".lock"
+
+MAX_BYTES = 10_000_000
+"""Largest outcome that is read again; one of an hour's motion has less than a megabyte."""
+
+_NOT_KEPT = "results cannot be kept in this folder"
 
 _PLAIN = tuple(f.name for f in fields(Assessment) if f.name not in ("candidate", "faults", "recalibrated"))
 """What an assessment says in numbers and texts."""
@@ -28,10 +40,11 @@ Numbers = dict[str, Any]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """A computed candidate; coverage: None where it was not asked for, or the candidate is infeasible."""
+    """A computed candidate."""
 
     assessment: Assessment
     coverage: Coverage | None
+    """None where it was not asked for, or the candidate is infeasible."""
 
     def to_text(self) -> str:
         """One line of JSON, the same for the same figures."""
@@ -41,7 +54,7 @@ class Outcome:
             "faults": {name: asdict(fault) for name, fault in assessment.faults.items()},
             "coverage": None if self.coverage is None else CoverageRecord.of(self.coverage).model_dump(mode="json"),
         }
-        return _as_line({**document, "checksum": _checksum(document)}) + "\n"
+        return json_line({**document, "checksum": _checksum(document)}) + "\n"
 
     @staticmethod
     def from_text(text: str, candidate: Candidate) -> Outcome:
@@ -61,13 +74,9 @@ class Outcome:
             raise ValueError(f"no outcome of a candidate: {error!r}") from error
 
 
-def _as_line(document: Numbers) -> str:
-    return json_line(document)
-
-
 def _checksum(document: Numbers) -> str:
     """Tells what was computed from what was damaged or edited later, even where it still reads as an outcome."""
-    return hashlib.sha256(_as_line(document).encode()).hexdigest()
+    return hashlib.sha256(json_line(document).encode()).hexdigest()
 
 
 Seconds = Annotated[float, Field(ge=0)]
@@ -77,11 +86,13 @@ CauseLabel = Literal[
 
 
 class _TargetRecord(Entry):
-    """A `TargetCoverage`: stretches as start and end, those that are not seen with cause and what is in the way."""
+    """A `TargetCoverage`."""
 
     needed: Annotated[int, Field(ge=1)]
     required: tuple[tuple[Seconds, Seconds], ...]
+    """Start and end of each stretch [s]."""
     blind: dict[str, tuple[tuple[Seconds, Seconds, CauseLabel, str | None], ...]]
+    """By camera: start and end of each stretch that it does not see [s], why, and what is in the way."""
 
 
 class CoverageRecord(Entry):
@@ -141,3 +152,86 @@ def _ends(stretch: Stretch) -> tuple[float, float]:
 
 def _rounded(t: float) -> float:
     return round(t, 3)
+
+
+class Results:
+    """Outcomes by the key of what was computed; see `identity.candidate_key`.
+
+    With a folder each is a file of its own there, named by its key and written whole or not at all, so that whatever
+    happens to a run, the next one finds what is finished.
+    """
+
+    def __init__(self, folder: Path | None) -> None:
+        """Open or make the folder. Raises InputError where it cannot be written or another run is using it."""
+        self._texts: dict[str, str] = {}
+        self.folder = folder
+        self._lock: IO[str] | None = None
+        if folder is not None:
+            make_folder(folder)
+            with naming(folder, _NOT_KEPT):
+                self._lock = _locked(folder)
+            for leftover in folder.glob("*/.*.json.*"):  # of a run that was killed as it wrote
+                leftover.unlink()
+
+    def get(self, key: str) -> str | None:
+        """What is kept under a key, if anything."""
+        if key not in self._texts and self.folder is not None:
+            path = self._path(self.folder, key)
+            if path.is_file():
+                # What is damaged is for whoever reads it to find out.
+                with suppress(InputError):
+                    self._texts[key] = read_text(path, MAX_BYTES)
+        return self._texts.get(key)
+
+    def keep(self, key: str, text: str) -> None:
+        """Keep an outcome. Raises InputError where it cannot be written."""
+        self._texts[key] = text
+        if self.folder is not None:
+            path = self._path(self.folder, key)
+            with naming(self.folder, _NOT_KEPT):
+                path.parent.mkdir(exist_ok=True)
+                _make_way(path)
+            try:
+                write_atomically(path, text)
+            except InputError as error:
+                mend = "make room; the same command then goes on from what is finished, which is kept"
+                raise InputError(*(replace(problem, mend=mend) for problem in error.problems)) from error
+
+    def close(self) -> None:
+        """Let other runs use the folder."""
+        if self._lock is not None:
+            self._lock.close()
+
+    @staticmethod
+    def _path(folder: Path, key: str) -> Path:
+        return folder / key[:2] / f"{key}.json"
+
+
+def _make_way(path: Path) -> None:
+    """Remove what is in the place of a result and is no file: a link that leads nowhere, a pipe, an empty folder.
+
+    Raises OSError where that is not possible.
+    """
+    if path.is_dir():
+        path.rmdir()
+    elif os.path.lexists(path) and not path.is_file():
+        path.unlink()
+
+
+def _locked(folder: Path) -> IO[str]:
+    """A file that is open as long as this run uses the folder. Raises OSError, and InputError where it is in use."""
+    file = (folder / LOCK).open("w")
+    try:
+        import fcntl
+
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except ImportError:  # no such locks here: whoever starts two runs at a time computes some things twice
+        pass
+    except OSError as error:
+        file.close()
+        if error.errno not in (errno.EACCES, errno.EAGAIN):
+            raise
+        message = "another `sqrp score` is writing to this folder"
+        mend = "wait for it, or name another folder"
+        raise InputError(Problem("folder-in-use", message, Place(folder), mend=mend)) from error
+    return file

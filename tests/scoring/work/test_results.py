@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
-from sqrp_cli.scoring.work.results_folder import results_in
+from sqrp_cli.scoring.work.results import Results
 
 KEY = "ab" * 32
 
@@ -26,8 +27,8 @@ IN_THE_WAY: dict[str, Callable[[Path], object]] = {
 def test_what_is_in_the_place_of_a_result_is_replaced(what: str, tmp_path: Path) -> None:
     (tmp_path / KEY[:2]).mkdir()
     IN_THE_WAY[what](tmp_path / KEY[:2] / f"{KEY}.json")
-    with results_in(tmp_path) as results:
+    with closing(Results(tmp_path)) as results:
         assert results.get(KEY) is None
         results.keep(KEY, "text")
-    with results_in(tmp_path) as results:
+    with closing(Results(tmp_path)) as results:
         assert results.get(KEY) == "text"

@@ -1,40 +1,56 @@
-"""The connection to a Dask cluster. The only module that imports Dask, and none of what computes."""
+"""Jobs on a Dask cluster: the connection to it, its workers, and what these are told to do.
+
+The only module that imports Dask. The scheduler of a cluster imports what every task names, too, and works for nobody
+else meanwhile: nothing here loads what computes before a worker does it.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import concurrent.futures
 import logging
+import pickle
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.knowledge.text.input_file import read_text
+from sqrp_cli.knowledge.text.input_file import LARGEST, read_input, read_text
 from sqrp_cli.knowledge.text.json_file import parse_json
-from sqrp_cli.scoring.work.cluster_tasks import prepare_worker
+
+if TYPE_CHECKING:
+    from sqrp_cli.scoring.work.job import Job
 
 CONNECT_TIMEOUT = 5.0
 """How long to wait for the scheduler, first until it says who it is, then until it knows us [s]."""
 
+LOOKS = 5.0
+"""How often it is asked whether there are workers [s]."""
+
 MAX_BYTES = 1_000_000
 """Largest scheduler file that is read."""
 
-_MEND = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
+JOBS_AT_ONCE = 10
+"""Jobs done as one: that takes all processes together some 20 ms to send and answer, and a candidate some 50 ms."""
 
-LOOKS = 5.0
-"""How often it is asked whether there are workers [s]."""
+JOBS_PER_WORKER = 2
+"""Jobs that a worker has at a time, so that it never waits for us."""
+
+_MEND = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
 
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """A Dask cluster that answers: the client that is connected to it, and the addresses of its workers."""
+    """A Dask cluster that answers."""
 
     client: Any
+    """Of Dask's, connected to it."""
     workers: tuple[str, ...]
+    """Their addresses."""
 
 
 @contextmanager
@@ -62,6 +78,71 @@ def connected(address: str | None, tell: Callable[[str], None]) -> Iterator[Clus
     finally:
         ended.set()
         client.close()
+
+
+class DaskWorkers:
+    """The workers of a cluster; see `dispatcher.Workers`.
+
+    Files travel once to each worker that needs them: each is the result of a task of its own, which Dask hands on from
+    worker to worker and makes again where one died.
+    """
+
+    def __init__(self, cluster: Cluster) -> None:
+        self._client = cluster.client
+        self.count, self.aside = len(cluster.workers), True
+        self.ahead, self.portion = JOBS_PER_WORKER, JOBS_AT_ONCE
+        # Where a worker dies, or another one has nothing to do, the scheduler gives its jobs to others.
+        options = {"pure": False, "allow_other_workers": True}
+        self._executors: list[Executor] = [
+            self._client.get_executor(workers=[address], **options) for address in cluster.workers
+        ]
+        self._contents: dict[str, Any] = {}
+
+    def submit(self, job: Job, worker: int) -> Future[tuple[str, ...]]:
+        """See `Workers`."""
+        from sqrp_cli.scoring.work.identity import program_digest
+
+        if self._client.status not in ("running", "connecting"):
+            message = "the connection to the cluster is lost; what is finished is kept where --out was given"
+            raise InputError(Problem("no-cluster", message, mend="run the same command again, with --out and --resume"))
+        contents = {digest: self._content(path, digest) for path, digest in job.workspace.files.items()}
+        data = pickle.dumps(job, pickle.HIGHEST_PROTOCOL)  # passes through a cluster unread
+        return self._executors[worker].submit(run_packed, data, program_digest(), contents)
+
+    def restart(self, worker: int) -> None:
+        """Nothing to do: the cluster starts its workers itself."""
+
+    def close(self) -> None:
+        """See `Workers`."""
+        for executor in self._executors:
+            executor.shutdown(wait=False)
+        self._contents.clear()
+
+    def _content(self, path: Path, digest: str) -> Any:  # noqa: ANN401 # a future of Dask's
+        if digest not in self._contents:
+            key = f"sqrp-file-{digest}"
+            self._contents[digest] = self._client.submit(bytes, read_input(path, LARGEST), key=key)
+        return self._contents[digest]
+
+
+async def prepare_worker() -> None:
+    """Load the program, see `job.prepare`, beside whatever the worker does for others."""
+    import asyncio  # every worker has it, and a run without a cluster need not load it
+
+    await asyncio.to_thread(_prepare)
+
+
+def _prepare() -> None:
+    from sqrp_cli.scoring.work.job import prepare
+
+    prepare()
+
+
+def run_packed(job: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Do a job that travels as bytes, see `job.run_shipped`."""
+    from sqrp_cli.scoring.work.job import run_shipped
+
+    return run_shipped(job, program, contents)
 
 
 def _watch(client: Any, tell: Callable[[str], None], ended: threading.Event) -> None:  # noqa: ANN401

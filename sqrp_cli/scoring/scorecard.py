@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
+from sqrp_cli.errors import InputError
+from sqrp_cli.knowledge.workspace.load import workspace_file
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, vanished
+from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, VanishedTask, baseline_of, vanished
 from sqrp_cli.scoring.baselines.changes import Change, workspace_changes
 from sqrp_cli.scoring.baselines.comparison import Comparison, changed_ways, compare
-from sqrp_cli.scoring.cells import ScoredCell
+from sqrp_cli.scoring.cells import ScoredCell, read_cell
 from sqrp_cli.scoring.score import TaskScore, score, scores_of
 from sqrp_cli.scoring.work.compute import Computer, Wanted
 
@@ -23,26 +26,26 @@ CHANGES_SHOWN = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
-    """The score of a task and how it compares with the baseline; None where there is none."""
+class ComparedScore:
+    """The score of a task and how it compares with its baseline."""
 
     score: TaskScore
     comparison: Comparison | None
+    """None where there is no baseline."""
 
 
 @dataclass(frozen=True, eq=False)
-class Findings:
-    """What a run found.
+class Scorecard:
+    """The whole of a scoring run: scores, what they are compared with, and what is wrong."""
 
-    changes: by workspace, since the baseline. vanished: workspace and text of tasks that only the baseline has.
-    unfinished: how many results are missing because the run was interrupted.
-    """
-
-    results: tuple[Result, ...]
+    results: tuple[ComparedScore, ...]
     changes: Mapping[str, tuple[Change, ...]] = field(default_factory=dict)
-    vanished: tuple[tuple[str, str], ...] = ()
+    """By workspace, since the baseline."""
+    vanished: tuple[VanishedTask, ...] = ()
+    """That only the baseline has."""
     interrupted: bool = False
     unfinished: int = 0
+    """How many results are missing because the run was interrupted."""
 
     def count(self, status: str) -> int:
         """How many results have a status."""
@@ -54,17 +57,17 @@ class Findings:
         return not self.interrupted and all(result.score.status == "passed" for result in self.results)
 
 
-def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progress) -> Findings:
+def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progress) -> Scorecard:
     """Score every task; at Ctrl-C those that are finished. Raises InputError where results cannot be kept."""
     total = sum(len(task.task.candidates) for cell in cells for task in cell.tasks if task.task is not None)
     try:
         with progress("Scoring", total) as advance:
             scores = score(cells, computer, advance)
     except KeyboardInterrupt:
-        finished = tuple(Result(result, None) for cell in cells for result in scores_of(cell, computer))
+        finished = tuple(ComparedScore(result, None) for cell in cells for result in scores_of(cell, computer))
         asked = sum(1 if cell.workspace is None else len(cell.tasks) for cell in cells)
-        return Findings(finished, interrupted=True, unfinished=asked - len(finished))
-    return Findings(tuple(Result(result, None) for result in scores))
+        return Scorecard(finished, interrupted=True, unfinished=asked - len(finished))
+    return Scorecard(tuple(ComparedScore(result, None) for result in scores))
 
 
 class CoverageLookup:
@@ -91,13 +94,13 @@ class CoverageLookup:
 
 
 def compare_with(
-    findings: Findings,
+    findings: Scorecard,
     cells: Sequence[ScoredCell],
     baseline: Baseline,
     allowance: float,
     lookup: CoverageLookup,
     progress: Progress,
-) -> Findings:
+) -> Scorecard:
     """The findings with every task compared with its baseline; a task that got worse has failed.
 
     allowance: see `compare`. Raises InputError where results cannot be kept.
@@ -108,7 +111,7 @@ def compare_with(
         for task, record in found.tasks.items()
     }
     changes = {
-        cell.name: workspace_changes(baseline.workspaces[cell.name], baseline.fields, cell.workspace)
+        cell.name: workspace_changes(baseline.workspaces[cell.name].files, baseline.fields, cell.workspace)
         for cell in cells
         if cell.workspace is not None and cell.name in baseline.workspaces
     }
@@ -127,7 +130,7 @@ def compare_with(
     results = [_compared(one, record, allowance, lookup, changes.get(one.workspace, ())) for one, record in pairs]
     names = {cell.name: [task.text for task in cell.tasks] for cell in cells if cell.workspace is not None}
     unreadable = {cell.name for cell in cells if cell.workspace is None}
-    gone = tuple((workspace, task) for workspace, task in vanished(baseline, names) if workspace not in unreadable)
+    gone = tuple(task for task in vanished(baseline, names) if task.workspace not in unreadable)
     return replace(findings, results=tuple(results), changes=changes, vanished=gone)
 
 
@@ -137,16 +140,16 @@ def _compared(
     allowance: float,
     lookup: CoverageLookup,
     changes: Sequence[Change],
-) -> Result:
+) -> ComparedScore:
     if result.status == "error":
-        return Result(result, None)
+        return ComparedScore(result, None)
     comparison = compare(record, result, allowance, lookup)
     worse = [change for change in comparison.ways if change.worse]
     if not worse:
-        return Result(result, comparison)
+        return ComparedScore(result, comparison)
     since = f"; since the baseline {listed(changes)}" if changes else ""
     reasons = tuple(f"{result.task} got worse for {change}{since}" for change in worse)
-    return Result(replace(result, status="failed", reasons=(*result.reasons, *reasons)), comparison)
+    return ComparedScore(replace(result, status="failed", reasons=(*result.reasons, *reasons)), comparison)
 
 
 def listed(changes: Sequence[Change]) -> str:
@@ -154,3 +157,53 @@ def listed(changes: Sequence[Change]) -> str:
     shown = ", ".join(str(change) for change in changes[:CHANGES_SHOWN])
     more = len(changes) - CHANGES_SHOWN
     return shown + (f" and {more} more" if more > 0 else "")
+
+
+def read_versions(before: Path, after: Path) -> tuple[ScoredCell, ScoredCell]:
+    """Two versions of a workspace, both under the name of the later one.
+
+    Raises InputError where one of them, or a task of it, cannot be used.
+    """
+    old, new = _read_version(before), _read_version(after)
+    name = "workspace" if new.workspace is None else new.workspace.name
+    return replace(old, name=name), replace(new, name=name)
+
+
+def _read_version(path: Path) -> ScoredCell:
+    cell = read_cell(workspace_file(path), "workspace")
+    problems = [problem for problem in cell.problems if problem.severity == "error"]
+    problems += [problem for task in cell.tasks for problem in task.problems]
+    if problems:
+        raise InputError(*problems)
+    return cell
+
+
+def difference(
+    before: ScoredCell,
+    after: ScoredCell,
+    computer: Computer,
+    allowance: float,
+    progress: Progress,
+) -> Scorecard:
+    """How the tasks of `after` compare with those of `before`; allowance: see `compare`.
+
+    Raises InputError where results cannot be kept, or candidates cannot be computed.
+    """
+    first = score_cells([before], computer, progress)
+    if first.interrupted:
+        return replace(first, results=())
+    lookup = CoverageLookup([before], computer)
+    scores = [result.score for result in first.results]
+    lookup.prepare([(score, way) for score in scores for way in score.ways.values()], progress)
+    baseline = baseline_of([before], scores, lookup, computer.sampling)
+    second = score_cells([after], computer, progress)
+    if second.interrupted:
+        return second
+    # Only what is worse than before counts as failed, not what is below a threshold in both.
+    results_now = (replace(result, score=_expecting_nothing(result.score)) for result in second.results)
+    second = replace(second, results=tuple(results_now))
+    return compare_with(second, [after], baseline, allowance, CoverageLookup([after], computer), progress)
+
+
+def _expecting_nothing(score: TaskScore) -> TaskScore:
+    return replace(score, status="passed", reasons=()) if score.status == "failed" else score
