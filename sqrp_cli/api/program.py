@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.program_update import StepReplanner
     from sqrp_cli.report.pages.run_page import RunCell
     from sqrp_cli.runtime.record.events import Event, Listener, RunBegan
-    from sqrp_cli.runtime.record.film import Gallery
+    from sqrp_cli.runtime.record.film import ImageRecorder
     from sqrp_cli.runtime.run.injected_fault import InjectedFault
     from sqrp_cli.runtime.run.simulation import Simulation
     from sqrp_cli.scoring.scorecard import Progress
@@ -130,6 +130,7 @@ class OpenProgram:
 
         check_texts(faults, "faults", "texts such as ['slip@a4+0.4']")
         simulation, workspace, rng = self._simulation(), self.workspace, np.random.default_rng(self.seed)
+        from sqrp_cli.runtime.run.run import Recording
         from sqrp_cli.runtime.run.simulation import header
 
         injected = [parse_fault(text, self.program.steps, workspace.cameras, rng) for text in faults]
@@ -150,7 +151,7 @@ class OpenProgram:
                 writer = LogWriter(log, header(self.program, workspace, self.seed, injected))
                 closing.callback(writer.close)
             heard = [*(() if writer is None else (writer,)), *listeners, keep]
-            report = simulation.run(injected, heard, gallery, witnessed=witnessed or writer is not None)
+            report = simulation.run(injected, Recording(heard, gallery, states=witnessed or writer is not None))
             if writer is not None:
                 writer.finish(report)
         return SimulatedRun(
@@ -337,13 +338,13 @@ def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) ->
     return late
 
 
-def _gallery(workspace: Workspace, film: Path | None, frames: Path | None) -> Gallery | None:
+def _gallery(workspace: Workspace, film: Path | None, frames: Path | None) -> ImageRecorder | None:
     """What takes the images of a run, if they are kept as a film or one by one."""
     if film is None and frames is None:
         return None
-    from sqrp_cli.runtime.record.film import Film, Gallery
+    from sqrp_cli.runtime.record.film import Film, ImageRecorder
     from sqrp_cli.runtime.record.frames import FrameFolder
 
     rate = max(camera.rate for camera in workspace.cameras.values())
     folder = FrameFolder(frames) if frames is not None else None
-    return Gallery(folder, Film(film, list(workspace.cameras), rate) if film is not None else None)
+    return ImageRecorder(folder, Film(film, list(workspace.cameras), rate) if film is not None else None)

@@ -11,7 +11,7 @@ from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramRes
 from sqrp_cli.trajectory import Trajectory
 
 
-class FixedExpectation:
+class FixedNominalStep:
     """An expectation with stated values: atoms that hold from a time on, and stretches in which they are covered."""
 
     def __init__(self, step: Step, changes: dict[str, list[tuple[float, bool]]]) -> None:

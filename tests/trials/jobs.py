@@ -29,6 +29,7 @@ from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.record.log import LogWriter
 from sqrp_cli.runtime.record.report import RunReport
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
+from sqrp_cli.runtime.run.run import Recording
 from sqrp_cli.runtime.run.simulation import Simulation, header, instants, slip_at
 
 ROOT = Path(__file__).parent.parent.parent
@@ -172,7 +173,7 @@ def _kept(report: RunReport) -> dict[str, Any]:
 def _log(simulation: Simulation, job: Job, path: Path) -> str:
     """The digest of the log of a run."""
     writer = LogWriter(path, header(simulation.program, simulation.workspace, 0, job.faults))
-    writer.finish(simulation.run(job.faults, [writer]))
+    writer.finish(simulation.run(job.faults, Recording([writer])))
     writer.close()
     return hashlib.sha256(path.read_bytes()).hexdigest()
 

@@ -37,7 +37,7 @@ from sqrp_cli.runtime.record.events import (
     Stopping,
 )
 from sqrp_cli.runtime.record.report import FaultRecord, RunReport
-from sqrp_cli.runtime.run.state_recorder import Track
+from sqrp_cli.runtime.run.ground_truth import Track
 
 if TYPE_CHECKING:
     from sqrp_cli.knowledge.workspace.workspace import Workspace

@@ -9,11 +9,11 @@ from functools import cached_property
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Step
-from sqrp_cli.runtime.monitor.nominal_step import Expectation, values_when_open
+from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
-from sqrp_cli.runtime.monitor.step_monitor import Alarm, Judge
-from sqrp_cli.runtime.perception.detections import Watchlist
-from sqrp_cli.runtime.perception.evidence_buffer import Look
+from sqrp_cli.runtime.monitor.step_monitor import Alarm, StepMonitor
+from sqrp_cli.runtime.perception.detections import DetectionTargets
+from sqrp_cli.runtime.perception.evidence_buffer import Evidence
 
 
 @dataclass(eq=False)
@@ -26,8 +26,8 @@ class Attempt:
     """
 
     step: Step
-    expectation: Expectation
-    judge: Judge
+    nominal: NominalStep
+    monitor: StepMonitor
     check: PredictionCheck
     undisturbed: bool
     start: float | None = None
@@ -50,13 +50,13 @@ class Attempt:
         return values_when_open(self.step)
 
     @property
-    def watchlist(self) -> Watchlist:
+    def sought(self) -> DetectionTargets:
         """What to look for."""
-        return Watchlist(dict(self.step.targets), self.starts, self.when_open)
+        return DetectionTargets(dict(self.step.targets), self.starts, self.when_open)
 
     def beliefs(self, tau: float | None) -> Mapping[str, Array]:
         """Where objects are believed to be at a time of the step [s], (4, 4) each."""
-        return self.expectation.object_poses(0.0 if self.failed else tau or 0.0)
+        return self.nominal.object_poses(0.0 if self.failed else tau or 0.0)
 
     def counts(self, tau: float | None) -> bool:
         """Whether an image taken at a time of the step [s] counts in the check of predictions."""
@@ -65,27 +65,28 @@ class Attempt:
     @property
     def unseen(self) -> Mapping[str, float | None]:
         """What is asked at the end of the motion and no image from then on showed, with when one last did [s]."""
-        asked, last = self.judge.monitored(self.step.time), self.last_shown
+        asked, last = self.monitor.monitored(self.step.time), self.last_shown
         return {atom: last.get(atom) for atom in asked if last.get(atom, 0.0) < self.end - 1e-9}
 
-    def note(self, look: Look) -> None:
-        """Remember what a complete look showed."""
-        self.last_shown.update({atom: look.t for atom, value in look.values.items() if value != Truth.UNKNOWN})
+    def note(self, evidence: Evidence) -> None:
+        """Remember what complete evidence showed."""
+        self.last_shown.update({atom: evidence.t for atom, value in evidence.values.items() if value != Truth.UNKNOWN})
 
-    def alarms(self, looks: Iterable[Look]) -> Iterator[Alarm]:
+    def alarms(self, arrived: Iterable[Evidence]) -> Iterator[Alarm]:
         """What calls for a response in the motion, first by what is known completely, then by what is there of more.
 
-        looks: in order of time, complete ones first.
+        arrived: in order of time, complete evidence first.
         """
         ahead = []
-        for look in looks:
-            if look.tau is None or not 0.0 <= look.tau <= self.step.time or look.t > self.end + 1e-9:
+        for evidence in arrived:
+            tau = evidence.exposure.tau
+            if tau is None or not 0.0 <= tau <= self.step.time or evidence.t > self.end + 1e-9:
                 continue
-            if not look.complete:
-                ahead.append((look.tau, look.values))
+            if not evidence.complete:
+                ahead.append((tau, evidence.values))
                 continue
-            self.note(look)
-            if (alarm := self.judge.observe(look.tau, look.values)) is not None:
+            self.note(evidence)
+            if (alarm := self.monitor.observe(tau, evidence.values)) is not None:
                 yield alarm
-        while ahead and (alarm := self.judge.anticipate(ahead)) is not None:
+        while ahead and (alarm := self.monitor.anticipate(ahead)) is not None:
             yield alarm

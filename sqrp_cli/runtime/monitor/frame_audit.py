@@ -12,11 +12,11 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, Step
 from sqrp_cli.runtime.image import Frame, check_recorded
-from sqrp_cli.runtime.monitor.nominal_step import Expectation, values_when_open
+from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
-from sqrp_cli.runtime.monitor.step_monitor import Judge
-from sqrp_cli.runtime.perception.detections import CellKnowledge, Posture, Watchlist
-from sqrp_cli.runtime.perception.detector_pool import PerceptionError, PerceptionPool
+from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
+from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
+from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
 from sqrp_cli.runtime.record.frames import FrameEntry, read_frames
 from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction
@@ -54,27 +54,27 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
     robot = RobotBody.load(workspace.robot)
     checks = []
     compared = skipped = repeated = 0
-    with PerceptionPool(CellKnowledge.of(workspace, robot)) as pool:
+    with DetectorPool(CellModel.of(workspace, robot)) as pool:
         for index, step in enumerate(program.steps):
-            expectation = Expectation(step, program.joints, robot)
-            judge = Judge(expectation, 1.0)
-            check = PredictionCheck(index, expectation, list(workspace.cameras))
+            nominal = NominalStep(step, program.joints, robot)
+            monitor = StepMonitor(nominal, 1.0)
+            check = PredictionCheck(index, nominal, list(workspace.cameras))
             checks.append(check)
-            pool.watch(Watchlist(dict(step.targets), step.before.X_WO, values_when_open(step)))
+            pool.watch(DetectionTargets(dict(step.targets), step.before.X_WO, values_when_open(step)))
             for entry in (entry for entry in entries if entry.step == index + 1):
                 image_done()
                 if entry.t is None or not 0.0 <= entry.t <= step.time:
                     skipped += 1
                     continue
                 try:
-                    pool.submit(_frame(entry, workspace), _posture(step, program.joints, expectation, entry.t))
-                    sighting = pool.collect(entry.camera)
+                    pool.submit(_frame(entry, workspace), _posture(step, program.joints, nominal, entry.t))
+                    detection = pool.collect(entry.camera)
                 except PerceptionError as error:
                     raise InputError(Problem("perception", str(error), Place(entry.file))) from error
-                repeated += sighting.frozen
+                repeated += detection.frozen
                 compared += 1
-                truths = {atom: expectation.holds(atom, entry.t) for atom in step.targets}
-                check.add(sighting, entry.t, judge.monitored(entry.t), truths)
+                truths = {atom: nominal.holds(atom, entry.t) for atom in step.targets}
+                check.add(detection, entry.t, monitor.monitored(entry.t), truths)
     return AuditReport(
         tuple(check.counts for check in checks),
         tuple(found for check in checks for found in check.disagreements),
@@ -95,9 +95,9 @@ def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
     return Frame(entry.camera, entry.t or 0.0, image)
 
 
-def _posture(step: Step, joints: tuple[str, ...], expectation: Expectation, t: float) -> Posture:
+def _posture(step: Step, joints: tuple[str, ...], nominal: NominalStep, t: float) -> BelievedState:
     """Where the robot is by the program, what it was told to hold, and where things are."""
     primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
     q = primitive.trajectory.positions(np.array([t - primitive.start]))[0]
     holding = primitive.held is not None or primitive.action == "Grasp"
-    return Posture(dict(zip(joints, q.tolist(), strict=True)), holding, expectation.object_poses(t))
+    return BelievedState(dict(zip(joints, q.tolist(), strict=True)), holding, nominal.object_poses(t))

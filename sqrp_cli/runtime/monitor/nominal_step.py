@@ -63,7 +63,7 @@ def _is_in(name: str | None, box: TargetBox, situation: Situation) -> bool:
     return bool((np.abs(offset) <= 0.5 * np.array(box.size)).all())
 
 
-class Expectation:
+class NominalStep:
     """What is expected of a step if all goes well."""
 
     def __init__(self, step: Step, joints: tuple[str, ...], robot: RobotBody) -> None:

@@ -6,40 +6,40 @@ from collections.abc import Collection, Mapping
 
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Step
-from sqrp_cli.runtime.monitor.nominal_step import Expectation
-from sqrp_cli.runtime.perception.detections import Sighting
+from sqrp_cli.runtime.monitor.nominal_step import NominalStep
+from sqrp_cli.runtime.perception.detections import Detection
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction
 
 
 class PredictionCheck:
     """Counts for one step, image by image. An atom counts as detected if the image alone gives its true value."""
 
-    def __init__(self, index: int, expectation: Expectation, cameras: Collection[str]) -> None:
+    def __init__(self, index: int, nominal: NominalStep, cameras: Collection[str]) -> None:
         """index: of the step. cameras: names of all."""
-        self._index, self._expectation = index, expectation
-        atoms = expectation.step.targets
+        self._index, self._nominal = index, nominal
+        atoms = nominal.step.targets
         self.counts: Prediction = {atom: {name: Confusion() for name in cameras} for atom in atoms}
         self.disagreements: list[Disagreement] = []
 
-    def add(self, sighting: Sighting, t: float, atoms: Collection[str], truths: Mapping[str, bool]) -> None:
+    def add(self, detection: Detection, t: float, atoms: Collection[str], truths: Mapping[str, bool]) -> None:
         """Count an image taken at time t [s] of the step, for the atoms that count then, with their true values."""
         for atom in atoms:
-            predicted = sighting.camera in self._expectation.covering(atom, t)
-            seen = sighting.truth(atom)
+            predicted = detection.camera in self._nominal.covering(atom, t)
+            seen = detection.truth(atom)
             detected = seen == (Truth.TRUE if truths[atom] else Truth.FALSE)
-            self.counts[atom][sighting.camera].add(predicted, detected)
+            self.counts[atom][detection.camera].add(predicted, detected)
             if predicted != detected:
                 self.disagreements.append(
                     Disagreement(
                         step=self._index,
                         t=round(t, 6),
                         atom=atom,
-                        camera=sighting.camera,
+                        camera=detection.camera,
                         predicted=predicted,
                         seen=seen.word,
                         true=truths[atom],
-                        share=round(sighting.share(atom), 3),
-                        because=sighting.weakness(atom).value if predicted else "",
+                        share=round(detection.share(atom), 3),
+                        because=detection.miss_reason(atom).value if predicted else "",
                     )
                 )
 

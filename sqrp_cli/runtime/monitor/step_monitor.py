@@ -16,7 +16,7 @@ from sqrp_cli.logic.literal import Atom, Literal
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramFormula, ProgramResponse
-from sqrp_cli.runtime.monitor.nominal_step import Expectation
+from sqrp_cli.runtime.monitor.nominal_step import NominalStep
 
 PATIENCE = 0.3
 """How long evidence that was predicted may be missing before the robot stops [s], and at least three images."""
@@ -41,7 +41,7 @@ class Alarm:
 STOP = ProgramResponse(action="stop")
 
 
-class _Watch:
+class _FormulaMonitor:
     """One formula with its monitor."""
 
     def __init__(self, entry: ProgramFormula, total: float) -> None:
@@ -52,7 +52,7 @@ class _Watch:
         self.over = False
         self.violated: Alarm | None = None
 
-    def copy(self) -> _Watch:
+    def copy(self) -> _FormulaMonitor:
         """One with the same evidence, which takes more without this one learning of it."""
         found = copy(self)
         found.monitor = self.monitor.copy()
@@ -63,14 +63,14 @@ class _Watch:
         return any(operator.start - _SAME <= t <= operator.end + _SAME for operator in self.operators)
 
 
-class Judge:
+class StepMonitor:
     """Watches all formulas of one step; times are those of the step's own clock [s]."""
 
-    def __init__(self, expectation: Expectation, period: float) -> None:
+    def __init__(self, nominal: NominalStep, period: float) -> None:
         """period: time between images [s], of the slowest camera that matters."""
-        step = expectation.step
-        self._expectation, self._total = expectation, step.time
-        self._watches = [_Watch(entry, step.time) for entry in step.formulas]
+        step = nominal.step
+        self._nominal, self._total = nominal, step.time
+        self._watches = [_FormulaMonitor(entry, step.time) for entry in step.formulas]
         self._patience = max(PATIENCE, 3 * period)
         self._margin = period
         self._contrary: dict[Literal, float] = {}
@@ -127,12 +127,12 @@ class Judge:
                 watch.over = True
                 return _fault_alarm(watch.entry)
         for atom in self.monitored(t):
-            value, expected = values.get(atom, Truth.UNKNOWN), self._expectation.holds(atom, t)
+            value, expected = values.get(atom, Truth.UNKNOWN), self._nominal.holds(atom, t)
             if value == (Truth.FALSE if expected else Truth.TRUE):
                 wrong, right = (atom, f"not {atom}") if value == Truth.TRUE else (f"not {atom}", atom)
                 return Alarm("violation", atom, f"the cameras see `{wrong}`, expected `{right}`", STOP)
-            if value == Truth.UNKNOWN and self._expectation.is_covered(atom, t):
-                cameras = ", ".join(self._expectation.covering(atom, t))
+            if value == Truth.UNKNOWN and self._nominal.is_covered(atom, t):
+                cameras = ", ".join(self._nominal.covering(atom, t))
                 return Alarm("blindness", atom, f"`{atom}` should be seen by {cameras}, but is not", STOP)
         return None
 
@@ -153,7 +153,7 @@ class Judge:
         found = [alarm for alarm in alarms if alarm is not None]
         return min(found, key=lambda alarm: alarm.kind != "fault", default=None)
 
-    def _judge(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> Alarm | None:
+    def _judge(self, watch: _FormulaMonitor, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         if watch.over or t > self._total + _SAME:
             return None
         entry = watch.entry
@@ -187,19 +187,19 @@ class Judge:
         return False
 
     def _is_predicted(self, literal: Literal, t: float) -> bool:
-        return self._expectation.is_covered(str(literal.atom), t, self._margin)
+        return self._nominal.is_covered(str(literal.atom), t, self._margin)
 
-    def _seen_late(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> bool:
+    def _seen_late(self, watch: _FormulaMonitor, t: float, values: Mapping[str, Truth]) -> bool:
         """Whether what a fault leaves behind is seen after its interval, and would not be if all had gone well."""
         for operator in watch.operators:
             if operator.operator == "eventually" and t >= operator.end and operator.literals:
                 seen = all(_value(literal, values) == Truth.TRUE for literal in operator.literals)
                 around = (t - watch.entry.settle, t + watch.entry.settle)
-                if seen and any(self._nominal(literal.negated(), *around) for literal in operator.literals):
+                if seen and any(self._holds_nominally(literal.negated(), *around) for literal in operator.literals):
                     return True
         return False
 
-    def _settled(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> dict[Atom, Truth]:
+    def _settled(self, watch: _FormulaMonitor, t: float, values: Mapping[str, Truth]) -> dict[Atom, Truth]:
         """The evidence, without what contradicts a formula but may be a change that is a little late.
 
         It counts once it has lasted for the time to settle, and the nominal motion has had its change for as long.
@@ -214,26 +214,26 @@ class Judge:
             elif value == Truth.FALSE:
                 since = self._contrary.setdefault(literal, t)
                 settle = watch.entry.settle
-                if t - since < settle or not self._nominal(literal, t - settle, t):
+                if t - since < settle or not self._holds_nominally(literal, t - settle, t):
                     known[literal.atom] = Truth.UNKNOWN
         return known
 
-    def _contradicted(self, watch: _Watch, t: float, values: Mapping[str, Truth]) -> list[Literal]:
+    def _contradicted(self, watch: _FormulaMonitor, t: float, values: Mapping[str, Truth]) -> list[Literal]:
         return [literal for literal in _active(watch.operators, t) if _value(literal, values) == Truth.FALSE]
 
-    def _nominal(self, literal: Literal, start: float, end: float) -> bool:
-        return self._expectation.held_throughout(str(literal.atom), literal.positive, start, end)
+    def _holds_nominally(self, literal: Literal, start: float, end: float) -> bool:
+        return self._nominal.held_throughout(str(literal.atom), literal.positive, start, end)
 
     def _missing_evidence(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
         """An alarm if an atom that was predicted to be seen all the time has not been seen for too long."""
         monitored = self.monitored(t)
         self._missing = {atom: since for atom, since in self._missing.items() if atom in monitored}
         for atom in monitored:
-            predicted = self._expectation.is_covered(atom, t, self._margin)
+            predicted = self._nominal.is_covered(atom, t, self._margin)
             if values.get(atom, Truth.UNKNOWN) != Truth.UNKNOWN or not predicted:
                 self._missing.pop(atom, None)
             elif t - self._missing.setdefault(atom, t) >= self._patience - _SAME:
-                cameras = ", ".join(self._expectation.covering(atom, t))
+                cameras = ", ".join(self._nominal.covering(atom, t))
                 text = f"{atom} should be seen by {cameras}, but has not been for {self._patience:.2g} s"
                 return Alarm("blindness", atom, text, STOP)
         return None

@@ -17,7 +17,7 @@ LEAST_PALETTE_SHARE = 5e-4
 """Share of the robot's pixels that a coarse colour must have to belong to its palette."""
 
 
-class Backdrop:
+class Background:
     """Learns, from the images of one camera, the picture of what never moves, and the colours of the robot.
 
     What the robot or a watched object covers in the first image is guessed from its surroundings until it is seen.

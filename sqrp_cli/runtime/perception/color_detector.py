@@ -17,10 +17,10 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.perception.background import Backdrop
-from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxSight, Weakness
-from sqrp_cli.runtime.perception.expected_view import Crop, Glance, extent
-from sqrp_cli.runtime.perception.figure import Figure
+from sqrp_cli.runtime.perception.background import Background
+from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
+from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
+from sqrp_cli.runtime.perception.silhouettes import ProjectedObject
 from sqrp_cli.runtime.perception.vision import Mask, blobs, color_mask, dilated, direction, middle
 
 LEAST_SHARE, MOST_SHARE = 0.35, 0.5
@@ -44,63 +44,64 @@ LEAST_PIXELS = 4.0
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """A box in which an object may be, with what the image shows there.
+    """A box in which an object may be, with what the image shows there."""
 
-    figure: that the object would have there. share: of its silhouette that was judged, without what parts that the box
-    encloses hide of it. hidden: share of it that is taken to be behind the robot or another object. alike: share of it
-    that shows its colour before a background of that colour. filled: as how much of the object's silhouette has its
-    colour, without what has that colour anyway behind it; wherever in the box, as its parts may be thin and it may have
-    tipped. shift: of the patch of colour from where it would be if the object were there [pixels]; None without a
-    patch.
-    """
-
-    figure: Figure | None
+    projected: ProjectedObject | None
+    """How the object would be seen there; None where it would not be."""
     share: float
+    """Of its silhouette that was judged, without what parts that the box encloses hide of it."""
     hidden: float
+    """Share of it that is taken to be behind the robot or another object."""
     alike: float
+    """Share of it that shows its colour before a background of that colour."""
     filled: float
+    """As how much of the silhouette has the object's colour, without what has that colour anyway behind it.
+
+    Wherever in the box, as its parts may be thin and it may have tipped.
+    """
     shift: Array | None
+    """Of the patch of colour from where it would be if the object were there [pixels]; None without a patch."""
 
     @property
     def fits(self) -> bool:
         """Whether the object is here, as exactly as the image tells."""
-        if self.figure is None or self.shift is None or self.filled < FULL:
+        if self.projected is None or self.shift is None or self.filled < FULL:
             return False
-        return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.figure.box.area**0.5)
+        return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.projected.box.area**0.5)
 
-    def sight(self, box: TargetBox, evidence: Truth, min_visible: float) -> BoxSight:
+    def detect(self, box: TargetBox, evidence: Truth, min_visible: float) -> BoxDetection:
         """The sight of a box for which this is what the image shows; min_visible: share that its detector asks for."""
-        because = Weakness.DETECTOR
-        border = 0.0 if self.figure is None else BORDER / max(self.figure.area**0.5, 1.0)
+        because = MissReason.DETECTOR
+        border = 0.0 if self.projected is None else BORDER / max(self.projected.area**0.5, 1.0)
         if self.share < np.clip(min_visible - border, LEAST_SHARE, MOST_SHARE):
             missing = {
-                Weakness.MASK: self.hidden,
-                Weakness.BACKGROUND: self.alike,
-                Weakness.LIGHTING: 1.0 - self.share - self.hidden - self.alike,
+                MissReason.MASK: self.hidden,
+                MissReason.BACKGROUND: self.alike,
+                MissReason.LIGHTING: 1.0 - self.share - self.hidden - self.alike,
             }
             evidence, because = Truth.UNKNOWN, max(missing, key=missing.__getitem__)
-        if self.figure is None or self.figure.area < LEAST_PIXELS**2:
-            evidence, because = Truth.UNKNOWN, Weakness.DETECTOR
-        outline = NO_OUTLINE if self.figure is None else self.figure.box.polygon
-        return BoxSight(box.name, evidence, self.share, outline, because)
+        if self.projected is None or self.projected.area < LEAST_PIXELS**2:
+            evidence, because = Truth.UNKNOWN, MissReason.DETECTOR
+        outline = NO_OUTLINE if self.projected is None else self.projected.box.polygon
+        return BoxDetection(box.name, evidence, self.share, outline, because)
 
 
 _NOWHERE = _Place(None, 0.0, 0.0, 0.0, 0.0, None)
 
 
-class ThingSearch:
+class ColorDetector:
     """The search for one coloured object in one image."""
 
-    def __init__(self, glance: Glance, backdrop: Backdrop, thing: SceneObject) -> None:
-        self._glance, self._backdrop, self._thing = glance, backdrop, thing
-        self._colored = color_mask(glance.image, thing.color or "")
+    def __init__(self, view: ExpectedView, background: Background, thing: SceneObject) -> None:
+        self._view, self._background, self._thing = view, background, thing
+        self._colored = color_mask(view.image, thing.color or "")
 
-    def sights(self, boxes: Sequence[TargetBox]) -> tuple[list[BoxSight], Array | None]:
+    def detect(self, boxes: Sequence[TargetBox]) -> tuple[list[BoxDetection], Array | None]:
         """What is seen of the boxes in which the object may be, and where it is [m], None if nobody knows."""
         places = [self._place(box) for box in boxes]
-        poses = [self._glance.pose(box) for box in boxes]
-        at_tool = [self._glance.is_at_tool(box) for box in boxes]
-        held = [i for i, place in enumerate(places) if at_tool[i] and self._glance.posture.holding and place.fits]
+        poses = [self._view.pose(box) for box in boxes]
+        at_tool = [self._view.is_at_tool(box) for box in boxes]
+        held = [i for i, place in enumerate(places) if at_tool[i] and self._view.believed.holding and place.fits]
         position = poses[held[0]][:3, 3] if held else self._resting(places, poses, at_tool)
         found = []
         for i, (box, place) in enumerate(zip(boxes, places, strict=True)):
@@ -109,7 +110,7 @@ class ThingSearch:
             else:
                 inside = i in held if at_tool[i] else _is_inside(position, poses[i], box)
                 evidence = Truth.TRUE if inside else Truth.FALSE
-            found.append(place.sight(box, evidence, self._glance.cell.detectors[box.detector].min_visible))
+            found.append(place.detect(box, evidence, self._view.cell.detectors[box.detector].min_visible))
         return found, position
 
     def _resting(self, places: Sequence[_Place], poses: Sequence[Array], at_tool: Sequence[bool]) -> Array | None:
@@ -125,41 +126,41 @@ class ThingSearch:
 
     def _place(self, box: TargetBox) -> _Place:
         """What the image shows where the object would be if it were in a box."""
-        X_WO = self._glance.pose(box)
-        figure = self._glance.figure(self._thing.name, X_WO)
-        if figure is None:
+        X_WO = self._view.pose(box)
+        projected = self._view.projected(self._thing.name, X_WO)
+        if projected is None:
             return _NOWHERE
-        box_outline = figure.box
+        box_outline = projected.box
         margin = max(6, round(0.6 * box_outline.area**0.5))
-        crop = self._glance.crop(box_outline.polygon, margin)
-        if crop is None or figure.area <= 0.0:
-            return _Place(figure, 0.0, 0.0, 0.0, 0.0, None)
+        crop = self._view.crop(box_outline.polygon, margin)
+        if crop is None or projected.area <= 0.0:
+            return _Place(projected, 0.0, 0.0, 0.0, 0.0, None)
         shape, origin = extent(crop)
-        colored, robot = self._colored[crop], self._glance.robot
-        inside, silhouette = figure.outline(shape, origin), figure.mask(shape, origin)
+        colored, robot = self._colored[crop], self._view.robot
+        inside, silhouette = projected.outline(shape, origin), projected.mask(shape, origin)
         hiding = dilated(self._in_front(X_WO, box_outline.depth, crop, without=box.encloses), 1)
         enclosed = dilated(robot.mask(shape, origin, box_outline.depth, links=box.encloses), 1)
         front = hiding | enclosed
-        background = self._backdrop.matches(self._glance.image, crop)
+        background = self._background.matches(self._view.image, crop)
         own = colored & ~background
         behind = robot.mask(shape, origin, box_outline.depth, behind=True)
-        background |= behind & self._backdrop.robot_colored(self._glance.image, crop)
+        background |= behind & self._background.robot_colored(self._view.image, crop)
         # Where the background has the object's own colour, the image cannot tell the one from the other.
         same = background & colored
         telling = ~front & ~same
         decided = silhouette & telling
-        hidden = min(float((silhouette & front).sum()) / figure.area, 1.0)
-        alike = float((silhouette & ~front & same).sum()) / figure.area
+        hidden = min(float((silhouette & front).sum()) / projected.area, 1.0)
+        alike = float((silhouette & ~front & same).sum()) / projected.area
         if not decided.any():
-            return _Place(figure, 0.0, hidden, alike, 0.0, None)
+            return _Place(projected, 0.0, hidden, alike, 0.0, None)
         judged = decided & (own | background)
         # What else hides, the enclosed parts do not hide from being asked.
-        askable = max(figure.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
+        askable = max(projected.area - float((silhouette & enclosed & ~hiding).sum()), LEAST_PIXELS**2)
         share = min(float(judged.sum()) / askable, 1.0)
         patch = dilated(inside, margin // 2) & ~front & own
         shift = middle(patch) - middle(decided) if patch.any() else None
         filled = min(float((inside & telling & own).sum() / decided.sum()), 1.0)
-        return _Place(figure, share, hidden, alike, filled, shift)
+        return _Place(projected, share, hidden, alike, filled, shift)
 
     def _in_front(self, X_WO: Array, depth: float, crop: Crop, without: Collection[str]) -> Mask:
         """What of the robot, without some links, and of other objects is before the object at a pose, in a crop.
@@ -167,27 +168,27 @@ class ThingSearch:
         depth: of the object [m].
         """
         shape, origin = extent(crop)
-        glance = self._glance
-        mask = glance.robot.mask(shape, origin, depth, without=without)
+        view = self._view
+        mask = view.robot.mask(shape, origin, depth, without=without)
         steps = np.linspace(-0.45, 0.45, 3)
         grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._thing.size
         points = grid @ X_WO[:3, :3].T + X_WO[:3, 3]
-        for name in glance.cell.objects:
-            if name != self._thing.name and name in glance.posture.X_WO:
-                blocking = glance.blocking(name, points)
+        for name in view.cell.objects:
+            if name != self._thing.name and name in view.believed.X_WO:
+                blocking = view.blocking(name, points)
                 mask |= True if blocking is None else blocking.mask(shape, origin, np.inf)
         return mask
 
     def _on_support(self, place: _Place, X_WO: Array) -> Array:
         """Position of an object that rests as high as it would at a pose, by the ray to its patch [m]."""
-        assert place.figure is not None and place.shift is not None  # noqa: S101, PT018
-        position = self._at_height(place.figure.box.center + place.shift, float(X_WO[2, 3]))
+        assert place.projected is not None and place.shift is not None  # noqa: S101, PT018
+        position = self._at_height(place.projected.box.center + place.shift, float(X_WO[2, 3]))
         return X_WO[:3, 3] if position is None else position
 
     def _at_height(self, pixel: Array, height: float) -> Array | None:
         """Where the ray of a pixel is at a height [m]; None if it never is."""
-        X_WC = self._glance.view.X_WC
-        ray = X_WC[:3, :3] @ direction(self._glance.camera, pixel)
+        X_WC = self._view.camera_view.X_WC
+        ray = X_WC[:3, :3] @ direction(self._view.camera, pixel)
         distance = (height - X_WC[2, 3]) / ray[2] if abs(ray[2]) > 1e-6 else -1.0
         position: Array = X_WC[:3, 3] + distance * ray
         return position if distance > 0 else None
@@ -199,15 +200,15 @@ class ThingSearch:
         """
         if not self._colored.any():
             return None
-        everything = (slice(0, self._glance.view.shape[0]), slice(0, self._glance.view.shape[1]))
-        found = blobs(self._colored & ~self._backdrop.matches(self._glance.image, everything))
+        everything = (slice(0, self._view.camera_view.shape[0]), slice(0, self._view.camera_view.shape[1]))
+        found = blobs(self._colored & ~self._background.matches(self._view.image, everything))
         height = float(X_WO[2, 3])
         position = self._at_height(found[0].center, height) if found else None
         if position is None:
             return None
         X_found = X_WO.copy()
         X_found[:3, 3] = position
-        expected = self._glance.figure(self._thing.name, X_found)
+        expected = self._view.projected(self._thing.name, X_found)
         if expected is None or found[0].area < LEAST_SHARE * expected.area:
             return None
         return self._at_height(found[0].center - expected.offset, height)

@@ -22,7 +22,7 @@ from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.surface import Surface
 
 
-class Weakness(StrEnum):
+class MissReason(StrEnum):
     """Why an image does not show what it was predicted to show.
 
     MASK: the outlines of robot and objects, which are a little too wide, leave too little of it. BACKGROUND: what is
@@ -37,7 +37,7 @@ class Weakness(StrEnum):
 
 
 @dataclass(frozen=True, eq=False)
-class CellKnowledge:
+class CellModel:
     """What perception knows of the cell beforehand.
 
     surfaces: of each object, one for each of its parts. markers: on links, by the link's name.
@@ -51,7 +51,7 @@ class CellKnowledge:
     markers: Mapping[str, Marker]
 
     @classmethod
-    def of(cls, workspace: Workspace, robot: RobotBody) -> CellKnowledge:
+    def of(cls, workspace: Workspace, robot: RobotBody) -> CellModel:
         """What a workspace says. Raises InputError for a mesh that cannot be used."""
         objects = workspace.objects
         surfaces = {
@@ -61,7 +61,7 @@ class CellKnowledge:
 
 
 @dataclass(frozen=True, eq=False)
-class Watchlist:
+class DetectionTargets:
     """What to look for during a step.
 
     targets: by atom. starts: pose of each object when the step began, (4, 4). when_open: the value of each atom while
@@ -74,7 +74,7 @@ class Watchlist:
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
+class BelievedState:
     """What the robot knows of itself at the time of an image.
 
     joints: positions by its encoders [rad or m]. holding: whether the tool was told to hold. X_WO: where objects are
@@ -91,7 +91,7 @@ NO_OUTLINE: Array = np.zeros((0, 2))
 
 
 @dataclass(frozen=True, eq=False)
-class BoxSight:
+class BoxDetection:
     """What one image shows of one box.
 
     evidence: whether the image shows the thing in it, the background where the thing would be, or neither for sure.
@@ -103,11 +103,11 @@ class BoxSight:
     evidence: Truth
     share: float
     outline: Array
-    because: Weakness = Weakness.DETECTOR
+    because: MissReason = MissReason.DETECTOR
 
 
 @dataclass(frozen=True, eq=False)
-class Sighting:
+class Detection:
     """What one image shows.
 
     frozen: whether it is the very image before it, which no real camera delivers twice. boxes: by atom.
@@ -117,7 +117,7 @@ class Sighting:
     camera: str
     t: float
     frozen: bool
-    boxes: Mapping[str, tuple[BoxSight, ...]] = field(default_factory=dict)
+    boxes: Mapping[str, tuple[BoxDetection, ...]] = field(default_factory=dict)
     places: Mapping[str, Array] = field(default_factory=dict)
     seconds: float = 0.0
 
@@ -138,10 +138,10 @@ class Sighting:
         """The least share of any of the atom's boxes that could be judged."""
         return min((box.share for box in self.boxes.get(atom, ())), default=0.0)
 
-    def weakness(self, atom: str) -> Weakness:
+    def miss_reason(self, atom: str) -> MissReason:
         """Why the image does not give the atom its true value, if it does not."""
         blind = [box for box in self.boxes.get(atom, ()) if box.evidence is Truth.UNKNOWN]
-        return min(blind, key=lambda box: box.share).because if blind else Weakness.DETECTOR
+        return min(blind, key=lambda box: box.share).because if blind else MissReason.DETECTOR
 
 
 def object_of(atom: str, box: TargetBox, objects: Container[str]) -> str | None:

@@ -1,4 +1,4 @@
-"""The processes that look at images: each has some of the cameras, gets frames and gives sightings back."""
+"""The processes that look at images: each has some of the cameras, gets frames and gives detections back."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from types import TracebackType
 from sqrp_cli.errors import SqrpError
 from sqrp_cli.platform.processes import Context, Worker, fresh
 from sqrp_cli.runtime.image import Frame
-from sqrp_cli.runtime.perception.detections import CellKnowledge, Posture, Sighting, Watchlist
+from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 from sqrp_cli.runtime.processes import NEEDED
 
 ANSWER_WITHIN = 20.0
@@ -27,15 +27,15 @@ class PerceptionError(SqrpError):
 
 
 @dataclass(frozen=True, eq=False)
-class _Look:
+class _ImageTask:
     frame: Frame
-    posture: Posture
+    believed: BelievedState
 
 
-class PerceptionPool:
+class DetectorPool:
     """Processes that look at images; a context manager. Images are looked at while the caller goes on."""
 
-    def __init__(self, cell: CellKnowledge, processes: int | None = None) -> None:
+    def __init__(self, cell: CellModel, processes: int | None = None) -> None:
         """processes: at most one per camera; by default one per core."""
         context = fresh(NEEDED)
         names = list(cell.cameras)
@@ -43,16 +43,16 @@ class PerceptionPool:
         self._workers = [_Worker(context, cell, names[i::count]) for i in range(count)]
         self._of_camera = {name: worker for worker in self._workers for name in worker.cameras}
 
-    def watch(self, watchlist: Watchlist) -> None:
+    def watch(self, sought: DetectionTargets) -> None:
         """Look for these targets in all frames that come from now on."""
         for worker in self._workers:
-            worker.send(watchlist)
+            worker.send(sought)
 
-    def submit(self, frame: Frame, posture: Posture) -> None:
-        """Have a frame looked at, taken with the robot in a posture."""
-        self._of_camera[frame.camera].send(_Look(frame, posture))
+    def submit(self, frame: Frame, believed: BelievedState) -> None:
+        """Have a frame looked at, with what was believed when it was taken."""
+        self._of_camera[frame.camera].send(_ImageTask(frame, believed))
 
-    def collect(self, camera: str) -> Sighting:
+    def collect(self, camera: str) -> Detection:
         """What the oldest frame of a camera that has not been collected shows.
 
         Waits until it is known. Raises PerceptionError if the process has crashed.
@@ -68,7 +68,7 @@ class PerceptionPool:
         for worker in self._workers:
             worker.close()
 
-    def __enter__(self) -> PerceptionPool:
+    def __enter__(self) -> DetectorPool:
         return self
 
     def __exit__(
@@ -80,17 +80,17 @@ class PerceptionPool:
 class _Worker:
     """A process that looks through some of the cameras."""
 
-    def __init__(self, context: Context, cell: CellKnowledge, cameras: list[str]) -> None:
+    def __init__(self, context: Context, cell: CellModel, cameras: list[str]) -> None:
         self.cameras = cameras
-        self._process = Worker[Watchlist | _Look, Sighting | None](context, _watchers, cell, cameras)
-        self._ready: dict[str, deque[Sighting]] = {name: deque() for name in cameras}
+        self._process = Worker[DetectionTargets | _ImageTask, Detection | None](context, _detectors, cell, cameras)
+        self._ready: dict[str, deque[Detection]] = {name: deque() for name in cameras}
 
-    def send(self, message: Watchlist | _Look) -> None:
+    def send(self, message: DetectionTargets | _ImageTask) -> None:
         while self._process.answered():  # else both ends could wait for the other to read
             self._take()
         self._process.send(message)
 
-    def receive(self, camera: str) -> Sighting:
+    def receive(self, camera: str) -> Detection:
         waiting = self._ready[camera]
         while not waiting:
             if not self._process.answered(ANSWER_WITHIN):
@@ -100,12 +100,12 @@ class _Worker:
 
     def _take(self) -> None:
         try:
-            sighting = self._process.receive()
+            detection = self._process.receive()
         except Exception as error:  # it died, or found what it cannot cope with
             self.kill()
             raise PerceptionError(self.cameras, "has ended") from error
-        if sighting is not None:
-            self._ready[sighting.camera].append(sighting)
+        if detection is not None:
+            self._ready[detection.camera].append(detection)
 
     def kill(self) -> None:
         self._process.kill()
@@ -114,17 +114,17 @@ class _Worker:
         self._process.close()
 
 
-def _watchers(cell: CellKnowledge, cameras: Sequence[str]) -> Callable[[Watchlist | _Look], Sighting | None]:
+def _detectors(cell: CellModel, cameras: Sequence[str]) -> Callable[[DetectionTargets | _ImageTask], Detection | None]:
     """What looks through some of the cameras."""
-    from sqrp_cli.runtime.perception.image_detector import Watcher
+    from sqrp_cli.runtime.perception.image_detector import ImageDetector
 
-    watchers = {name: Watcher(cell.cameras[name], cell) for name in cameras}
+    detectors = {name: ImageDetector(cell.cameras[name], cell) for name in cameras}
 
-    def answer(message: Watchlist | _Look) -> Sighting | None:
-        if isinstance(message, _Look):
-            return watchers[message.frame.camera].look(message.frame, message.posture)
-        for watcher in watchers.values():
-            watcher.watch(message)
+    def answer(message: DetectionTargets | _ImageTask) -> Detection | None:
+        if isinstance(message, _ImageTask):
+            return detectors[message.frame.camera].look(message.frame, message.believed)
+        for detector in detectors.values():
+            detector.watch(message)
         return None
 
     return answer

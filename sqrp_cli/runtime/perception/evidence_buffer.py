@@ -1,122 +1,137 @@
-"""The images of an attempt by when they were taken, however late each of them arrives.
+"""The evidence of an attempt: images by when they were taken, however late each arrives, and what all together show.
 
 What an image shows counts from the moment at which it was taken until its camera takes the next one, at most for some
 frame periods. An image that is under way says nothing yet: the one before it no longer counts, so that the cameras
-whose images are there decide alone for as long. A moment is complete once no image that was taken by then is under way.
+whose images are there decide alone for as long. Evidence is complete once no image that was taken by then is under way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.perception.detections import Sighting
+from sqrp_cli.program.record import ProgramTarget
+from sqrp_cli.runtime.perception.detections import Detection
 
 FRESH_PERIODS = 1.5
 """What an image shows counts for this many frame periods of its camera."""
 
 
+@dataclass(frozen=True)
+class FusedTruth:
+    """What all cameras together say about an atom."""
+
+    truth: Truth
+    """UNKNOWN where too few cameras can judge it, or as many contradict."""
+    votes: Mapping[str, Truth]
+    """Of each camera that can judge it."""
+    conflict: bool
+    """Whether images that were taken at the same time contradict each other."""
+
+
+def fuse(atom: str, target: ProgramTarget, detections: Iterable[Detection]) -> FusedTruth:
+    """The value of an atom that most cameras give, if they are as many as the target asks for."""
+    judged = [(detection, vote) for detection in detections if (vote := detection.truth(atom)) != Truth.UNKNOWN]
+    votes = {detection.camera: vote for detection, vote in judged}
+    conflict = len({(detection.t, vote) for detection, vote in judged}) > len({detection.t for detection, _ in judged})
+    yes, no = (sum(vote == value for vote in votes.values()) for value in (Truth.TRUE, Truth.FALSE))
+    if max(yes, no) < target.cameras or yes == no:
+        return FusedTruth(Truth.UNKNOWN, votes, conflict)
+    return FusedTruth(Truth.TRUE if yes > no else Truth.FALSE, votes, conflict)
+
+
 @dataclass(frozen=True, eq=False)
 class Exposure:
-    """The moment at which images were taken.
-
-    t: on the cell's clock [s]. tau: of the step's motion [s], None before it. truths: of all atoms, for checking only.
-    """
+    """Images that were taken at one time."""
 
     t: float
+    """On the cell's clock [s]."""
     tau: float | None
+    """Of the step's motion [s], None before it."""
     truths: Mapping[str, bool]
+    """Ground truth of all atoms, for checking only."""
+    detections: dict[str, Detection | None] = field(default_factory=dict)
+    """What the image of each camera shows, None for those that are under way."""
+
+    @property
+    def has_arrivals(self) -> bool:
+        """Whether any of its images has arrived."""
+        return any(detection is not None for detection in self.detections.values())
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
-    """What is there of a moment at which images were taken.
-
-    sightings: what counts then, one of a camera at most. told: whether any image of the moment itself has arrived.
-    complete: whether all that were taken by then have.
-    """
+class Evidence:
+    """What is known of the time of an exposure by all images that count then."""
 
     exposure: Exposure
-    sightings: tuple[Sighting, ...]
-    told: bool
+    atoms: Mapping[str, FusedTruth]
     complete: bool
-
-
-@dataclass(frozen=True, eq=False)
-class Look:
-    """What is known of a moment at which images were taken.
-
-    t: on the cell's clock [s]. tau: of the step's motion [s], None before it. values: of atoms. complete: whether no
-    image that was taken by then is under way any more, so that nothing that is known will change.
-    """
-
-    t: float
-    tau: float | None
-    values: Mapping[str, Truth]
-    complete: bool
-
-
-@dataclass(frozen=True, eq=False)
-class _Page:
-    """images: of one moment, by camera; None for those that are under way."""
-
-    exposure: Exposure
-    images: dict[str, Sighting | None] = field(default_factory=dict)
+    """Whether no image that was taken by then is under way any more, so that nothing that is known will change."""
 
     @property
     def t(self) -> float:
+        """On the cell's clock [s]."""
         return self.exposure.t
 
+    @property
+    def values(self) -> dict[str, Truth]:
+        """Of atoms."""
+        return {atom: fused.truth for atom, fused in self.atoms.items()}
 
-class Album:
+
+class EvidenceBuffer:
     """The images that cameras took since a time; empty at first."""
 
     def __init__(self, cameras: Mapping[str, Camera]) -> None:
         self._lifetimes = {name: FRESH_PERIODS / camera.rate for name, camera in cameras.items()}
-        self._pages: list[_Page] = []
+        self._exposures: list[Exposure] = []
         self._completed = -float("inf")
 
     def forget(self, t: float) -> None:
         """Drop all images that have arrived, and those under way that were taken before time t [s]."""
-        self._pages = [
-            _Page(page.exposure, {name: None for name, image in page.images.items() if image is None})
-            for page in self._pages
-            if page.t >= t - 1e-9
+        self._exposures = [
+            Exposure(one.t, one.tau, one.truths, {name: None for name, d in one.detections.items() if d is None})
+            for one in self._exposures
+            if one.t >= t - 1e-9
         ]
 
-    def take(self, exposure: Exposure, cameras: Collection[str]) -> None:
-        """Cameras have taken an image each, later than all before."""
-        self._pages.append(_Page(exposure, dict.fromkeys(cameras)))
+    def take(self, exposure: Exposure) -> None:
+        """Images are under way, taken later than all before."""
+        self._exposures.append(exposure)
 
-    def add(self, sighting: Sighting) -> Exposure | None:
-        """An image has arrived. Returns when it was taken, None if that was dropped."""
-        for page in reversed(self._pages):
-            if page.t == sighting.t and sighting.camera in page.images:
-                page.images[sighting.camera] = sighting
-                return page.exposure
+    def add(self, detection: Detection) -> Exposure | None:
+        """An image has arrived. Returns the exposure that it belongs to, None if that was dropped."""
+        for exposure in reversed(self._exposures):
+            if exposure.t == detection.t and detection.camera in exposure.detections:
+                exposure.detections[detection.camera] = detection
+                return exposure
         return None
 
-    def moments(self) -> list[Moment]:
-        """What is there of each moment that was not complete before, up to the last of which an image has arrived."""
-        told = [any(image is not None for image in page.images.values()) for page in self._pages]
-        count = max((index + 1 for index, is_told in enumerate(told) if is_told), default=0)
+    def fused(self, targets: Mapping[str, ProgramTarget]) -> list[Evidence]:
+        """The evidence of each exposure that was not complete before, up to the last of which an image has arrived.
+
+        targets: by atom.
+        """
+        count = max((index + 1 for index, one in enumerate(self._exposures) if one.has_arrivals), default=0)
         found = []
         complete = True
-        for index, page in enumerate(self._pages[:count]):
-            complete = complete and None not in page.images.values()
-            if page.t > self._completed:
-                found.append(Moment(page.exposure, self._counting(index), told[index], complete))
-        self._completed = max((moment.exposure.t for moment in found if moment.complete), default=self._completed)
+        for index, exposure in enumerate(self._exposures[:count]):
+            complete = complete and None not in exposure.detections.values()
+            if exposure.t > self._completed:
+                counting = self._counting(index)
+                atoms = {atom: fuse(atom, target, counting) for atom, target in targets.items()}
+                found.append(Evidence(exposure, atoms, complete))
+        self._completed = max((evidence.t for evidence in found if evidence.complete), default=self._completed)
         oldest = self._completed - max(self._lifetimes.values())
-        self._pages = [page for page in self._pages if page.t > oldest]
+        self._exposures = [exposure for exposure in self._exposures if exposure.t > oldest]
         return found
 
-    def _counting(self, index: int) -> tuple[Sighting, ...]:
-        """The sightings that count at the moment of a page."""
-        now = self._pages[index].t
-        last: dict[str, Sighting | None] = {}
-        for page in self._pages[: index + 1]:
-            last.update(page.images)
-        return tuple(s for name, s in last.items() if s is not None and now - s.t < self._lifetimes[name])
+    def _counting(self, index: int) -> tuple[Detection, ...]:
+        """The detections that count at the time of an exposure."""
+        now = self._exposures[index].t
+        last: dict[str, Detection | None] = {}
+        for exposure in self._exposures[: index + 1]:
+            last.update(exposure.detections)
+        return tuple(d for name, d in last.items() if d is not None and now - d.t < self._lifetimes[name])

@@ -8,15 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import frame_poses
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.runtime.image import Pixels
-from sqrp_cli.runtime.perception.detections import CellKnowledge, Posture, Watchlist, object_of
-from sqrp_cli.runtime.perception.figure import Figure
-from sqrp_cli.runtime.perception.silhouettes import Silhouette, View
+from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets, object_of
+from sqrp_cli.runtime.perception.silhouettes import CameraView, ProjectedObject, Silhouette
 from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, Mask, dilated, filled, find_markers
 from sqrp_cli.shapes import Box
 
@@ -24,7 +22,7 @@ Crop = tuple[slice, slice]
 """Rows and columns of an image."""
 
 
-class Glance:
+class ExpectedView:
     """One image of one camera.
 
     robot: the silhouette that the robot has in it, by its encoders.
@@ -32,19 +30,19 @@ class Glance:
 
     def __init__(
         self,
-        camera: Camera,
-        cell: CellKnowledge,
+        cell: CellModel,
         projection: Projection,
-        watchlist: Watchlist,
+        sought: DetectionTargets,
         image: Pixels,
-        posture: Posture,
+        believed: BelievedState,
     ) -> None:
-        self.camera, self.cell, self.watchlist = camera, cell, watchlist
-        self.image, self.posture = image, posture
-        self._X_WL = cell.robot.link_poses(posture.joints)
-        self._X_WF = frame_poses(self._X_WL, posture.X_WO, watchlist.starts)
-        self.view = View(projection, self._X_WF[camera.frame] @ camera.X_FC)
-        self.robot: Silhouette = self.view.silhouette(cell.robot.surfaces, self._X_WL)
+        camera = projection.camera
+        self.camera, self.cell, self.sought = camera, cell, sought
+        self.image, self.believed = image, believed
+        self._X_WL = cell.robot.link_poses(believed.joints)
+        self._X_WF = frame_poses(self._X_WL, believed.X_WO, sought.starts)
+        self.camera_view = CameraView(projection, self._X_WF[camera.frame] @ camera.X_FC)
+        self.robot: Silhouette = self.camera_view.silhouette(cell.robot.surfaces, self._X_WL)
 
     @cached_property
     def markers(self) -> list[FoundMarker]:
@@ -53,7 +51,7 @@ class Glance:
 
     def boxes(self) -> Iterator[tuple[str, TargetBox]]:
         """All boxes to look at, each with its atom."""
-        for atom, target in self.watchlist.targets.items():
+        for atom, target in self.sought.targets.items():
             for box in target.boxes:
                 yield atom, box
 
@@ -71,31 +69,31 @@ class Glance:
         X_WB: Array = self._X_WF[box.frame] @ box.X_FB
         return X_WB
 
-    def figure(self, name: str, X_WO: Array) -> Figure | None:
+    def projected(self, name: str, X_WO: Array) -> ProjectedObject | None:
         """An object at a pose (4, 4); None where some of its box is behind the camera or beyond what the lens shows."""
-        box = self.view.outline(X_WO, self.cell.objects[name].size)
+        box = self.camera_view.outline(X_WO, self.cell.objects[name].size)
         if box is None or box.area <= 0.0:
             return None
-        return Figure.of(box, self.view.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True))
+        return ProjectedObject.of(box, self.camera_view.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True))
 
     def blocking(self, name: str, points_W: Array) -> Silhouette | None:
         """The parts of an object, where it is believed to be, that stand before any of some points (n, 3) [m].
 
         None if such a part may cover anything, as some of the object is behind the camera.
         """
-        thing, X_WO = self.cell.objects[name], self.posture.X_WO[name]
+        thing, X_WO = self.cell.objects[name], self.believed.X_WO[name]
         found = []
         for part, surface in zip(thing.parts, self.cell.surfaces[name], strict=True):
             box = (X_WO @ part.X_PG, part.shape.size) if isinstance(part.shape, Box) else (X_WO, thing.size)
-            if self.view.hides(*box, points_W):
+            if self.camera_view.hides(*box, points_W):
                 found.append(surface)
-        if found and self.view.outline(X_WO, thing.size) is None:
+        if found and self.camera_view.outline(X_WO, thing.size) is None:
             return None
-        return self.view.silhouette(found, {name: X_WO})
+        return self.camera_view.silhouette(found, {name: X_WO})
 
     def crop(self, polygon: Array, margin: int) -> Crop | None:
         """The part of the image around a polygon (n, 2), with a margin [pixels]; None if they do not meet."""
-        height, width = self.view.shape
+        height, width = self.camera_view.shape
         (left, top), (right, bottom) = polygon.min(axis=0) - margin, polygon.max(axis=0) + margin
         rows = slice(max(0, int(top)), min(height, int(bottom) + 1))
         columns = slice(max(0, int(left)), min(width, int(right) + 1))
@@ -103,27 +101,27 @@ class Glance:
 
     def robot_mask(self) -> Mask:
         """The pixels that the robot covers."""
-        return self.robot.mask(self.view.shape, (0, 0), np.inf)
+        return self.robot.mask(self.camera_view.shape, (0, 0), np.inf)
 
     def things_mask(self) -> Mask:
         """The pixels that the objects which are looked for may cover, wherever they may be."""
-        return filled(self.view.shape, (0, 0), self._thing_polygons())
+        return filled(self.camera_view.shape, (0, 0), self._thing_polygons())
 
     def movables_mask(self) -> Mask:
         """The pixels that movable objects cover where they are believed to be."""
-        objects = ((self.cell.objects[name], X) for name, X in self.posture.X_WO.items())
-        outlines = (self.view.outline(X, thing.size) for thing, X in objects if not thing.fixed)
-        return filled(self.view.shape, (0, 0), [outline.corners for outline in outlines if outline is not None])
+        objects = ((self.cell.objects[name], X) for name, X in self.believed.X_WO.items())
+        outlines = (self.camera_view.outline(X, thing.size) for thing, X in objects if not thing.fixed)
+        return filled(self.camera_view.shape, (0, 0), [outline.corners for outline in outlines if outline is not None])
 
     def covered(self, margin: int) -> Mask:
         """What the robot and the watched objects may cover, with a margin [pixels]."""
-        return dilated(self.robot.cover(self.view.shape) | self.things_mask(), margin)
+        return dilated(self.robot.cover(self.camera_view.shape) | self.things_mask(), margin)
 
     def _thing_polygons(self) -> list[Corners]:
         found = []
         for atom, box in self.boxes():
             thing = self.thing_of(atom, box)
-            outline = self.view.outline(self.pose(box), thing.size if thing else box.size)
+            outline = self.camera_view.outline(self.pose(box), thing.size if thing else box.size)
             if outline is not None:
                 found.append(outline.corners)
         return found

@@ -16,69 +16,78 @@ from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.image import Frame, Pixels
-from sqrp_cli.runtime.perception.background import Backdrop
-from sqrp_cli.runtime.perception.color_detector import ThingSearch
-from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxSight, CellKnowledge, Posture, Sighting, Watchlist
-from sqrp_cli.runtime.perception.expected_view import Glance
-from sqrp_cli.runtime.perception.marker_detector import MarkerSearch
+from sqrp_cli.runtime.perception.background import Background
+from sqrp_cli.runtime.perception.color_detector import ColorDetector
+from sqrp_cli.runtime.perception.detections import (
+    NO_OUTLINE,
+    BelievedState,
+    BoxDetection,
+    CellModel,
+    Detection,
+    DetectionTargets,
+)
+from sqrp_cli.runtime.perception.expected_view import ExpectedView
+from sqrp_cli.runtime.perception.marker_detector import MarkerDetector
 
 
-class Watcher:
+class ImageDetector:
     """Looks at the images of one camera."""
 
-    def __init__(self, camera: Camera, cell: CellKnowledge) -> None:
+    def __init__(self, camera: Camera, cell: CellModel) -> None:
         """cell: what is known of it beforehand."""
         self._camera, self._cell = camera, cell
         self._projection = Projection.of(camera)
-        self._watchlist = Watchlist({}, {}, {})
-        self._backdrop: Backdrop | None = None
+        self._sought = DetectionTargets({}, {}, {})
+        self._background: Background | None = None
         self._last: Pixels | None = None
 
-    def watch(self, watchlist: Watchlist) -> None:
+    def watch(self, sought: DetectionTargets) -> None:
         """Look for these targets from now on."""
-        if watchlist.targets.keys() != self._watchlist.targets.keys():
-            self._backdrop = None  # what was background until now may be what is looked for, and has perhaps been moved
-        self._watchlist = watchlist
+        if sought.targets.keys() != self._sought.targets.keys():
+            self._background = (
+                None  # what was background until now may be what is looked for, and has perhaps been moved
+            )
+        self._sought = sought
 
-    def look(self, frame: Frame, posture: Posture) -> Sighting:
-        """What an image shows, taken with the robot in a posture."""
+    def look(self, frame: Frame, believed: BelievedState) -> Detection:
+        """What an image shows, with what was believed when it was taken."""
         began = time.process_time()
         if self._last is not None and np.array_equal(self._last, frame.image):
-            return Sighting(frame.camera, frame.t, frozen=True, seconds=time.process_time() - began)
+            return Detection(frame.camera, frame.t, frozen=True, seconds=time.process_time() - began)
         self._last = frame.image
-        glance = Glance(self._camera, self._cell, self._projection, self._watchlist, frame.image, posture)
-        boxes, places = _judged(glance, self._learned(glance))
-        return Sighting(frame.camera, frame.t, False, boxes, places, time.process_time() - began)
+        view = ExpectedView(self._cell, self._projection, self._sought, frame.image, believed)
+        boxes, places = _judged(view, self._learned(view))
+        return Detection(frame.camera, frame.t, False, boxes, places, time.process_time() - began)
 
-    def _learned(self, glance: Glance) -> Backdrop:
+    def _learned(self, view: ExpectedView) -> Background:
         """The background, with what this image adds to what is known of it."""
-        if self._backdrop is None:
+        if self._background is None:
             moving = self._camera.frame != WORLD
-            masks = (glance.robot_mask(), glance.things_mask(), glance.movables_mask())
-            self._backdrop = Backdrop(glance.image, *masks, moving=moving)
-        elif not self._backdrop.is_complete:
-            self._backdrop.learn(glance.image, glance.covered(3))
-        return self._backdrop
+            masks = (view.robot_mask(), view.things_mask(), view.movables_mask())
+            self._background = Background(view.image, *masks, moving=moving)
+        elif not self._background.is_complete:
+            self._background.learn(view.image, view.covered(3))
+        return self._background
 
 
-def _judged(glance: Glance, backdrop: Backdrop) -> tuple[dict[str, tuple[BoxSight, ...]], dict[str, Array]]:
+def _judged(view: ExpectedView, background: Background) -> tuple[dict[str, tuple[BoxDetection, ...]], dict[str, Array]]:
     """What is seen of each box, by atom, and where objects are [m]."""
-    boxes: dict[str, list[BoxSight]] = {atom: [] for atom in glance.watchlist.targets}
+    boxes: dict[str, list[BoxDetection]] = {atom: [] for atom in view.sought.targets}
     places: dict[str, Array] = {}
     by_thing: dict[str, list[tuple[str, TargetBox]]] = {}
-    markers = MarkerSearch(glance, backdrop)
-    for atom, box in glance.boxes():
-        thing = glance.thing_of(atom, box)
-        if glance.cell.detectors[box.detector].kind == "aruco":
-            boxes[atom].append(markers.sight(atom, box))
+    markers = MarkerDetector(view, background)
+    for atom, box in view.boxes():
+        thing = view.thing_of(atom, box)
+        if view.cell.detectors[box.detector].kind == "aruco":
+            boxes[atom].append(markers.detect(atom, box))
         elif thing is None or thing.color is None:
-            boxes[atom].append(BoxSight(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE))
+            boxes[atom].append(BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE))
         else:
             by_thing.setdefault(thing.name, []).append((atom, box))
     for name, asked in by_thing.items():
-        sights, place = ThingSearch(glance, backdrop, glance.cell.objects[name]).sights([box for _, box in asked])
-        for (atom, _), sight in zip(asked, sights, strict=True):
-            boxes[atom].append(sight)
+        found, place = ColorDetector(view, background, view.cell.objects[name]).detect([box for _, box in asked])
+        for (atom, _), detection in zip(asked, found, strict=True):
+            boxes[atom].append(detection)
         if place is not None:
             places[name] = place
     return {atom: tuple(sights) for atom, sights in boxes.items()}, places

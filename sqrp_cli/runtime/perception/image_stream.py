@@ -1,20 +1,22 @@
-"""The streams of images: exposed at each camera's rate, late by its latency, looked at in other processes.
+"""Image streams: images taken at each camera's rate, late by its latency, looked at in other processes.
 
-A stream that fails is a reason to stop: one without a fresh image for too long, and one that repeats an image.
+A stream that fails is a reason to stop: one without a fresh image for too long, one that repeats an image, and one
+whose process ends.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.image import Frame
-from sqrp_cli.runtime.perception.detections import Posture, Sighting
-from sqrp_cli.runtime.perception.detector_pool import PerceptionPool
+from sqrp_cli.runtime.perception.detections import BelievedState, Detection, DetectionTargets
+from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
 from sqrp_cli.runtime.record.publisher import listed
-from sqrp_cli.runtime.record.report import Unwatched
+from sqrp_cli.runtime.record.report import MonitoringLost
 
 OVERDUE_PERIODS = 1.2
 """A stream has failed if its newest image is older than its latency and this many frame periods: one is missing."""
@@ -44,13 +46,14 @@ class _Stream:
         return self.newest + self.camera.latency + OVERDUE_PERIODS / self.camera.rate
 
 
-class Eyes:
-    """The cameras of a cell, on the cell's clock [s]."""
+class ImageStreams:
+    """The images of all cameras of a cell, on the cell's clock [s]."""
 
-    def __init__(self, cameras: Iterable[Camera], pool: PerceptionPool) -> None:
-        """pool: the processes that look at the images."""
-        self._streams = {camera.name: _Stream(camera) for camera in cameras}
-        self._pool = pool
+    def __init__(self, cameras: Mapping[str, Camera], detectors: DetectorPool) -> None:
+        """detectors: the processes that look at the images."""
+        self.cameras = cameras
+        self._streams = {name: _Stream(camera) for name, camera in cameras.items()}
+        self._detectors = detectors
         self._arrivals: list[tuple[float, float, str]] = []
         self.seconds = 0.0
         self.images = 0
@@ -65,9 +68,27 @@ class Eyes:
         """When the next image is available [s]; infinite if none is under way."""
         return self._arrivals[0][0] if self._arrivals else float("inf")
 
+    @property
+    def period(self) -> float:
+        """Time between two images of the slowest camera [s]."""
+        return max(1.0 / camera.rate for camera in self.cameras.values())
+
+    @property
+    def latency(self) -> float:
+        """From an exposure to the image being available, for the slowest camera [s]."""
+        return max(camera.latency for camera in self.cameras.values())
+
+    def watch(self, sought: DetectionTargets) -> None:
+        """Look for these targets in all images that come from now on."""
+        self._detectors.watch(sought)
+
     def has_arrival_from(self, end: float) -> bool:
         """Whether an image that was taken by a time is still under way."""
         return any(exposed <= end + 1e-9 for _, exposed, _ in self._arrivals)
+
+    def crash(self, camera: str) -> None:
+        """The process that looks at the images ends."""
+        self._detectors.crash(camera)
 
     def lose(self, camera: str) -> None:
         """No image comes any more."""
@@ -81,8 +102,11 @@ class Eyes:
         """Images come later by a delay [s]."""
         self._streams[camera].delay = delay
 
-    def expose(self, t: float, take: Expose, posture: Posture) -> list[Frame]:
-        """Take the images that are due at time t, with the robot in a posture; returns them as they will arrive."""
+    def expose(self, t: float, take: Expose, believed: BelievedState) -> list[Frame]:
+        """Take the images that are due at time t; returns them as they will arrive.
+
+        Raises MonitoringLost if a process that looks at them has ended.
+        """
         due = [stream for stream in self._streams.values() if stream.next_exposure <= t + 1e-9]
         for stream in due:
             stream.exposures += 1
@@ -96,28 +120,35 @@ class Eyes:
                 stream.frozen = stream.frozen or stream.last or frame
                 frame = Frame(frame.camera, frame.t, stream.frozen.image)
             stream.last = frame
-            self._pool.submit(frame, posture)
+            with _lost_if_crashed():
+                self._detectors.submit(frame, believed)
             arrival = t + stream.camera.latency + stream.delay
             heapq.heappush(self._arrivals, (arrival, frame.t, frame.camera))
             sent.append(frame)
         self.images += len(sent)
         return sent
 
-    def collect(self, t: float) -> list[Sighting]:
+    def collect(self, t: float) -> list[Detection]:
         """What the images show that have arrived by time t, in the order of their exposure.
 
-        Raises PerceptionError if a process that looks at them has crashed.
+        Raises MonitoringLost if a process that looks at them has ended, or an image is the very one before it.
         """
-        sightings = []
+        detections = []
         while self._arrivals and self._arrivals[0][0] <= t + 1e-9:
             _, exposed, camera = heapq.heappop(self._arrivals)
-            sighting = self._pool.collect(camera)
+            with _lost_if_crashed():
+                detection = self._detectors.collect(camera)
             self._streams[camera].newest = exposed
-            self.seconds += sighting.seconds
-            sightings.append(sighting)
-        return sorted(sightings, key=lambda sighting: (sighting.t, sighting.camera))
+            self.seconds += detection.seconds
+            detections.append(detection)
+        detections.sort(key=lambda detection: (detection.t, detection.camera))
+        frozen = [detection.camera for detection in detections if detection.frozen]
+        if frozen:
+            how = "is frozen: it delivers" if len(frozen) == 1 else "are frozen: each delivers"
+            raise MonitoringLost(f"{listed(frozen)} {how} the same image again", "frozen", frozen)
+        return detections
 
-    def failure(self, t: float) -> Unwatched | None:
+    def failure(self, t: float) -> MonitoringLost | None:
         """The streams that have failed by time t, and how; None while all is well.
 
         Where some are lost and others late at the same time, the reason tells of those that are lost.
@@ -130,8 +161,8 @@ class Eyes:
         cameras, verb = [stream.camera.name for stream in told], "is" if len(told) == 1 else "are"
         ages = listed(sorted({f"{t - stream.newest:.2f} s" for stream in told}))
         if lost:
-            return Unwatched(f"{listed(cameras)} {verb} lost: no image for {ages}", "camera-loss", cameras)
-        return Unwatched(
+            return MonitoringLost(f"{listed(cameras)} {verb} lost: no image for {ages}", "camera-loss", cameras)
+        return MonitoringLost(
             f"the images of {listed(cameras)} come too late: the newest {verb} {ages} old", "latency", cameras
         )
 
@@ -142,3 +173,11 @@ class Eyes:
 
     def _is_under_way(self, camera: str) -> bool:
         return any(name == camera for _, _, name in self._arrivals)
+
+
+@contextmanager
+def _lost_if_crashed() -> Iterator[None]:
+    try:
+        yield
+    except PerceptionError as error:
+        raise MonitoringLost(str(error), "perception-crash", error.cameras) from error

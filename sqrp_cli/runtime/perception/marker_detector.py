@@ -7,10 +7,10 @@ import numpy as np
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.perception.background import Backdrop
-from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxSight, Weakness
-from sqrp_cli.runtime.perception.expected_view import Glance, extent
-from sqrp_cli.runtime.perception.silhouettes import Outline
+from sqrp_cli.runtime.perception.background import Background
+from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
+from sqrp_cli.runtime.perception.expected_view import ExpectedView, extent
+from sqrp_cli.runtime.perception.silhouettes import ProjectedBox
 from sqrp_cli.runtime.perception.vision import FoundMarker, dilated, filled
 from sqrp_cli.runtime.robot_body import OPEN_SHARE
 
@@ -18,21 +18,21 @@ ABSENT_SHARE = 0.9
 """Share of a marker's outline in which the background must be seen for the marker to be absent."""
 
 
-class MarkerSearch:
+class MarkerDetector:
     """The search for markers in one image."""
 
-    def __init__(self, glance: Glance, backdrop: Backdrop) -> None:
-        self._glance, self._backdrop = glance, backdrop
+    def __init__(self, view: ExpectedView, background: Background) -> None:
+        self._view, self._background = view, background
 
-    def sight(self, atom: str, box: TargetBox) -> BoxSight:
+    def detect(self, atom: str, box: TargetBox) -> BoxDetection:
         """What is seen of a box with a marker."""
-        outline = self._glance.view.outline(self._glance.pose(box), box.size)
+        outline = self._view.camera_view.outline(self._view.pose(box), box.size)
         if outline is None:
-            return BoxSight(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
+            return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
         wanted = self._wanted(atom, box)
-        found = next((marker for marker in self._glance.markers if marker.id == wanted), None)
+        found = next((marker for marker in self._view.markers if marker.id == wanted), None)
         share = 0.0 if found is None else 1.0
-        if box.frame in self._glance.cell.markers:
+        if box.frame in self._view.cell.markers:
             evidence = Truth.UNKNOWN if found is None else self._on_finger(atom, box, found)
         elif found is not None:
             near = np.hypot(*(_center(found) - outline.center)) <= max(0.5 * outline.area**0.5, 2.0)
@@ -40,31 +40,31 @@ class MarkerSearch:
         else:
             share = self._background_share(outline)
             evidence = Truth.FALSE if share >= ABSENT_SHARE else Truth.UNKNOWN
-        because = Weakness.DETECTOR
+        because = MissReason.DETECTOR
         if found is None and self._is_cut_off(box, outline):
-            because = Weakness.MASK
-        return BoxSight(box.name, evidence, share, outline.polygon, because)
+            because = MissReason.MASK
+        return BoxDetection(box.name, evidence, share, outline.polygon, because)
 
-    def _is_cut_off(self, box: TargetBox, outline: Outline) -> bool:
+    def _is_cut_off(self, box: TargetBox, outline: ProjectedBox) -> bool:
         """Whether the robot is taken to hide some of a box, other than by what carries the marker."""
-        crop = self._glance.crop(outline.polygon, 2)
+        crop = self._view.crop(outline.polygon, 2)
         if crop is None:
             return False
         shape, origin = extent(crop)
-        others = {surface.parent for surface in self._glance.cell.robot.surfaces} - {box.frame, *box.encloses}
-        hiding = dilated(self._glance.robot.mask(shape, origin, outline.depth, links=others), 1)
+        others = {surface.parent for surface in self._view.cell.robot.surfaces} - {box.frame, *box.encloses}
+        hiding = dilated(self._view.robot.mask(shape, origin, outline.depth, links=others), 1)
         return bool((hiding & filled(shape, origin, [outline.corners])).any())
 
     def _on_finger(self, atom: str, box: TargetBox, marker: FoundMarker) -> Truth:
         """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""
-        robot, watchlist = self._glance.cell.robot, self._glance.watchlist
-        about_object = any(self._glance.thing_of(atom, other) is not None for other in watchlist.targets[atom].boxes)
+        robot, sought = self._view.cell.robot, self._view.sought
+        about_object = any(self._view.thing_of(atom, other) is not None for other in sought.targets[atom].boxes)
         if about_object or robot.fingers is None:
             return Truth.TRUE
         ends = []
         for fingers in (robot.fingers.open, robot.fingers.closed):
-            X_WL = robot.link_poses(robot.with_fingers(self._glance.posture.joints, fingers))
-            outline = self._glance.view.outline(X_WL[box.frame] @ box.X_FB, box.size)
+            X_WL = robot.link_poses(robot.with_fingers(self._view.believed.joints, fingers))
+            outline = self._view.camera_view.outline(X_WL[box.frame] @ box.X_FB, box.size)
             if outline is None:
                 return Truth.UNKNOWN
             ends.append(outline.center)
@@ -72,21 +72,21 @@ class MarkerSearch:
         if np.hypot(*way) * OPEN_SHARE < 1.0:
             return Truth.UNKNOWN  # too small in the image to tell open from closed
         closure = float((_center(marker) - ends[0]) @ way / (way @ way))
-        return Truth.TRUE if (closure <= OPEN_SHARE) == watchlist.when_open[atom] else Truth.FALSE
+        return Truth.TRUE if (closure <= OPEN_SHARE) == sought.when_open[atom] else Truth.FALSE
 
-    def _background_share(self, outline: Outline) -> float:
+    def _background_share(self, outline: ProjectedBox) -> float:
         """The share of an outline in which the background is seen and the robot is not."""
-        crop = self._glance.crop(outline.polygon, 2)
+        crop = self._view.crop(outline.polygon, 2)
         if crop is None:
             return 0.0
         shape, origin = extent(crop)
-        background = filled(shape, origin, [outline.corners]) & self._backdrop.matches(self._glance.image, crop)
-        background &= ~dilated(self._glance.robot.mask(shape, origin, outline.depth), 1)
+        background = filled(shape, origin, [outline.corners]) & self._background.matches(self._view.image, crop)
+        background &= ~dilated(self._view.robot.mask(shape, origin, outline.depth), 1)
         return min(1.0, float(background.sum()) / max(outline.area, 1.0))
 
     def _wanted(self, atom: str, box: TargetBox) -> int | None:
         """The id of the marker that a box is for."""
-        thing, markers = self._glance.thing_of(atom, box), self._glance.cell.markers
+        thing, markers = self._view.thing_of(atom, box), self._view.cell.markers
         on_links = [markers[name].id for name in (*box.encloses, box.frame) if name in markers]
         return next(iter(on_links), thing.marker if thing else None)
 

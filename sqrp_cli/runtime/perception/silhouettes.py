@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.runtime.perception.vision import Corners, Mask, area_of, convex_outline, corners_of, filled
+from sqrp_cli.runtime.perception.vision import Corners, Mask, area_of, convex_outline, corners_of, filled, middle
 from sqrp_cli.runtime.surface import Surface
 
 LEAST_DEPTH = 0.02
@@ -17,7 +17,7 @@ LEAST_DEPTH = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class ProjectedBox:
     """A box in an image.
 
     polygon: its outline (n, 2) and area: of that [pixels], also beyond the image's edges. center: image of its centre,
@@ -39,7 +39,7 @@ class Outline:
 class Silhouette:
     """Solid parts in an image, as convex pieces: those of the robot, or of an object."""
 
-    parts: tuple[_Pieces, ...]
+    parts: tuple[_ProjectedPart, ...]
 
     def mask(
         self,
@@ -73,7 +73,7 @@ class Silhouette:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pieces:
+class _ProjectedPart:
     """A part of a link or an object as p convex pieces.
 
     corners: of the pieces, (p, n, 2). depths: of their middles [m]. low, high: of the rectangles around them [pixels],
@@ -88,12 +88,12 @@ class _Pieces:
     hull: Corners
 
     @classmethod
-    def of(cls, parent: str, polygons: Array, depths: Array) -> _Pieces:
+    def of(cls, parent: str, polygons: Array, depths: Array) -> _ProjectedPart:
         hull = corners_of(convex_outline(polygons.reshape(-1, 2)))
         return cls(parent, corners_of(polygons), depths, polygons.min(axis=1), polygons.max(axis=1), hull)
 
 
-class View:
+class CameraView:
     """One camera at one moment."""
 
     def __init__(self, projection: Projection, X_WC: Array) -> None:
@@ -102,7 +102,7 @@ class View:
         self.camera = projection.camera
         self.shape = (self.camera.height, self.camera.width)
 
-    def outline(self, X_WB: Array, size: Sequence[float]) -> Outline | None:
+    def outline(self, X_WB: Array, size: Sequence[float]) -> ProjectedBox | None:
         """A box of full extents `size` [m]; None where some of it is behind or beyond what the lens shows."""
         corners = transform(self._X_CW, transform(X_WB, box_corners(size)))
         if corners[:, 2].min() < LEAST_DEPTH:
@@ -112,7 +112,7 @@ class View:
             return None
         center = corners.mean(axis=0)
         polygon = convex_outline(pixels)
-        return Outline(polygon, area_of(polygon), self.projection.pixels(center[None])[0][0], float(center[2]))
+        return ProjectedBox(polygon, area_of(polygon), self.projection.pixels(center[None])[0][0], float(center[2]))
 
     def silhouette(self, surfaces: Iterable[Surface], X_WP: Mapping[str, Array], *, beyond: bool = False) -> Silhouette:
         """Parts whose links or objects have given poses; pieces that reach behind the camera are left out.
@@ -135,7 +135,7 @@ class View:
                 whole = surface.triangles[visible[surface.triangles].all(axis=1)]
                 polygons, depths = pixels[whole], points[whole, 2].mean(axis=1)
             if len(polygons):
-                parts.append(_Pieces.of(surface.parent, polygons, depths))
+                parts.append(_ProjectedPart.of(surface.parent, polygons, depths))
         return Silhouette(tuple(parts))
 
     def _reaches_image(self, pixels: Array) -> bool:
@@ -154,3 +154,48 @@ class View:
             bounds = (np.array([-0.5, 0.5])[:, None, None] * np.asarray(size) - start) / steps
         enter, leave = bounds.min(axis=0).max(axis=1), bounds.max(axis=0).min(axis=1)
         return bool(((enter < leave) & (leave > 0) & (enter < 1.0 - 1e-3)).any())
+
+
+FINEST = 512.0
+"""Pixels along the longer side of the picture in which a figure is measured, at most."""
+
+
+@dataclass(frozen=True, eq=False)
+class ProjectedObject:
+    """A thing at a pose in an image.
+
+    box: the outline of its box. parts: the silhouette of its parts. area: that the parts cover of the outline [pixels],
+    also beyond the image's edges. offset: from the middle of the outline to that of the parts, (2,) [pixels]; 0 for a
+    thing that is a box.
+    """
+
+    box: ProjectedBox
+    parts: Silhouette
+    area: float
+    offset: Array
+
+    @classmethod
+    def of(cls, box: ProjectedBox, parts: Silhouette) -> ProjectedObject:
+        """The figure of a thing whose box and parts are there."""
+        first, extent = corners_of(box.polygon.min(axis=0)), np.ptp(box.polygon, axis=0)
+        scale = min(1.0, FINEST / float(extent.max()))
+        width, height = (np.ceil(extent * scale).astype(int) + 1).tolist()
+
+        def drawn(polygons: Iterable[Corners]) -> Mask:
+            scaled = (np.rint((corners - first) * scale).astype(np.int32) for corners in polygons)
+            return filled((height, width), (0, 0), scaled)
+
+        outline = drawn([box.corners])
+        covered = outline & drawn(piece.corners for piece in parts.parts)
+        if not covered.any():
+            return cls(box, parts, 0.0, np.zeros(2))
+        area = box.area * float(covered.sum() / outline.sum())
+        return cls(box, parts, area, (middle(covered) - middle(outline)) / scale)
+
+    def mask(self, shape: tuple[int, int], origin: tuple[int, int]) -> Mask:
+        """The pixels of a crop, `origin` (x, y) its first one, that the parts cover."""
+        return self.outline(shape, origin) & self.parts.mask(shape, origin, np.inf)
+
+    def outline(self, shape: tuple[int, int], origin: tuple[int, int]) -> Mask:
+        """The pixels of a crop that the box covers."""
+        return filled(shape, origin, [self.box.corners])

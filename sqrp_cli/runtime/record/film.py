@@ -65,7 +65,7 @@ class Film:
         return np.vstack(rows)
 
 
-class Gallery:
+class ImageRecorder:
     """Hands the images of a run to a folder, a film, or both."""
 
     def __init__(self, folder: FrameFolder | None, film: Film | None) -> None:

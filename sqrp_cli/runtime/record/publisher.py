@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from sqrp_cli.runtime.record.events import Event, Listener, PrimitiveBegan
 
 
-class Narrator:
+class EventPublisher:
     """doing: what the robot does now, in a word. wall: seconds of wall time by what they were spent on."""
 
     def __init__(self, listeners: Sequence[Listener]) -> None:

@@ -19,7 +19,7 @@ class Stopped(Exception):  # noqa: N818
     """The run cannot go on; the message is the reason."""
 
 
-class Unwatched(Stopped):
+class MonitoringLost(Stopped):
     """The run cannot go on because cameras or the process behind them fail.
 
     fault: the kind of fault that the reason tells of. cameras: those that it names.
@@ -114,7 +114,7 @@ class Disagreement:
 
     t: of the step [s]. predicted: whether the camera was predicted to see the atom. seen: what the image gave, true the
     value. share: of the boxes that could be judged in the image. because: why it was not seen if it was predicted to
-    be: mask border, same colour behind, lighting or detector limit (see `perception.sighting.Weakness`).
+    be: mask border, same colour behind, lighting or detector limit (see `perception.detection.MissReason`).
     """
 
     step: int

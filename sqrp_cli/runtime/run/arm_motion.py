@@ -25,7 +25,7 @@ _ON = PiecewiseCubic(np.array([0.0, 1.0]), np.array([[0.0, 1.0, 0.0, 0.0]]))
 """A clock that goes on at its usual rate."""
 
 
-class Playback:
+class ArmMotion:
     """The reference of the arm: standing at first, then following steps, and standing where each of them ends.
 
     A stop slows time down along the path, so that the arm stays on it: the rate of the step's own clock falls from 1 to
@@ -48,7 +48,7 @@ class Playback:
         self._placed: dict[int, float] = {}
         self._primitives: tuple[ProgramPrimitive, ...] = ()
         self._start = 0.0
-        self._stops: list[Stop] = []
+        self._stops: list[PathStop] = []
         self._moving: list[Trajectory] = []
         self._ends: list[float] = []
 
@@ -127,14 +127,14 @@ class Playback:
         local = np.clip(tau - self._primitives[index].start, 0.0, trajectory.duration)
         return trajectory.motion(local, order)
 
-    def _planned_stop(self, t: float, *, protective: bool) -> Stop:
+    def _planned_stop(self, t: float, *, protective: bool) -> PathStop:
         """The stop that begins at time t [s], or the one under way where that is over sooner."""
         (tau,), (rate,), (change,) = (values.tolist() for values in self._clock(np.array([t])))
         if tau < 0.0 or tau >= self._ends[-1]:
-            return Stop.at_the_end(t, max(tau, 0.0), max(tau, 0.0), protective=protective)
+            return PathStop.at_the_end(t, max(tau, 0.0), max(tau, 0.0), protective=protective)
         last = self._ends[int(np.searchsorted(self._ends, tau, side="right"))]
         limits = self._protective if protective else self._limits
-        usual = self._stops[-1] if self._stops else Stop.at_the_end(t, tau, last, protective=protective)
+        usual = self._stops[-1] if self._stops else PathStop.at_the_end(t, tau, last, protective=protective)
         too_short, duration, longest = 0.0, LEAST_STOP, usual.stands - t
 
         def keeps_limits(duration: float) -> bool:
@@ -152,7 +152,7 @@ class Playback:
                 too_short = between
         if duration >= longest:
             return usual
-        return Stop(t, tau, duration, last, slowing(rate, duration * change), protective)
+        return PathStop(t, tau, duration, last, slowing(rate, duration * change), protective)
 
     def _within_limits(
         self, law: PiecewiseCubic, tau: float, duration: float, most_acceleration: Array, most_jerk: Array
@@ -170,7 +170,7 @@ class Playback:
 
 
 @dataclass(frozen=True, eq=False)
-class Stop:
+class PathStop:
     """A stop that begins at a time t [s], when the step's own clock shows tau [s], and lasts for a duration [s].
 
     law: the clock, less tau, over the time since t, both as shares of the duration. last: what the clock never passes
@@ -186,7 +186,7 @@ class Stop:
     protective: bool
 
     @classmethod
-    def at_the_end(cls, t: float, tau: float, last: float, *, protective: bool) -> Stop:
+    def at_the_end(cls, t: float, tau: float, last: float, *, protective: bool) -> PathStop:
         """The clock goes on as it would, up to `last`."""
         return cls(t, tau, max(last - tau, 0.0), last, _ON, protective)
 

@@ -1,11 +1,29 @@
-"""What really is so in the cell: for injecting faults and for judging what was detected, never for perception."""
+"""Ground truth while a run goes on: for checks of what was detected, pictures and the log, never for perception."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, matrix_to_quaternion
+from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.knowledge.skill.target_box import TargetBox
+from sqrp_cli.program.record import Step
+from sqrp_cli.runtime.cell.interface import ArmReference
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.nominal_step import Situation, holds
+from sqrp_cli.runtime.record.events import AskedBox, Event, State, WholeState
+from sqrp_cli.runtime.record.publisher import EventPublisher
 from sqrp_cli.runtime.robot_body import OPEN_SHARE, RobotBody
+
+RATE = 25.0
+"""States per second of the cell's clock; a thing that falls freely is within 2 mm of the line between two of them."""
+
+DIGITS = 5
+"""Decimals of positions [m or rad] and of quaternions: 10 micrometres, and as much at a distance of 1 m."""
 
 
 class GroundTruth:
@@ -23,3 +41,112 @@ class GroundTruth:
             atom: holds(atom, target, situation, when_open=attempt.when_open[atom])
             for atom, target in attempt.step.targets.items()
         }
+
+
+class StateRecorder:
+    """A cell that publishes at a fixed rate where everything in it is, while time passes as it would without.
+
+    The first event has all of it, the others have what is not as it was in the one before.
+    """
+
+    def __init__(self, cell: SimulatedCell, publisher: EventPublisher) -> None:
+        self._cell, self._publisher = cell, publisher
+        self._number = 0
+        self._last: WholeState | None = None
+
+    def advance(self, t: float, reference: ArmReference) -> None:
+        """Let time pass until t [s] as the cell does, publishing the state of each time that is due until then."""
+        while (due := self._number / RATE) <= t + 1e-9:
+            self._cell.advance(due, reference)
+            self._publish(due)
+            self._number += 1
+        self._cell.advance(t, reference)
+
+    def finish(self) -> None:
+        """Publish the state at the end."""
+        if self._last is None or self._cell.t > self._last.t + 1e-9:
+            self._publish(self._cell.t)
+
+    def _publish(self, t: float) -> None:
+        truth = self._cell.truth()
+        state = WholeState(
+            t=t,
+            joints=list(truth.joints),
+            q=[_rounded(q) for q in truth.joints.values()],
+            held=truth.held,
+            objects={name: _pose(X) for name, X in truth.X_WO.items()},
+        )
+        self._publisher.publish(state if self._last is None else state.since(self._last))
+        self._last = state
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Where everything was during a run.
+
+    t: n times on the run's clock [s], shape (n,). joints: names of j joints. q: their positions, shape (n, j) [rad or
+    m]. held: what the tool held, n of them. poses: of each object in the world, as pairs of the index of a time and
+    the pose from then on (x, y, z [m] and a quaternion x, y, z, w).
+    """
+
+    t: Array
+    joints: tuple[str, ...]
+    q: Array
+    held: tuple[str | None, ...]
+    poses: Mapping[str, tuple[tuple[int, tuple[float, ...]], ...]]
+
+    @classmethod
+    def of(cls, events: Iterable[Event]) -> Track | None:
+        """What a `StateRecorder` published, from all events of a run; None if there was none."""
+        states = [event for event in events if isinstance(event, State)]
+        if not states:
+            return None
+        first, *others = states
+        assert isinstance(first, WholeState)  # noqa: S101 - as a `StateRecorder` publishes and `read_log` makes sure
+        q, held = [first.q], [first.held]
+        for state in others:
+            q.append(state.q if state.tells("q") else q[-1])
+            held.append(state.held if state.tells("held") else held[-1])
+        poses: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
+        for index, state in enumerate(states):
+            for name, pose in state.objects.items():
+                poses.setdefault(name, []).append((index, tuple(pose)))
+        return cls(
+            np.array([state.t for state in states]),
+            tuple(first.joints),
+            np.array(q, dtype=float).reshape(len(states), -1),
+            tuple(held),
+            {name: tuple(found) for name, found in poses.items()},
+        )
+
+
+def asked_boxes(step: Step) -> dict[str, list[AskedBox]]:
+    """The boxes in which images of a step are judged, by atom.
+
+    The frame of each is a link of the robot or the world, in which a box stays that belongs to where an object was when
+    the step began. A box that moves with an object which is carried is left out: where images are searched for it is
+    what the robot believes, and neither where the object is nor where it was.
+    """
+    found = {atom: [_asked(step, box) for box in target.boxes] for atom, target in step.targets.items()}
+    return {atom: [box for box in boxes if box is not None] for atom, boxes in found.items()}
+
+
+def _asked(step: Step, box: TargetBox) -> AskedBox | None:
+    name = box.frame.owner
+    carried = {step.before.held, *(primitive.held for primitive in step.primitives)}
+    frame: str = WORLD
+    if name not in step.before.X_WO:
+        frame, X_FB = box.frame, box.X_FB
+    elif not box.frame.at_start and name in carried:
+        return None
+    else:
+        X_FB = step.before.X_WO[name] @ box.X_FB
+    return AskedBox(frame=frame, size=list(box.size), pose=[[_rounded(x) for x in row] for row in X_FB.tolist()])
+
+
+def _pose(X_WO: Array) -> list[float]:
+    return [_rounded(float(x)) for x in (*X_WO[:3, 3], *matrix_to_quaternion(X_WO[:3, :3]))]
+
+
+def _rounded(value: float) -> float:
+    return round(value, DIGITS) + 0.0  # no -0.0, which is not 0.0 to whoever reads the log

@@ -11,17 +11,12 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Replanner, Step
-from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.step_monitor import Alarm, condition_atoms, condition_value
 from sqrp_cli.runtime.record.events import MovingOn
-from sqrp_cli.runtime.record.publisher import Narrator, listed
+from sqrp_cli.runtime.record.publisher import listed
 from sqrp_cli.runtime.record.report import Stopped
-from sqrp_cli.runtime.run.arm_motion import Playback
-from sqrp_cli.runtime.run.fault_ledger import FaultLedger
 from sqrp_cli.runtime.run.lockstep import Lockstep
-from sqrp_cli.runtime.run.observation import Lookout
-from sqrp_cli.runtime.run.tool import Tool
 
 LOOK_AGAIN = 2.0
 """How long the robot stands and waits for the condition of a retry to be seen [s]."""
@@ -45,23 +40,12 @@ class Viewpoint:
         return f"where {listed(self.cameras)} should see it" if self.cameras else "at the end of the motion"
 
 
-class Retry:
+class Recovery:
     """Brings the robot from a fault to a plan of the same step from where it then is."""
 
-    def __init__(
-        self,
-        lockstep: Lockstep,
-        playback: Playback,
-        tool: Tool,
-        lookout: Lookout,
-        ledger: FaultLedger,
-        cell: SimulatedCell,
-        replanner: Replanner,
-        narrator: Narrator,
-    ) -> None:
-        self._lockstep, self._playback, self._tool = lockstep, playback, tool
-        self._lookout, self._ledger, self._cell = lookout, ledger, cell
-        self._replanner, self._narrator = replanner, narrator
+    def __init__(self, lockstep: Lockstep, replanner: Replanner) -> None:
+        self._lockstep, self._replanner = lockstep, replanner
+        self._robot, self._observer = lockstep.robot, lockstep.observer
 
     def prepare(self, attempt: Attempt, alarm: Alarm) -> Step:
         """The step of an attempt that failed again, from where the arm stands then, in the world that is seen then.
@@ -76,8 +60,8 @@ class Retry:
         if when is not None and viewpoint is not None and viewpoint.stop_at > self._tau():
             self._move_on(when, viewpoint)
         self._lockstep.stop(alarm.text)
-        self._tool.let_go()
-        self._lookout.forget(self._lockstep.now)
+        self._robot.let_go()
+        self._observer.forget(self._lockstep.now)
         if when is not None:
             self._await(when, viewpoint)
         planned = self._replanner.replan(attempt.step, self._world_seen(attempt.step))
@@ -89,53 +73,53 @@ class Retry:
         """Go on with the motion, without any command to the tool, until it can be stopped at a viewpoint."""
         began = self._lockstep.now
         until = round(viewpoint.stop_at, 6)
-        self._narrator.publish(MovingOn(t=began, to_see=when, cameras=list(viewpoint.cameras), until=until))
-        self._tool.keep(began)
+        self._lockstep.publisher.publish(MovingOn(t=began, to_see=when, cameras=list(viewpoint.cameras), until=until))
+        self._robot.keep_fingers(began)
         end = began + viewpoint.stop_at - self._tau()
         while self._lockstep.now < end - 1e-9 and not self._is_seen(when):
             self._lockstep.pass_time(end)
-        self._ledger.moved_on(self._lockstep.now - began)
+        self._lockstep.faults.moved_on(self._lockstep.now - began)
 
     def _await(self, when: str, viewpoint: Viewpoint | None) -> None:
         """Stand until the condition is seen, and all cameras have told where things are. Raises Stopped if not soon."""
         until = self._lockstep.now + LOOK_AGAIN
-        while not (self._lookout.caught_up and self._is_seen(when)):
+        while not (self._observer.caught_up and self._is_seen(when)):
             if self._lockstep.now >= until - 1e-9:
                 where = f" {viewpoint}" if viewpoint is not None else ""
                 raise Stopped(f"`{when}` was not seen within {LOOK_AGAIN:g} s of standing{where}, so there is no retry")
             self._lockstep.pass_time(until)
 
     def _is_seen(self, when: str) -> bool:
-        return condition_value(when, self._lookout.values) == Truth.TRUE
+        return condition_value(when, self._observer.values) == Truth.TRUE
 
     def _viewpoint(self, attempt: Attempt, when: str) -> Viewpoint:
         """The next place along the motion from which all that a condition asks about is predicted to be seen."""
         atoms, end = condition_atoms(when), attempt.step.time
         for begin in np.arange(min(self._tau(), end), end, SPACING).tolist():
-            stands = self._playback.standing_time(begin)
-            margin = min(self._lookout.period, stands, end - stands)
+            stands = self._robot.motion.standing_time(begin)
+            margin = min(self._observer.streams.period, stands, end - stands)
             if self._is_predicted(attempt, atoms, stands, margin):
-                cameras = {name for atom in atoms for name in attempt.expectation.covering(atom, stands, margin)}
+                cameras = {name for atom in atoms for name in attempt.nominal.covering(atom, stands, margin)}
                 return Viewpoint(begin, tuple(sorted(cameras)))
         return Viewpoint(end, ())
 
     def _is_predicted(self, attempt: Attempt, atoms: Sequence[str], tau: float, margin: float) -> bool:
         targets = attempt.step.targets
-        return all(atom in targets and attempt.expectation.is_covered(atom, tau, margin) for atom in atoms)
+        return all(atom in targets and attempt.nominal.is_covered(atom, tau, margin) for atom in atoms)
 
     def _tau(self) -> float:
-        return self._playback.step_time(self._lockstep.now)
+        return self._robot.motion.step_time(self._lockstep.now)
 
     def _world_seen(self, step: Step) -> World:
         """The world as the images show it: objects where they were located, facts by evidence."""
         before = step.before
         X_WO = dict(before.X_WO)
-        for name, place in self._lookout.places.items():
+        for name, place in self._observer.places.items():
             X_WO[name] = X_WO[name].copy()
             X_WO[name][:3, 3] = place
-        known = {Atom.of(atom): value for atom, value in self._lookout.values.items()}
+        known = {Atom.of(atom): value for atom, value in self._observer.values.items()}
         seen = {atom for atom, value in known.items() if value == Truth.TRUE}
         refuted = {atom for atom, value in known.items() if value == Truth.FALSE}
-        measured = self._cell.measured_joints()
+        measured = self._robot.cell.measured_joints()
         joints = {name: measured.get(name, value) for name, value in before.joints.items()}
         return replace(before, facts=(before.facts | seen) - refuted, X_WO=X_WO, joints=joints)

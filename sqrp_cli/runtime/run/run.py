@@ -1,84 +1,79 @@
-"""Runs a program in a cell, step by step: moves, looks, judges, and responds to faults."""
+"""One run of a program: command, images, evidence, verdict, alarm, recovery, retry."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from sqrp_cli.knowledge.workspace.workspace import Workspace
-from sqrp_cli.program.record import Program, Replanner, Step
+from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner, Step
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
-from sqrp_cli.runtime.monitor.nominal_step import Expectation
+from sqrp_cli.runtime.monitor.nominal_step import NominalStep
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
-from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, Judge
-from sqrp_cli.runtime.perception.detector_pool import PerceptionPool
-from sqrp_cli.runtime.perception.image_stream import Eyes
+from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
+from sqrp_cli.runtime.perception.detector_pool import DetectorPool
+from sqrp_cli.runtime.perception.image_stream import ImageStreams
 from sqrp_cli.runtime.record.events import Listener, Retrying, RunEnded, StepBegan
-from sqrp_cli.runtime.record.film import Gallery
-from sqrp_cli.runtime.record.publisher import Narrator
-from sqrp_cli.runtime.record.report import RunReport, StepRecord, Stopped, Unwatched
+from sqrp_cli.runtime.record.film import ImageRecorder
+from sqrp_cli.runtime.record.publisher import EventPublisher
+from sqrp_cli.runtime.record.report import MonitoringLost, RunReport, StepRecord, Stopped
 from sqrp_cli.runtime.robot_body import RobotBody
-from sqrp_cli.runtime.run.arm_motion import Playback
-from sqrp_cli.runtime.run.fault_ledger import FaultLedger
-from sqrp_cli.runtime.run.ground_truth import GroundTruth
+from sqrp_cli.runtime.run.commanded_robot import CommandedRobot
+from sqrp_cli.runtime.run.fault_tracker import FaultTracker
+from sqrp_cli.runtime.run.ground_truth import GroundTruth, StateRecorder, asked_boxes
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 from sqrp_cli.runtime.run.lockstep import Due, Lockstep
-from sqrp_cli.runtime.run.observation import Lookout
-from sqrp_cli.runtime.run.recovery import Retry
-from sqrp_cli.runtime.run.state_recorder import Witness, asked_boxes
-from sqrp_cli.runtime.run.tool import Tool
+from sqrp_cli.runtime.run.observer import Observer
+from sqrp_cli.runtime.run.recovery import Recovery
 
 
-class Execution:
+@dataclass(frozen=True, eq=False)
+class Workcell:
+    """What a run commands and looks at."""
+
+    workspace: Workspace
+    body: RobotBody
+    cell: SimulatedCell
+    detectors: DetectorPool
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What is kept of a run, and who hears of it."""
+
+    listeners: Sequence[Listener] = ()
+    """Are given each event as it happens."""
+    images: ImageRecorder | None = None
+    """Takes every image with what was seen in it."""
+    states: bool = False
+    """Whether the events hold where everything really is, too; the run itself is the same."""
+
+
+class Run:
     """One run of a program."""
 
     def __init__(
         self,
         program: Program,
-        workspace: Workspace,
-        robot: RobotBody,
-        cell: SimulatedCell,
-        pool: PerceptionPool,
+        workcell: Workcell,
         replanner: Replanner,
-        faults: Sequence[InjectedFault] = (),
-        listeners: Sequence[Listener] = (),
-        gallery: Gallery | None = None,
-        *,
-        witnessed: bool = False,
+        faults: Sequence[InjectedFault],
+        recording: Recording,
     ) -> None:
-        """gallery: takes every image with what was seen in it, if images are to be kept.
-
-        witnessed: whether listeners are told where everything really is, too.
-        """
-        self._program, self._robot, self._cell, self._faults = program, robot, cell, list(faults)
-        self._cameras = workspace.cameras
-        before = program.steps[0].before
-        joints, limits, stop_limits = program.joints, workspace.robot.limits, workspace.robot.stop_limits
-        q = np.array([before.joints[name] for name in joints])
-        self._playback = Playback(joints, [limits[name] for name in joints], [stop_limits[name] for name in joints], q)
-        self._narrator = Narrator(listeners)
-        self._eyes = Eyes(workspace.cameras.values(), pool)
-        self._tool = Tool(cell, self._playback, robot.fingers, holding=before.held is not None)
-        self._lookout = Lookout(workspace.cameras, cell, self._eyes, pool, self._narrator, gallery)
-        responses = {name: camera.response for name, camera in workspace.cameras.items()}
-        self._ledger = FaultLedger(cell, self._eyes, pool, responses, self._narrator)
-        self._witness = Witness(cell, self._narrator) if witnessed else None
-        self._lockstep = Lockstep(
-            self._witness or cell,
-            self._playback,
-            self._tool,
-            self._eyes,
-            self._lookout,
-            GroundTruth(cell, robot),
-            self._ledger,
-            self._narrator,
-        )
-        self._retry = Retry(
-            self._lockstep, self._playback, self._tool, self._lookout, self._ledger, cell, replanner, self._narrator
-        )
+        """replanner: plans retries. faults: that are to happen."""
+        self._program, self._body, self._cell, self._faults = program, workcell.body, workcell.cell, list(faults)
+        cell, workspace = workcell.cell, workcell.workspace
+        self._publisher = EventPublisher(recording.listeners)
+        self._states = StateRecorder(cell, self._publisher) if recording.states else None
+        self._robot = CommandedRobot.at_the_start(program, workspace.robot, cell, self._states)
+        self._streams = ImageStreams(workspace.cameras, workcell.detectors)
+        self._observer = Observer(cell, self._streams, self._publisher, recording.images)
+        self._tracker = FaultTracker(cell, self._streams, self._publisher)
+        truth = GroundTruth(cell, workcell.body)
+        self._lockstep = Lockstep(self._robot, self._observer, self._tracker, truth, self._publisher)
+        self._recovery = Recovery(self._lockstep, replanner)
         self._report = RunReport()
 
     def run(self) -> RunReport:
@@ -89,68 +84,45 @@ class Execution:
                 self._run_step(index, step)
         except Stopped as stopped:
             report.outcome, report.reason = "stopped", str(stopped)
-            self._ledger.stopped(lockstep.now, stopped if isinstance(stopped, Unwatched) else None)
+            self._tracker.stopped(lockstep.now, stopped if isinstance(stopped, MonitoringLost) else None)
             lockstep.halt(str(stopped))
-        if self._witness is not None:
-            self._witness.finish()
+        if self._states is not None:
+            self._states.finish()
         report.time = round(lockstep.now, 6)
-        report.faults, report.conflicts = self._ledger.records, self._lookout.conflicts
+        report.faults, report.conflicts = self._tracker.records, self._observer.conflicts
         report.stop_told, report.stop_done = lockstep.stop_told, lockstep.standing_since
-        report.tracking, report.images = self._cell.tracking_error(), self._eyes.images
-        self._narrator.publish(RunEnded(t=lockstep.now, event=report.outcome, reason=report.reason))
-        wall = self._narrator.wall
-        report.wall = {**wall, "all": self._narrator.elapsed(), "perception (in parallel)": self._eyes.seconds}
+        report.tracking, report.images = self._cell.tracking_error(), self._streams.images
+        self._publisher.publish(RunEnded(t=lockstep.now, event=report.outcome, reason=report.reason))
+        wall = self._publisher.wall
+        report.wall = {**wall, "all": self._publisher.elapsed(), "perception (in parallel)": self._streams.seconds}
         return report
 
     def _run_step(self, index: int, step: Step) -> None:
         """Run a step, with as many retries as its response to a fault allows. Raises Stopped if that does not help."""
         record = StepRecord(step.skill, step.parameters, step.short_task, self._lockstep.now)
         self._report.steps.append(record)
-        self._tool.holding = step.before.held is not None
-        while True:
-            attempt, alarm = self._attempt(index, step, first=record.attempts == 1)
-            if alarm is None:
-                break
-            response, retries = alarm.response, record.attempts - 1
-            if alarm.kind == "fault":
-                self._ledger.seen(alarm, self._lockstep.now)
-            elif alarm.kind == "violation":
-                self._ledger.suspected(self._lockstep.now)
-            if response.action != "retry" or retries >= response.retries:
-                after = f" after {retries} {'retry' if retries == 1 else 'retries'}" if retries else ""
-                raise Stopped(f"{alarm.text}{after}")
-            step = self._retry.prepare(attempt, alarm)
-            record.attempts += 1
-            self._ledger.acted(self._lockstep.now)
-            time = round(step.time, 6)
-            self._narrator.publish(
-                Retrying(t=self._lockstep.now, attempt=retries + 1, of=response.retries, step=step.skill, time=time)
-            )
+        self._robot.holding = step.before.held is not None
+        attempt, alarm = self._attempt(index, step, first=True)
+        while alarm is not None:
+            step = self._respond(attempt, alarm, record)
+            attempt, alarm = self._attempt(index, step, first=False)
         record.end, record.unseen = round(self._lockstep.now, 6), attempt.unseen
-        self._ledger.recovered(self._lockstep.now)
+        self._tracker.recovered(self._lockstep.now)
 
     def _attempt(self, index: int, step: Step, *, first: bool) -> tuple[Attempt, Alarm | None]:
         """Try a step once. Returns the attempt, and the alarm that needs a response; None if the step is done."""
-        expectation = Expectation(step, self._program.joints, self._robot)
-        check = PredictionCheck(index, expectation, list(self._cameras))
-        judge = Judge(expectation, self._lookout.period)
-        attempt = Attempt(step, expectation, judge, check, undisturbed=first)
-        self._lockstep.attempt = attempt
-        self._lookout.watch(attempt, index + 1, self._lockstep.now)
-        began = StepBegan(
-            t=self._lockstep.now,
-            number=index + 1,
-            skill=step.skill,
-            parameters=dict(step.parameters),
-            time=round(step.time, 6),
-            boxes=asked_boxes(step),
-        )
-        self._narrator.publish(began)
+        lockstep, number = self._lockstep, index + 1
+        nominal = NominalStep(step, self._program.joints, self._body)
+        check = PredictionCheck(index, nominal, list(self._streams.cameras))
+        attempt = Attempt(step, nominal, StepMonitor(nominal, self._streams.period), check, undisturbed=first)
+        lockstep.attempt = attempt
+        self._observer.watch(attempt, number, lockstep.now)
+        self._publisher.publish(_step_began(step, number, lockstep.now))
         try:
             wrong = self._look(attempt, 0.0)
             if wrong is not None:
                 raise Stopped(f"wrong start: {wrong.text}")
-            alarm = self._move(attempt, index + 1)
+            alarm = self._move(attempt, number)
         finally:
             if first:
                 self._report.prediction.append(check.counts)
@@ -159,59 +131,92 @@ class Execution:
 
     def _move(self, attempt: Attempt, number: int) -> Alarm | None:
         """Play the motion of an attempt at the step of a number, then look at what came of it."""
-        lockstep, eyes = self._lockstep, self._eyes
+        lockstep = self._lockstep
         attempt.start = lockstep.now
         self._schedule(attempt, number, attempt.start)
-        self._playback.play(attempt.step.primitives, attempt.start)
+        self._robot.motion.play(attempt.step.primitives, attempt.start)
         end = attempt.end
-        while lockstep.now < end - 1e-9 or eyes.has_arrival_from(end):
+        while lockstep.now < end - 1e-9 or self._streams.has_arrival_from(end):
             for alarm in attempt.alarms(lockstep.pass_time(end)):
                 if alarm.response.action != "continue":
                     return alarm
-                self._ledger.seen(alarm, lockstep.now)
-        self._lookout.forget(lockstep.now)
+                self._tracker.seen(alarm, lockstep.now)
+        self._observer.forget(lockstep.now)
         return self._look(attempt, attempt.step.time)
 
     def _look(self, attempt: Attempt, tau: float) -> Alarm | None:
         """Stand and look until the images agree with what should be so at a time of the step, or for long enough."""
-        lockstep, lookout = self._lockstep, self._lookout
-        until = lockstep.now + max(PATIENCE, 3 * lookout.period) + lookout.latency
+        lockstep, streams = self._lockstep, self._streams
+        until = lockstep.now + max(PATIENCE, 3 * streams.period) + streams.latency
         alarm: Alarm | None = None
         looked = False
         while not looked or (alarm is not None and lockstep.now < until - 1e-9):
-            for look in lockstep.pass_time():
-                if look.complete:
-                    attempt.note(look)
-                    alarm = attempt.judge.at_rest(tau, look.values)
+            for evidence in lockstep.pass_time():
+                if evidence.complete:
+                    attempt.note(evidence)
+                    alarm = attempt.monitor.at_rest(tau, evidence.values)
                     looked = True
         return alarm
+
+    def _respond(self, attempt: Attempt, alarm: Alarm, record: StepRecord) -> Step:
+        """Plan the step of an attempt again after an alarm. Raises Stopped where no retry is left or possible."""
+        lockstep, response, retries = self._lockstep, alarm.response, record.attempts - 1
+        if alarm.kind == "fault":
+            self._tracker.seen(alarm, lockstep.now)
+        elif alarm.kind == "violation":
+            self._tracker.suspected(lockstep.now)
+        if response.action != "retry" or retries >= response.retries:
+            after = f" after {retries} {'retry' if retries == 1 else 'retries'}" if retries else ""
+            raise Stopped(f"{alarm.text}{after}")
+        step = self._recovery.prepare(attempt, alarm)
+        record.attempts += 1
+        self._tracker.acted(lockstep.now)
+        time = round(step.time, 6)
+        self._publisher.publish(
+            Retrying(t=lockstep.now, attempt=retries + 1, of=response.retries, step=step.skill, time=time)
+        )
+        return step
 
     def _schedule(self, attempt: Attempt, number: int, start: float) -> None:
         """Have everything done that belongs to a motion that begins at `start` [s].
 
         number: of the step, whose faults happen once, with its first motion.
         """
-        tool, schedule = self._tool, self._lockstep.schedule
         for primitive in attempt.step.primitives:
-            begin, end = start + primitive.start, start + primitive.end
-            if primitive.action == "Grasp":
-                schedule(Due(begin, "tool", partial(self._grasp, attempt)))
-            elif primitive.action == "Release":
-                schedule(Due(begin if tool.fingers is not None else end, "tool", tool.release))
-                schedule(Due(end, "tool", tool.released))
-            schedule(Due(begin, "primitive", partial(self._begin, primitive.name)))
+            self._schedule_primitive(attempt, primitive, start)
         for fault in self._faults:
             if fault.step == number:
-                schedule(Due(start + (fault.t or 0.0), "fault", partial(self._inject, fault)))
+                self._lockstep.schedule(Due(start + (fault.t or 0.0), "fault", partial(self._inject, fault)))
         self._faults = [fault for fault in self._faults if fault.step != number]
 
+    def _schedule_primitive(self, attempt: Attempt, primitive: ProgramPrimitive, start: float) -> None:
+        robot, schedule = self._robot, self._lockstep.schedule
+        begin, end = start + primitive.start, start + primitive.end
+        if primitive.action == "Grasp":
+            schedule(Due(begin, "tool", partial(self._grasp, attempt)))
+        elif primitive.action == "Release":
+            schedule(Due(begin if robot.fingers is not None else end, "tool", robot.release))
+            schedule(Due(end, "tool", robot.released))
+        schedule(Due(begin, "primitive", partial(self._begin, primitive.name)))
+
     def _grasp(self, attempt: Attempt) -> None:
-        self._tool.grasp()
-        attempt.undisturbed &= not self._ledger.is_open
+        self._robot.grasp()
+        attempt.undisturbed &= not self._tracker.is_open
 
     def _begin(self, primitive: str) -> None:
-        self._narrator.begin(self._lockstep.now, primitive)
+        self._publisher.begin(self._lockstep.now, primitive)
 
     def _inject(self, fault: InjectedFault) -> None:
         if self._lockstep.attempt is not None:
-            self._ledger.inject(fault, self._lockstep.now, self._lockstep.attempt)
+            self._tracker.inject(fault, self._lockstep.now, self._lockstep.attempt)
+
+
+def _step_began(step: Step, number: int, now: float) -> StepBegan:
+    return StepBegan(
+        t=now,
+        number=number,
+        skill=step.skill,
+        parameters=dict(step.parameters),
+        time=round(step.time, 6),
+        boxes=asked_boxes(step),
+    )

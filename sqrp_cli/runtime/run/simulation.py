@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, ProgramPrimitive, Replanner
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
-from sqrp_cli.runtime.perception.detections import CellKnowledge
-from sqrp_cli.runtime.perception.detector_pool import PerceptionPool
-from sqrp_cli.runtime.record.events import VERSION, Listener, ProgramStep, RunBegan
-from sqrp_cli.runtime.record.film import Gallery
+from sqrp_cli.runtime.perception.detections import CellModel
+from sqrp_cli.runtime.perception.detector_pool import DetectorPool
+from sqrp_cli.runtime.record.events import VERSION, ProgramStep, RunBegan
 from sqrp_cli.runtime.record.report import FaultRecord, RunReport, tolerance
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
-from sqrp_cli.runtime.run.run import Execution
+from sqrp_cli.runtime.run.run import Recording, Run, Workcell
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,54 +26,24 @@ class Simulation:
     replanner: Replanner
     seed: int
 
-    def run(
-        self,
-        faults: Sequence[InjectedFault] = (),
-        listeners: Sequence[Listener] = (),
-        gallery: Gallery | None = None,
-        *,
-        witnessed: bool = False,
-    ) -> RunReport:
-        """One run. Raises InputError where the simulator cannot be used.
-
-        witnessed: whether listeners are told where everything really is, too; the run itself is the same.
-        """
+    def run(self, faults: Sequence[InjectedFault] = (), recording: Recording | None = None) -> RunReport:
+        """One run. Raises InputError where the simulator cannot be used."""
         robot = RobotBody.load(self.workspace.robot)
-        with PerceptionPool(CellKnowledge.of(self.workspace, robot)) as pool, self.cell() as cell:
-            return self._execution(robot, cell, pool, faults, listeners, gallery, witnessed=witnessed).run()
+        with self._detectors(robot) as detectors, self.cell() as cell:
+            return self._run(Workcell(self.workspace, robot, cell, detectors), faults, recording or Recording())
 
-    def run_in(
-        self, cell: SimulatedCell, faults: Sequence[InjectedFault] = (), listeners: Sequence[Listener] = ()
-    ) -> RunReport:
+    def run_in(self, cell: SimulatedCell, faults: Sequence[InjectedFault] = ()) -> RunReport:
         """One run, as `run` but in a cell that `cell` made, which saves the time to make it."""
         robot = RobotBody.load(self.workspace.robot)
         cell.reset(self.program.steps[0].before)
-        with PerceptionPool(CellKnowledge.of(self.workspace, robot)) as pool:
-            return self._execution(robot, cell, pool, faults, listeners, None).run()
+        with self._detectors(robot) as detectors:
+            return self._run(Workcell(self.workspace, robot, cell, detectors), faults, Recording())
 
-    def _execution(
-        self,
-        robot: RobotBody,
-        cell: SimulatedCell,
-        pool: PerceptionPool,
-        faults: Sequence[InjectedFault],
-        listeners: Sequence[Listener],
-        gallery: Gallery | None,
-        *,
-        witnessed: bool = False,
-    ) -> Execution:
-        return Execution(
-            self.program,
-            self.workspace,
-            robot,
-            cell,
-            pool,
-            self.replanner,
-            faults,
-            listeners,
-            gallery,
-            witnessed=witnessed,
-        )
+    def _detectors(self, robot: RobotBody) -> DetectorPool:
+        return DetectorPool(CellModel.of(self.workspace, robot))
+
+    def _run(self, workcell: Workcell, faults: Sequence[InjectedFault], recording: Recording) -> RunReport:
+        return Run(self.program, workcell, self.replanner, faults, recording).run()
 
     def cell(self) -> SimulatedCell:
         """A cell at the start of the program."""

@@ -7,9 +7,9 @@ import pytest
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
-from sqrp_cli.runtime.monitor.step_monitor import Judge
-from sqrp_cli.runtime.perception.evidence_buffer import Look
-from tests.runtime.steps import FixedExpectation, formula, step
+from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
+from sqrp_cli.runtime.perception.evidence_buffer import Evidence, Exposure, FusedTruth
+from tests.runtime.steps import FixedNominalStep, formula, step
 
 START, TIME = 5.0, 2.0
 T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
@@ -18,11 +18,17 @@ T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 def attempt() -> Attempt:
     """One that begins at 5 s and takes 2 s; `held` is asked about throughout, `placed` in its first second."""
     asked = [formula("always[0, 2] (held)"), formula("always[0, 1] (placed)")]
-    expectation = FixedExpectation(
+    nominal = FixedNominalStep(
         step(asked, {"held": {}, "placed": {}}, TIME), {"held": [(0.0, True)], "placed": [(0.0, True)]}
     )
-    check = PredictionCheck(0, expectation, [])  # type: ignore[arg-type]
-    return Attempt(expectation.step, expectation, Judge(expectation, 0.1), check, True, START)  # type: ignore[arg-type]
+    check = PredictionCheck(0, nominal, [])  # type: ignore[arg-type]
+    return Attempt(nominal.step, nominal, StepMonitor(nominal, 0.1), check, True, START)  # type: ignore[arg-type]
+
+
+def evidence(t: float, values: dict[str, Truth], *, complete: bool = True) -> Evidence:
+    return Evidence(
+        Exposure(t, t - START, {}), {atom: FusedTruth(v, {}, False) for atom, v in values.items()}, complete
+    )
 
 
 @pytest.mark.parametrize(
@@ -40,12 +46,12 @@ def test_what_is_asked_at_the_end_is_unseen_if_no_image_from_then_on_shows_it(
 ) -> None:
     found = attempt()
     for t, value in shown.items():
-        found.note(Look(t, t - START, {"held": value, "placed": U}, complete=True))
+        found.note(evidence(t, {"held": value, "placed": U}))
     assert found.unseen == unseen
 
 
-def test_looks_during_the_motion_are_remembered_once_they_are_complete() -> None:
+def test_evidence_during_the_motion_are_remembered_once_they_are_complete() -> None:
     found = attempt()
-    looks = [Look(5.5, 0.5, {"held": T}, complete=True), Look(6.5, 1.5, {"held": T}, complete=False)]
+    looks = [evidence(5.5, {"held": T}), evidence(6.5, {"held": T}, complete=False)]
     assert list(found.alarms(looks)) == []
     assert found.unseen == {"held": 5.5}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sqrp_cli.runtime.monitor.plan_check import against_the_plan
-from tests.runtime.steps import FixedExpectation, formula, step
+from tests.runtime.steps import FixedNominalStep, formula, step
 
 PLAN = {"held": [(0.0, False), (5.0, True)], "placed": [(0.0, True), (5.8, False)], "pressed": [(0.0, True)]}
 """Something is picked up at 5 s, and has left its place 0.8 s later; a button is in its place all the time."""
@@ -13,7 +13,7 @@ PLAN = {"held": [(0.0, False), (5.0, True)], "placed": [(0.0, True), (5.8, False
 
 def told(text: str, fault: str | None = None) -> list[str]:
     asked = step([formula(text, fault=fault)], {})
-    return list(against_the_plan(FixedExpectation(asked, PLAN)))  # type: ignore[arg-type]
+    return list(against_the_plan(FixedNominalStep(asked, PLAN)))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

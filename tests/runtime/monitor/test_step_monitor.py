@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, Judge
-from tests.runtime.steps import FixedExpectation, formula, step
+from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
+from tests.runtime.steps import FixedNominalStep, formula, step
 
 ALWAYS = {"cam": [(0.0, 10.0)]}
 T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
 
 
-def judge(formulas, changes, seen=None) -> Judge:
+def judge(formulas, changes, seen=None) -> StepMonitor:
     atoms = dict.fromkeys(changes, ALWAYS if seen is None else seen)
-    return Judge(FixedExpectation(step(formulas, atoms), changes), 0.1)
+    return StepMonitor(FixedNominalStep(step(formulas, atoms), changes), 0.1)
 
 
-def first_alarm(found: Judge, values, end: float = 10.0) -> tuple[float, Alarm] | None:
+def first_alarm(found: StepMonitor, values, end: float = 10.0) -> tuple[float, Alarm] | None:
     """The first alarm when evidence comes every 0.1 s; values: from time to what is known."""
     for t in np.arange(0, end + 1e-9, 0.1).round(6):
         alarm = found.observe(float(t), values(t))
@@ -72,7 +72,7 @@ def test_a_violation_waits_while_the_rest_of_a_fault_is_out_of_sight() -> None:
     changes = {"held": [(0, True)], "there": [(0, False)]}
     for there, kind in ((T, "fault"), (F, "violation")):
         entry = step(formulas, {"held": ALWAYS, "there": {"cam": [(0.0, 3.0), (7.0, 10.0)]}})
-        found = Judge(FixedExpectation(entry, changes), 0.1)
+        found = StepMonitor(FixedNominalStep(entry, changes), 0.1)
         values = lambda t: {"held": F if t > 3.95 else T, "there": F if t < 3.05 else U if t < 6.95 else there}  # noqa: B023, E731
         t, alarm = first_alarm(found, values)
         assert (t, alarm.kind) == (7.0, kind)

@@ -25,8 +25,8 @@ from sqrp_cli.runtime.cell.mujoco_model import quaternion
 from sqrp_cli.runtime.cell.physics import Physics
 from sqrp_cli.runtime.cell.renderer import Renderer
 from sqrp_cli.runtime.image import Frame
-from sqrp_cli.runtime.perception.detections import CellKnowledge, Posture, Watchlist
-from sqrp_cli.runtime.perception.image_detector import Watcher
+from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
+from sqrp_cli.runtime.perception.image_detector import ImageDetector
 from sqrp_cli.runtime.perception.vision import find_markers
 from sqrp_cli.runtime.robot_body import RobotBody
 from tests.runtime.cell.scenes import camera, cell, empty, thing, world
@@ -44,7 +44,7 @@ class Stage:
     """A renderer of things that are put where a test wants them."""
 
     def __init__(self, base: Workspace) -> None:
-        self.knowledge = CellKnowledge.of(base, RobotBody.load(base.robot))
+        self.knowledge = CellModel.of(base, RobotBody.load(base.robot))
         self._physics = Physics(base, world(base))
         self._renderer = Renderer(self._physics.model, tuple(base.cameras.values()), 0)
         self._positions = self._physics.positions
@@ -114,21 +114,23 @@ def outline(eye: Camera, X_WO: Array) -> Array:
 def _cube_sights(stage: Stage, eye: Camera, visible: float, random: np.random.Generator) -> tuple[Truth, Truth]:
     """What perception says with the cube in its place, and without, both behind a screen."""
     X_WO, aside = pose(position=PLACE), pose(position=(4.0, 3.0, 0.5))
-    watcher = Watcher(eye, stage.knowledge)
+    detector = ImageDetector(eye, stage.knowledge)
     box = TargetBox(
         name="place", detector="color", frame=FrameName("cube@start"), size=CUBE.size, X_FB=pose(), normal=None,
         encloses=("cube",),
     )  # fmt: skip
-    watcher.watch(Watchlist({"placed(cube)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"cube": X_WO}, {}))
+    detector.watch(
+        DetectionTargets({"placed(cube)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"cube": X_WO}, {})
+    )
     before = {"cube": X_WO, "screen": aside}
     stage.put("cube", X_WO)
     stage.put("screen", aside)
-    watcher.look(stage.frame(eye.name, 0.0), Posture({}, False, before))
+    detector.look(stage.frame(eye.name, 0.0), BelievedState({}, False, before))
     X_WS = _screen(eye, X_WO, visible, random)
     stage.put("screen", X_WS)
-    there = watcher.look(stage.frame(eye.name, 0.1), Posture({}, False, {"cube": X_WO, "screen": X_WS}))
+    there = detector.look(stage.frame(eye.name, 0.1), BelievedState({}, False, {"cube": X_WO, "screen": X_WS}))
     stage.put("cube", pose(position=(4.0, -6.0, 0.02)))
-    gone = watcher.look(stage.frame(eye.name, 0.2), Posture({}, False, {"cube": X_WO, "screen": X_WS}))
+    gone = detector.look(stage.frame(eye.name, 0.2), BelievedState({}, False, {"cube": X_WO, "screen": X_WS}))
     return there.boxes["placed(cube)"][0].evidence, gone.boxes["placed(cube)"][0].evidence
 
 

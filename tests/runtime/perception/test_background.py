@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.runtime.image import Pixels
-from sqrp_cli.runtime.perception.background import Backdrop
+from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.vision import Mask
 
 GREY, WHITE, RED, BLUE = (60, 60, 66), (200, 200, 200), (200, 30, 30), (30, 30, 200)
@@ -37,20 +37,20 @@ def painted() -> Pixels:
 @pytest.mark.parametrize("moving", [False, True])
 def test_what_stands_before_the_robot_does_not_colour_it(*, moving: bool) -> None:
     image = painted()
-    robot_colored = Backdrop(image, ROBOT, WATCHED, OTHER, moving=moving).robot_colored(image, EVERYWHERE)
+    robot_colored = Background(image, ROBOT, WATCHED, OTHER, moving=moving).robot_colored(image, EVERYWHERE)
     assert (robot_colored == ROBOT & ~WATCHED & ~OTHER).all()
 
 
 def test_the_background_is_what_neither_robot_nor_watched_thing_covers() -> None:
     image = painted()
-    backdrop = Backdrop(image, ROBOT, WATCHED, OTHER, moving=False)
-    assert backdrop.matches(image, EVERYWHERE)[~ROBOT].all()
-    assert not backdrop.matches(image, EVERYWHERE)[WATCHED].any()
+    background = Background(image, ROBOT, WATCHED, OTHER, moving=False)
+    assert background.matches(image, EVERYWHERE)[~ROBOT].all()
+    assert not background.matches(image, EVERYWHERE)[WATCHED].any()
 
 
 def test_of_a_moving_camera_the_colours_around_robot_and_objects_are_the_background() -> None:
     image = painted()
     image[0:5, 0:5] = RED  # a movable object of the watched one's colour
     aside = area(slice(0, 5), slice(0, 5))
-    backdrop = Backdrop(image, ROBOT, WATCHED, OTHER | aside, moving=True)
-    assert (backdrop.matches(image, EVERYWHERE) == ~ROBOT & ~aside).all()
+    background = Background(image, ROBOT, WATCHED, OTHER | aside, moving=True)
+    assert (background.matches(image, EVERYWHERE) == ~ROBOT & ~aside).all()

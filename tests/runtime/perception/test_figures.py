@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from sqrp_cli.runtime.perception.projected import ProjectedObject
 
 from sqrp_cli.geometry import pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.camera.camera import Camera
@@ -21,10 +22,9 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
-from sqrp_cli.runtime.perception.detections import BoxSight, Posture, Watchlist, Weakness
-from sqrp_cli.runtime.perception.figure import Figure
-from sqrp_cli.runtime.perception.image_detector import Watcher
-from sqrp_cli.runtime.perception.silhouettes import View
+from sqrp_cli.runtime.perception.detections import BelievedState, BoxDetection, DetectionTargets, MissReason
+from sqrp_cli.runtime.perception.image_detector import ImageDetector
+from sqrp_cli.runtime.perception.silhouettes import CameraView
 from sqrp_cli.runtime.perception.vision import color_mask, dilated
 from sqrp_cli.runtime.surface import Surface
 from sqrp_cli.shapes import Box, Mesh, Part
@@ -73,27 +73,29 @@ def stage(request: pytest.FixtureRequest, ring: SceneObject) -> Iterator[Stage]:
         yield made
 
 
-def figure(stage: Stage, eye: Camera, X_WO: np.ndarray) -> Figure:
-    view = View(Projection.of(eye), eye.X_FC)
+def projected(stage: Stage, eye: Camera, X_WO: np.ndarray) -> ProjectedObject:
+    view = CameraView(Projection.of(eye), eye.X_FC)
     box = view.outline(X_WO, stage.knowledge.objects["part"].size)
     assert box is not None
-    return Figure.of(box, view.silhouette(stage.knowledge.surfaces["part"], {"part": X_WO}, beyond=True))
+    return ProjectedObject.of(box, view.silhouette(stage.knowledge.surfaces["part"], {"part": X_WO}, beyond=True))
 
 
-def looked(stage: Stage, eye: Camera, *frames: dict[str, np.ndarray], believed: np.ndarray) -> list[BoxSight]:
+def looked(stage: Stage, eye: Camera, *frames: dict[str, np.ndarray], believed: np.ndarray) -> list[BoxDetection]:
     """The sights of the box in which the thing is believed to be, in images with things at these poses."""
-    watcher = Watcher(eye, stage.knowledge)
+    detector = ImageDetector(eye, stage.knowledge)
     box = TargetBox(
         name="place", detector="color", frame=FrameName("part@start"), size=stage.knowledge.objects["part"].size,
         X_FB=pose(), normal=None, encloses=("part",),
     )  # fmt: skip
-    watcher.watch(Watchlist({"placed(part)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"part": believed}, {}))
+    detector.watch(
+        DetectionTargets({"placed(part)": ProgramTarget(cameras=1, boxes=(box,), seen={})}, {"part": believed}, {})
+    )
     found = []
     for number, poses in enumerate(frames):
         for name, X in poses.items():
             stage.put(name, X)
-        posture = Posture({}, False, {**poses, "part": believed})
-        found.append(watcher.look(stage.frame(eye.name, 0.1 * number), posture).boxes["placed(part)"][0])
+        believed = BelievedState({}, False, {**poses, "part": believed})
+        found.append(detector.look(stage.frame(eye.name, 0.1 * number), believed).boxes["placed(part)"][0])
     stage.put("screen", AWAY)
     return found
 
@@ -105,7 +107,7 @@ def test_a_silhouette_is_what_the_simulator_draws(stage: Stage, eye: Camera) -> 
         X_WO = pose(rpy_to_matrix(random.uniform(-np.pi, np.pi, 3)), PLACE + np.array([0.0, 0.0, 0.06]))
         stage.put("part", X_WO)
         drawn = color_mask(stage.frame(eye.name, trial).image, "green")
-        found = figure(stage, eye, X_WO)
+        found = projected(stage, eye, X_WO)
         mask = found.mask(drawn.shape, (0, 0))
         assert drawn.sum() > 300
         assert not (mask & ~dilated(drawn, 1)).any()
@@ -116,7 +118,7 @@ def test_a_silhouette_is_what_the_simulator_draws(stage: Stage, eye: Camera) -> 
 
 def test_a_box_is_its_own_silhouette() -> None:
     with staged([GROUND, CUBE], EYES) as stage:
-        found = figure(stage, EYES[0], pose(position=PLACE))
+        found = projected(stage, EYES[0], pose(position=PLACE))
         np.testing.assert_array_equal(found.mask((480, 640), (0, 0)), found.outline((480, 640), (0, 0)))
         assert found.area == found.box.area
         assert (found.offset == 0.0).all()
@@ -137,7 +139,7 @@ def test_a_background_of_its_colour_does_not_prove_that_it_is_gone(eye: Camera) 
         stage.put("screen", AWAY)
         here = pose(rpy_to_matrix((0.0, 0.0, 0.4)), (4.0, 0.0, 0.02))
         _, gone = looked(stage, eye, {"part": here}, {"part": AWAY}, believed=here)
-    assert (gone.evidence, gone.because) == (Truth.UNKNOWN, Weakness.BACKGROUND)
+    assert (gone.evidence, gone.because) == (Truth.UNKNOWN, MissReason.BACKGROUND)
 
 
 def test_what_has_tipped_over_is_still_there(stage: Stage) -> None:
@@ -181,7 +183,7 @@ def test_a_fine_mesh_has_the_same_silhouette_when_it_is_coarse(wire: float) -> N
     coarse = fine.coarsened()
     assert coarse.triangles is not None
     assert len(coarse.triangles) < 30_000 < len(bent.faces)
-    view = View(Projection.of(EYES[0]), EYES[0].X_FC)
+    view = CameraView(Projection.of(EYES[0]), EYES[0].X_FC)
     masks = [
         view.silhouette([surface], {"part": pose(position=PLACE)}).mask((480, 640), (0, 0), np.inf)
         for surface in (fine, coarse)

@@ -11,8 +11,8 @@ import pytest
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.image import Frame
-from sqrp_cli.runtime.perception.image_stream import Eyes
-from sqrp_cli.runtime.run.arm_motion import Playback
+from sqrp_cli.runtime.perception.image_stream import ImageStreams
+from sqrp_cli.runtime.run.arm_motion import ArmMotion
 from tests.runtime.steps import played
 
 WORKSPACES = Path(__file__).parents[3] / "workspaces"
@@ -24,19 +24,21 @@ STANDING = 0.5
 class Looker:
     """Stands for the processes that look at images: sees nothing in any of them."""
 
-    def submit(self, frame: Frame, posture: object) -> None:
-        assert posture is None
+    def submit(self, frame: Frame, believed: object) -> None:
+        assert believed is None
         self.last = frame
 
     def collect(self, camera: str) -> SimpleNamespace:
-        return SimpleNamespace(camera=camera, t=self.last.t, seconds=0.0)
+        return SimpleNamespace(camera=camera, t=self.last.t, frozen=False, seconds=0.0)
 
 
-def eyes(*names: str) -> Eyes:
-    return Eyes([SimpleNamespace(name=name, rate=RATE, latency=LATENCY) for name in names or ("cam",)], Looker())
+def eyes(*names: str) -> ImageStreams:
+    return ImageStreams(
+        {name: SimpleNamespace(name=name, rate=RATE, latency=LATENCY) for name in names or ("cam",)}, Looker()
+    )
 
 
-def failure(found: Eyes, until: float, at: float = -1.0, fail=lambda _: None) -> tuple[float, str] | None:
+def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: None) -> tuple[float, str] | None:
     """When a stream fails by a time, and how; at a time `fail` is done to the eyes."""
     t = 0.0
     while t <= until:
@@ -95,6 +97,6 @@ def test_the_arm_stands_in_time_after_a_camera_is_lost_at_full_speed(name: str) 
     move = joint_move(np.zeros(len(joints)), np.linspace(1.5, 2.0, len(joints)), fastest)
     told = 1.2 / RATE + LATENCY
     for t in np.arange(0.0, move.duration, 0.1):
-        arm = Playback(joints, limits, stops, np.zeros(len(joints)))
+        arm = ArmMotion(joints, limits, stops, np.zeros(len(joints)))
         arm.play([played(move)], 0.0)
         assert told + arm.stop(float(t), protective=True) - t <= STANDING

@@ -8,7 +8,7 @@ import pytest
 from sqrp_cli.knowledge.robot.robot import JointLimits, StopLimits
 from sqrp_cli.program.record import ProgramPrimitive
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
-from sqrp_cli.runtime.run.arm_motion import Playback
+from sqrp_cli.runtime.run.arm_motion import ArmMotion
 
 VELOCITY, ACCELERATION, JERK = 0.6, 1.5, 8.0
 LIMITS = JointLimits(-7, 7, VELOCITY, ACCELERATION, JERK)
@@ -16,18 +16,18 @@ STOP = StopLimits(5 * ACCELERATION, 10 * JERK)
 Q0, Q1 = np.array([0.0, 0.5]), np.array([1.2, -0.4])
 
 
-def playback() -> Playback:
+def playback() -> ArmMotion:
     limits = MotionLimits(*(np.full(2, value) for value in (VELOCITY, ACCELERATION, JERK)))
     move = joint_move(Q0, Q1, limits)
     primitive = ProgramPrimitive(
         name="a1", action="JointMove", start=0.0, end=move.duration, held=None, trajectory=move
     )
-    found = Playback(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
+    found = ArmMotion(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
     found.play([primitive], 1.0)
     return found
 
 
-def assert_stays_on_the_path(reference: Playback, stands: float, acceleration: float, jerk: float) -> None:
+def assert_stays_on_the_path(reference: ArmMotion, stands: float, acceleration: float, jerk: float) -> None:
     """That the arm goes along the path, never back, until it stands, within limits of acceleration and jerk."""
     t = np.arange(1.0, stands + 0.2, 0.001)
     q, velocity, found = reference.states(t)
@@ -104,5 +104,5 @@ def test_a_joint_that_is_kept_stays_while_the_others_move_until_the_next_step() 
 
 
 def test_a_stop_while_standing_takes_no_time() -> None:
-    reference = Playback(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
+    reference = ArmMotion(("a", "b"), (LIMITS, LIMITS), (STOP, STOP), Q0)
     assert reference.stop(3.0) == 3.0

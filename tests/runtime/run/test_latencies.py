@@ -15,13 +15,13 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.image import Frame
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck, predicted_delay
-from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, Judge
-from sqrp_cli.runtime.perception.detections import BoxSight, Sighting
-from sqrp_cli.runtime.perception.image_stream import Eyes
+from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
+from sqrp_cli.runtime.perception.detections import BoxDetection, Detection
+from sqrp_cli.runtime.perception.image_stream import ImageStreams
 from sqrp_cli.runtime.record.events import EvidenceSeen
-from sqrp_cli.runtime.record.publisher import Narrator
-from sqrp_cli.runtime.run.observation import Lookout
-from tests.runtime.steps import FixedExpectation, formula, step
+from sqrp_cli.runtime.record.publisher import EventPublisher
+from sqrp_cli.runtime.run.observer import Observer
+from tests.runtime.steps import FixedNominalStep, formula, step
 
 TOTAL, START = 2.0, 0.5
 T, F, U = Truth.TRUE, Truth.FALSE, Truth.UNKNOWN
@@ -46,20 +46,20 @@ class Looker:
     def frames(self, names: list[str]) -> Mapping[str, Frame]:
         return {name: Frame(name, self.t, np.zeros(1)) for name in names}
 
-    def watch(self, watchlist: object) -> None:
+    def watch(self, sought: object) -> None:
         pass
 
-    def submit(self, frame: Frame, posture: object) -> None:
-        assert posture is not None
+    def submit(self, frame: Frame, believed: object) -> None:
+        assert believed is not None
         self._waiting.setdefault(frame.camera, []).append(frame.t)
 
-    def collect(self, camera: str) -> Sighting:
+    def collect(self, camera: str) -> Detection:
         t = self._waiting[camera].pop(0)
-        shown = BoxSight("box", SHOWN[self._vote(camera, t)], 1.0, np.zeros((0, 2)))
-        return Sighting(camera, t, False, {"held": (shown,)})
+        shown = BoxDetection("box", SHOWN[self._vote(camera, t)], 1.0, np.zeros((0, 2)))
+        return Detection(camera, t, False, {"held": (shown,)})
 
 
-class Still(FixedExpectation):
+class Still(FixedNominalStep):
     def object_poses(self, t: float) -> Mapping[str, object]:
         assert t >= 0.0
         return {}
@@ -70,13 +70,13 @@ def watched(cameras, vote: Vote, needed: int = 1, formulas=(SLIP,), seen=None, e
     known = {name: SimpleNamespace(name=name, rate=rate, latency=late) for name, (rate, late) in cameras.items()}
     entry = step(list(formulas), {"held": seen or {}}, TOTAL)
     target = entry.targets["held"].model_copy(update={"cameras": needed})
-    expectation = Still(entry.model_copy(update={"targets": {"held": target}}), {"held": [(0, True)]})
-    judge = Judge(expectation, max(1.0 / camera.rate for camera in known.values()))
-    attempt = Attempt(expectation.step, expectation, judge, PredictionCheck(0, expectation, known), False, 0.0)
+    nominal = Still(entry.model_copy(update={"targets": {"held": target}}), {"held": [(0, True)]})
+    monitor = StepMonitor(nominal, max(1.0 / camera.rate for camera in known.values()))
+    attempt = Attempt(nominal.step, nominal, monitor, PredictionCheck(0, nominal, known), False, 0.0)
     looker = Looker(vote)
-    eyes = Eyes(known.values(), looker)
+    eyes = ImageStreams(known, looker)
     listeners = [] if events is None else [events.append]
-    lookout = Lookout(known, looker, eyes, looker, Narrator(listeners), None)
+    lookout = Observer(looker, eyes, EventPublisher(listeners))
     lookout.watch(attempt, 1, 0.0)
     while (now := min(eyes.next_exposure, eyes.next_arrival)) < TOTAL + 0.5:
         arrived = lookout.collect(now)

@@ -15,9 +15,9 @@ from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.step_monitor import Alarm
 from sqrp_cli.runtime.record.events import MovingOn
 from sqrp_cli.runtime.record.report import Stopped
-from sqrp_cli.runtime.run.arm_motion import Playback
-from sqrp_cli.runtime.run.recovery import LOOK_AGAIN, Retry
-from tests.runtime.steps import FixedExpectation, played, step
+from sqrp_cli.runtime.run.arm_motion import ArmMotion
+from sqrp_cli.runtime.run.recovery import LOOK_AGAIN, Recovery
+from tests.runtime.steps import FixedNominalStep, played, step
 
 PERIOD = 0.1
 WHEN = "there and open"
@@ -34,23 +34,29 @@ class Trial:
         limits = MotionLimits(np.array([0.2]), np.array([1.0]), np.array([10.0]))
         move = joint_move(np.zeros(1), np.array([1.8]), limits)
         entry = step([], predicted, move.duration).model_copy(update={"primitives": (played(move),)})
-        expectation = FixedExpectation(entry, {})
-        self.playback = Playback(("a",), [JointLimits(-9, 9, 0.2, 1.0, 10.0)], [StopLimits(1.0, 10.0)], np.zeros(1))
-        self.playback.play(entry.primitives, 0.0)
-        self.attempt = Attempt(entry, expectation, None, None, undisturbed=True, start=0.0)
+        nominal = FixedNominalStep(entry, {})
+        self.motion = ArmMotion(("a",), [JointLimits(-9, 9, 0.2, 1.0, 10.0)], [StopLimits(1.0, 10.0)], np.zeros(1))
+        self.motion.play(entry.primitives, 0.0)
+        self.attempt = Attempt(entry, nominal, None, None, undisturbed=True, start=0.0)
         self.seen, self.done, self.now, self.is_open, self.since = seen, [], 0.0, False, 0.0
         self.planned = SimpleNamespace()
 
         self.slowest = 0.0
 
-    # What the retry asks of its collaborators
+    # What the recovery asks of its collaborators, all of which this is
+
+    @property
+    def cell(self) -> Trial:
+        return self
+
+    robot = observer = streams = faults = publisher = cell
 
     def pass_time(self, end: float) -> None:
         self.now = min(end, round((np.floor(self.now / PERIOD + 1e-6) + 1) * PERIOD, 9))
 
     def stop(self, _reason: str) -> None:
         self.done.append(("stop", self.now))
-        self.now = self.playback.stop(self.now)
+        self.now = self.motion.stop(self.now)
 
     def cancel(self, *kinds: str) -> None:
         self.done.append(("cancel", *kinds))
@@ -62,7 +68,7 @@ class Trial:
     @property
     def values(self) -> dict[str, Truth]:
         fresh = self.now > self.since
-        return self.seen(self.playback.step_time(self.now), self.is_open) if fresh else {}
+        return self.seen(self.motion.step_time(self.now), self.is_open) if fresh else {}
 
     @property
     def caught_up(self) -> bool:
@@ -78,7 +84,7 @@ class Trial:
     def let_go(self) -> None:
         self.is_open = True
 
-    def keep(self, t: float) -> None:
+    def keep_fingers(self, t: float) -> None:
         self.done.append(("keep", t))
 
     def moved_on(self, seconds: float) -> None:
@@ -88,7 +94,7 @@ class Trial:
         self.done.append((event.event, tuple(event.cameras)))
 
     def measured_joints(self) -> dict[str, float]:
-        return {"a": float(self.playback.state(self.now)[0][0])}
+        return {"a": float(self.motion.state(self.now)[0][0])}
 
     def replan(self, _entry, world):
         self.done.append(("replan", world.joints["a"]))
@@ -97,8 +103,7 @@ class Trial:
     def run(self, t: float = 2.0) -> None:
         """A fault is seen at a time of the motion."""
         self.now = t
-        retry = Retry(self, self.playback, self, self, self, self, self, self)
-        assert retry.prepare(self.attempt, ALARM) is self.planned
+        assert Recovery(self, self).prepare(self.attempt, ALARM) is self.planned
 
     def when(self, what: str) -> float:
         return next(entry[1] for entry in self.done if entry[0] == what)
@@ -133,9 +138,9 @@ def test_it_waits_for_the_images_of_the_slowest_camera_before_it_plans_again() -
 def test_it_moves_on_to_where_all_of_the_condition_is_predicted_to_be_seen() -> None:
     trial = Trial(sees_between(6, 7), {"there": {"cam": [(4.0, 9.0)]}, "open": {"eye": [(6.0, 7.0)]}})
     trial.run()
-    stands = trial.playback.step_time(99.0)
+    stands = trial.motion.step_time(99.0)
     assert 6.0 + PERIOD <= stands <= 6.0 + PERIOD + 0.1
-    assert trial.when("replan") == pytest.approx(trial.playback.state(99.0)[0][0])
+    assert trial.when("replan") == pytest.approx(trial.motion.state(99.0)[0][0])
     assert ("moving on", ("cam", "eye")) in trial.done
     assert trial.when("moved on") == pytest.approx(trial.when("stop") - 2.0, abs=1e-3)
 
@@ -157,7 +162,7 @@ def test_it_stops_as_soon_as_it_sees_the_condition_on_the_way() -> None:
 def test_it_moves_on_to_the_end_where_nothing_better_is_predicted() -> None:
     trial = Trial(sees_between(8.5, 99), {"there": ALWAYS, "open": {"cam": [(0.0, 1.0)]}})
     trial.run()
-    assert trial.playback.step_time(99.0) == pytest.approx(trial.attempt.step.time)
+    assert trial.motion.step_time(99.0) == pytest.approx(trial.attempt.step.time)
     assert ("moving on", ()) in trial.done
 
 
@@ -165,7 +170,7 @@ def test_it_gives_up_where_the_condition_is_never_seen_and_says_where_it_looked(
     trial = Trial(lambda *_: {"there": U, "open": U}, {"there": ALWAYS, "open": {"cam": [(6.0, 7.0)]}})
     with pytest.raises(Stopped, match=r"not seen within 2 s of standing where cam should see it, so there is no retry"):
         trial.run()
-    assert trial.now == pytest.approx(trial.playback.stop(0.0) + LOOK_AGAIN, abs=PERIOD)
+    assert trial.now == pytest.approx(trial.motion.stop(0.0) + LOOK_AGAIN, abs=PERIOD)
     trial = Trial(lambda *_: {}, {"there": ALWAYS, "open": {"cam": []}})
     with pytest.raises(Stopped, match="at the end of the motion"):
         trial.run()

@@ -7,16 +7,16 @@ from unittest.mock import MagicMock
 
 import pytest
 
-from sqrp_cli.runtime.record.report import Unwatched
-from sqrp_cli.runtime.run.fault_ledger import FaultLedger
+from sqrp_cli.runtime.record.report import MonitoringLost
+from sqrp_cli.runtime.run.fault_tracker import FaultTracker
 from sqrp_cli.runtime.run.injected_fault import FaultKind, InjectedFault
 
 ATTEMPT = SimpleNamespace(step=SimpleNamespace(formulas=()), undisturbed=True)
 
 
-def detected(failure: Unwatched | None, *faults: tuple[FaultKind, str]) -> list[tuple[str, float | None]]:
+def detected(failure: MonitoringLost | None, *faults: tuple[FaultKind, str]) -> list[tuple[str, float | None]]:
     """When each of some injected faults was noticed and acted on [s], by what people read; the robot stops at 2 s."""
-    ledger = FaultLedger(MagicMock(), MagicMock(), MagicMock(), {}, MagicMock())
+    ledger = FaultTracker(MagicMock(), MagicMock(), MagicMock())
     for kind, camera in faults:
         ledger.inject(InjectedFault(kind, f"{kind}:{camera}@1", 1.0, camera), 1.0, ATTEMPT)
     ledger.stopped(2.0, failure)
@@ -26,18 +26,18 @@ def detected(failure: Unwatched | None, *faults: tuple[FaultKind, str]) -> list[
 
 
 def test_a_fault_of_a_camera_is_noticed_by_what_is_said_of_this_camera() -> None:
-    failure = Unwatched("cam2 is lost", "camera-loss", ["cam2"])
+    failure = MonitoringLost("cam2 is lost", "camera-loss", ["cam2"])
     found = detected(failure, ("camera-loss", "cam3"), ("camera-loss", "cam2"))
     assert found == [("camera-loss cam3", None), ("camera-loss cam2", 2.0)]
 
 
 def test_a_fault_of_a_camera_is_not_noticed_by_another_one_of_the_same_camera() -> None:
-    failure = Unwatched("cam2 is frozen", "frozen", ["cam2"])
+    failure = MonitoringLost("cam2 is frozen", "frozen", ["cam2"])
     assert detected(failure, ("latency", "cam2"), ("frozen", "cam2")) == [("latency cam2", None), ("frozen cam2", 2.0)]
 
 
 def test_a_process_that_ends_is_noticed_for_all_its_cameras() -> None:
-    failure = Unwatched("the process has ended", "perception-crash", ("cam1", "cam3"))
+    failure = MonitoringLost("the process has ended", "perception-crash", ("cam1", "cam3"))
     found = detected(failure, *(("perception-crash", camera) for camera in ("cam1", "cam2", "cam3")))
     assert [t for _, t in found] == [2.0, None, 2.0]
 

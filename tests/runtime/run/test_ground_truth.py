@@ -13,8 +13,8 @@ from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
 from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.record.events import Event, PrimitiveBegan
-from sqrp_cli.runtime.record.publisher import Narrator
-from sqrp_cli.runtime.run.state_recorder import Track, Witness, asked_boxes
+from sqrp_cli.runtime.record.publisher import EventPublisher
+from sqrp_cli.runtime.run.ground_truth import StateRecorder, Track, asked_boxes
 from tests.runtime.steps import box, step
 
 BEGAN = PrimitiveBegan(t=0.0, name="a1")
@@ -46,7 +46,7 @@ def told() -> tuple[Falling, list[Event]]:
     """What is told of 0.17 s that pass in steps of which none is as long as another."""
     events: list[Event] = []
     cell = Falling()
-    witness = Witness(cell, Narrator([events.append]))  # type: ignore[arg-type]
+    witness = StateRecorder(cell, EventPublisher([events.append]))  # type: ignore[arg-type]
     for t in (0.0, 0.013, 0.041, 0.16, 0.17):
         witness.advance(t, None)  # type: ignore[arg-type]
     witness.finish()

@@ -1,4 +1,4 @@
-"""Makes faults happen, and keeps account of each: when it happened, was seen, was acted on and made good."""
+"""Makes faults happen, and tracks each: when it happened, was seen, was acted on and made good."""
 
 from __future__ import annotations
 
@@ -8,32 +8,28 @@ from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.prediction_check import predicted_delay
 from sqrp_cli.runtime.monitor.step_monitor import Alarm
-from sqrp_cli.runtime.perception.detector_pool import PerceptionPool
-from sqrp_cli.runtime.perception.image_stream import Eyes
+from sqrp_cli.runtime.perception.image_stream import ImageStreams
 from sqrp_cli.runtime.record.events import FaultHappened, FaultInjected, FaultSeen
-from sqrp_cli.runtime.record.publisher import Narrator
-from sqrp_cli.runtime.record.report import FaultRecord, Unwatched
+from sqrp_cli.runtime.record.publisher import EventPublisher
+from sqrp_cli.runtime.record.report import FaultRecord, MonitoringLost
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 
 PHYSICAL = ("slip", "miss-pick")
-"""Faults that befall the step; the others befall those who watch it."""
+"""Faults that befall the step; the others befall the cameras that watch it."""
 
 TRUTH_SPACING = 0.01
 """Time between two looks at what really is so, once a fault was injected [s]."""
 
 
-class FaultLedger:
-    """The faults of a run; records: of all, in the order in which they were injected or seen."""
+class FaultTracker:
+    """The faults of a run."""
 
-    def __init__(
-        self, cell: SimulatedCell, eyes: Eyes, pool: PerceptionPool, responses: Mapping[str, float], narrator: Narrator
-    ) -> None:
-        """responses: of each camera, from a change to the end of the first image that shows it [s]."""
-        self._cell, self._eyes, self._pool = cell, eyes, pool
-        self._responses, self._narrator = responses, narrator
+    def __init__(self, cell: SimulatedCell, streams: ImageStreams, publisher: EventPublisher) -> None:
+        self._cell, self._streams, self._publisher = cell, streams, publisher
         self.records: list[FaultRecord] = []
+        """Of all, in the order in which they were injected or seen."""
         self._open: list[FaultRecord] = []
-        self._of_watchers: list[FaultRecord] = []
+        self._of_cameras: list[FaultRecord] = []
 
     def inject(self, fault: InjectedFault, t: float, attempt: Attempt) -> None:
         """Make a fault happen."""
@@ -44,21 +40,21 @@ class FaultLedger:
             case "miss-pick":
                 self._cell.miss_next_grasp()
             case "camera-loss":
-                self._eyes.lose(camera)
+                self._streams.lose(camera)
             case "frozen":
-                self._eyes.freeze(camera)
+                self._streams.freeze(camera)
             case "latency":
-                self._eyes.delay(camera, fault.delay)
+                self._streams.delay(camera, fault.delay)
             case "perception-crash":
-                self._pool.crash(camera)
+                self._streams.crash(camera)
         record = FaultRecord(_name(fault, attempt), injected=t, camera=fault.camera)
         self.records.append(record)
         if fault.kind in PHYSICAL:
             self._open.append(record)
             attempt.undisturbed &= fault.kind == "miss-pick"  # which changes nothing until the grasp
         else:
-            self._of_watchers.append(record)
-        self._narrator.publish(FaultInjected(t=t, fault=fault.text))
+            self._of_cameras.append(record)
+        self._publisher.publish(FaultInjected(t=t, fault=fault.text))
 
     @property
     def is_open(self) -> bool:
@@ -74,18 +70,19 @@ class FaultLedger:
         """Note if the formula of a fault is true at time tau [s] of the step; truths: of all atoms now."""
         if tau is None:
             return
-        for operators in attempt.judge.faults():
+        for operators in attempt.monitor.faults():
             for start, end, literals in operators:
                 if start <= tau <= end and all(truths[str(lit.atom)] == lit.positive for lit in literals):
                     atoms = [str(literal.atom) for literal in literals]
-                    self._came_true(t, predicted_delay(attempt.step, atoms, self._responses, tau))
+                    responses = {name: camera.response for name, camera in self._streams.cameras.items()}
+                    self._came_true(t, predicted_delay(attempt.step, atoms, responses, tau))
                     return
 
     def _came_true(self, t: float, delay: float | None) -> None:
         for record in self._open:
             if record.happened is None:
                 record.happened, record.predicted_delay = t, delay
-                self._narrator.publish(FaultHappened(t=t, fault=record.name))
+                self._publisher.publish(FaultHappened(t=t, fault=record.name))
 
     def seen(self, alarm: Alarm, t: float) -> None:
         """The images showed a fault: those that were injected and not seen yet, or one that nobody injected."""
@@ -96,7 +93,7 @@ class FaultLedger:
             self._open += unseen
         for record in unseen:
             record.name, record.detected = alarm.name, t
-        self._narrator.publish(FaultSeen(t=t, name=alarm.name, text=alarm.text, response=alarm.response.action))
+        self._publisher.publish(FaultSeen(t=t, name=alarm.name, text=alarm.text, response=alarm.response.action))
 
     def suspected(self, t: float) -> None:
         """The images showed that something is wrong, if not what."""
@@ -119,11 +116,11 @@ class FaultLedger:
             record.recovered = t
         self._open.clear()
 
-    def stopped(self, t: float, failure: Unwatched | None) -> None:
-        """The robot stops for good; failure: of those who watch, if that is why."""
+    def stopped(self, t: float, failure: MonitoringLost | None) -> None:
+        """The robot stops for good; failure: of the cameras that watch, if that is why."""
         for record in self._seen():
             record.acted = t if record.acted is None else record.acted
-        for record in self._of_watchers:
+        for record in self._of_cameras:
             if failure is not None and record.name == failure.fault and record.camera in failure.cameras:
                 record.detected = record.acted = t
 
