@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from sqrp_cli.runtime.perception.projected import ProjectedObject
 
 from sqrp_cli.geometry import pose, read_only, rpy_to_matrix
 from sqrp_cli.knowledge.camera.camera import Camera
@@ -24,7 +23,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.perception.detections import BelievedState, BoxDetection, DetectionTargets, MissReason
 from sqrp_cli.runtime.perception.image_detector import ImageDetector
-from sqrp_cli.runtime.perception.silhouettes import CameraView
+from sqrp_cli.runtime.perception.silhouettes import CameraView, ProjectedObject
 from sqrp_cli.runtime.perception.vision import color_mask, dilated
 from sqrp_cli.runtime.surface import Surface
 from sqrp_cli.shapes import Box, Mesh, Part
