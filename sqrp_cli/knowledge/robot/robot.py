@@ -14,7 +14,7 @@ from pydantic import Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, check_poses
-from sqrp_cli.knowledge.robot.urdf import UrdfModel
+from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 from sqrp_cli.knowledge.scene import MarkerId
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.entries import AnyQuantity, Entry, Extents, Pose, Size, Stored, Text, mapping_or_else
@@ -182,15 +182,23 @@ class FingersEntry(Entry):
 
 @dataclass(frozen=True)
 class LimitKind:
-    """Marks a limit of joints: its dimension for a joint that turns, and for one that slides."""
+    """Marks a limit of joints with what it may be."""
 
     turning: Dimension
+    """Of a joint that turns."""
     sliding: Dimension
+    """Of a joint that slides."""
+    assumed: float
+    """The limit where neither the workspace nor the URDF states one, in rad (or m) and s."""
+
+    def of(self, joint: UrdfJoint) -> Dimension:
+        """Its dimension for a joint."""
+        return self.sliding if joint.type == "prismatic" else self.turning
 
 
-_Velocity = LimitKind(units.ANGULAR_SPEED, units.SPEED)
-_Acceleration = LimitKind(units.ANGULAR_ACCELERATION, units.ACCELERATION)
-_Jerk = LimitKind(units.ANGULAR_JERK, units.JERK)
+_Velocity = LimitKind(units.ANGULAR_SPEED, units.SPEED, assumed=1.0)
+_Acceleration = LimitKind(units.ANGULAR_ACCELERATION, units.ACCELERATION, assumed=5.0)
+_Jerk = LimitKind(units.ANGULAR_JERK, units.JERK, assumed=50.0)
 
 
 class LimitsEntry(Entry):
@@ -208,10 +216,10 @@ class LimitsEntry(Entry):
         default=None, description="Of such a stop. Default, and least: as of every motion."
     )
 
-    def stated(self, limit: str) -> tuple[PerJoint | None, LimitKind]:
-        """One of the limits, and what it is."""
-        kind = next(mark for mark in type(self).model_fields[limit].metadata if isinstance(mark, LimitKind))
-        return getattr(self, limit), kind
+    @classmethod
+    def kind(cls, limit: str) -> LimitKind:
+        """What one of the limits may be."""
+        return next(mark for mark in cls.model_fields[limit].metadata if isinstance(mark, LimitKind))
 
 
 class RobotEntry(Entry):

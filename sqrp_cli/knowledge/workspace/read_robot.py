@@ -15,6 +15,7 @@ from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot import (
     Fingers,
     JointLimits,
+    LimitsEntry,
     Marker,
     Robot,
     RobotEntry,
@@ -36,13 +37,6 @@ from sqrp_cli.shapes import Mesh, Part
 
 MAX_ARM_JOINTS = 20
 """Most joints that move the tool frame; with each, inverse kinematics and motion take longer."""
-
-DEFAULT_VELOCITY = 1.0
-"""Limit of a joint's velocity where neither the workspace nor the URDF states one [rad/s or m/s]."""
-DEFAULT_ACCELERATION = 5.0
-"""Limit of a joint's acceleration where none is stated [rad/s^2 or m/s^2]."""
-DEFAULT_JERK = 50.0
-"""Limit of a joint's jerk where none is stated [rad/s^3 or m/s^3]."""
 
 
 @dataclass
@@ -206,8 +200,7 @@ class RobotReader:
                 )
             if ids.setdefault(marker.id, link) != link:
                 self._report("repeated-value", (*path, "id"), f"`{ids[marker.id]}` has the marker {marker.id} too")
-        markers = self.entry.markers.items()
-        return {link_called(link, self.links): marker for link, marker in markers}
+        return {link_called(link, self.links): marker for link, marker in self.entry.markers.items()}
 
     def _positions(
         self, entry: Mapping[str, Quantity] | str, joints: Sequence[UrdfJoint], path: KeyPath, what: str
@@ -256,57 +249,50 @@ class RobotReader:
         return positions
 
     def _limits(self, joints: Sequence[UrdfJoint]) -> dict[str, JointLimits]:
-        velocity = self._values("velocity", joints)
-        acceleration = self._values("acceleration", joints)
-        jerk = self._values("jerk", joints)
-        self._warn_of_assumed_limits(joints, velocity, acceleration, jerk)
+        limits = {limit: self._values(limit, joints) for limit in ("velocity", "acceleration", "jerk")}
+        limits["velocity"] = {
+            **{joint.name: joint.velocity for joint in joints if joint.velocity},
+            **limits["velocity"],
+        }
+        assumed = {limit: LimitsEntry.kind(limit).assumed for limit in limits}
+        self._warn_of_assumed_limits(joints, limits, assumed)
         return {
             joint.name: JointLimits(
-                joint.lower,
-                joint.upper,
-                velocity.get(joint.name, joint.velocity or DEFAULT_VELOCITY),
-                acceleration.get(joint.name, DEFAULT_ACCELERATION),
-                jerk.get(joint.name, DEFAULT_JERK),
+                lower=joint.lower,
+                upper=joint.upper,
+                **{limit: values.get(joint.name, assumed[limit]) for limit, values in limits.items()},
             )
             for joint in joints
         }
 
     def _stop_limits(self, limits: Mapping[str, JointLimits], joints: Sequence[UrdfJoint]) -> dict[str, StopLimits]:
-        acceleration, jerk = self._values("stop_acceleration", joints), self._values("stop_jerk", joints)
-        self._check_stop("acceleration", acceleration, {name: usual.acceleration for name, usual in limits.items()})
-        self._check_stop("jerk", jerk, {name: usual.jerk for name, usual in limits.items()})
+        stops = {limit: self._values(f"stop_{limit}", joints) for limit in ("acceleration", "jerk")}
+        for limit, values in stops.items():
+            self._check_stop(limit, values, {name: getattr(usual, limit) for name, usual in limits.items()})
         return {
-            name: StopLimits(acceleration.get(name, usual.acceleration), jerk.get(name, usual.jerk))
+            name: StopLimits(**{limit: values.get(name, getattr(usual, limit)) for limit, values in stops.items()})
             for name, usual in limits.items()
         }
 
     def _check_stop(self, limit: str, values: Mapping[str, float], usual: Mapping[str, float]) -> None:
         """A stop that is gentler than the motion could end after the motion does."""
         for name, value in values.items():
-            if value < usual[name]:
+            if name in usual and value < usual[name]:
                 message = f"{value:g} is less than the {usual[name]:g} of every motion of `{name}`"
                 mend = f"leave it out to stop with the {limit} of every motion"
                 self._report("outside-limits", ("robot", "limits", f"stop_{limit}"), message, mend)
                 return
 
     def _warn_of_assumed_limits(
-        self,
-        joints: Sequence[UrdfJoint],
-        velocity: Mapping[str, float],
-        acceleration: Mapping[str, float],
-        jerk: Mapping[str, float],
+        self, joints: Sequence[UrdfJoint], limits: Mapping[str, Mapping[str, float]], assumed: Mapping[str, float]
     ) -> None:
         """One warning that names the joints without a stated limit, and what is assumed for them."""
-        lacking = {
-            f"velocity ({DEFAULT_VELOCITY:g}": [j.name for j in joints if not j.velocity and j.name not in velocity],
-            f"acceleration ({DEFAULT_ACCELERATION:g}": [j.name for j in joints if j.name not in acceleration],
-            f"jerk ({DEFAULT_JERK:g}": [j.name for j in joints if j.name not in jerk],
-        }
-        told = [
-            f"{limit} for {'all joints' if len(names) == len(joints) else ', '.join(names)})"
-            for limit, names in lacking.items()
-            if names
-        ]
+        told = []
+        for limit, values in limits.items():
+            names = [joint.name for joint in joints if joint.name not in values]
+            if names:
+                whose = "all joints" if len(names) == len(joints) else ", ".join(names)
+                told.append(f"{limit} ({assumed[limit]:g} for {whose})")
         if told:
             message = f"limits are not stated and assumed, in rad or m and s: {', '.join(told)}"
             place = self.document.key_place(("robot", "limits"))
@@ -315,9 +301,9 @@ class RobotReader:
 
     def _values(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
         """The stated values of one limit by joint. One value for all goes to every joint that its unit fits."""
-        entry, kind = self.entry.limits.stated(limit)
+        entry: Quantity | Mapping[str, Quantity] | None = getattr(self.entry.limits, limit)
         path: KeyPath = ("robot", "limits", limit)
-        dimensions = {joint.name: kind.sliding if joint.type == "prismatic" else kind.turning for joint in joints}
+        dimensions = {joint.name: LimitsEntry.kind(limit).of(joint) for joint in joints}
         if entry is None:
             return {}
         if isinstance(entry, Quantity):
