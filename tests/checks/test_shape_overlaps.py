@@ -29,12 +29,12 @@ def told(tabletop: Workspace) -> Told:
     """What is said of two objects `a` and `b` whose parts these are, each a shape with its pose in the world."""
 
     def said(first: list[Placed], second: list[Placed]) -> list[str]:
-        def thing(name: str, placed: list[Placed]) -> SceneObject:
+        def item(name: str, placed: list[Placed]) -> SceneObject:
             parts = tuple(Part(f"{name}/{index}", name, *one) for index, one in enumerate(placed))
-            return replace(tabletop.objects["g1"], name=name, X_WO=np.eye(4), parts=parts)
+            return replace(tabletop.objects["g1"], name=name, pose=np.eye(4), parts=parts)
 
-        things = {"a": thing("a", first), "b": thing("b", second)}
-        return [problem.message for problem in overlapping_shapes(replace(tabletop, objects=things))]
+        objects = {"a": item("a", first), "b": item("b", second)}
+        return [problem.message for problem in overlapping_shapes(replace(tabletop, objects=objects))]
 
     return said
 
