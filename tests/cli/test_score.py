@@ -338,9 +338,9 @@ def test_two_runs_do_not_share_a_folder(own_watch, sqrp, tmp_path):
     ],
 )
 def test_what_cannot_be_used_is_refused(sqrp, own_watch, arguments, words, monkeypatch):
-    from sqrp_cli.scoring.work import dask_client
+    from sqrp_cli.scoring.work import cluster
 
-    monkeypatch.setattr(dask_client, "CONNECT_TIMEOUT", 0.2)
+    monkeypatch.setattr(cluster, "CONNECT_TIMEOUT", 0.2)
     outcome = sqrp("score", *([own_watch] if arguments[0].startswith("--") else []), *arguments)
     assert (outcome.code, outcome.out) == (2, "")
     assert outcome.err.count("error:") == 1
