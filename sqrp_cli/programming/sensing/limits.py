@@ -1,4 +1,7 @@
-"""The limits of camera and detector that need no scene: range, image, distance, angle and size of a box."""
+"""The limits of camera and detector that need no scene.
+
+The viewing frustum (range of depth and image), and the detector's limits on distance, incidence and size of a box.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
@@ -16,39 +19,49 @@ from sqrp_cli.programming.sensing.cause import Cause
 
 @dataclass(frozen=True, eq=False)
 class LimitVerdicts:
-    """Which limit each of n boxes fails first, per camera, each array of shape (c, n).
-
-    cause: codes of `Cause`. side: index into `SIDES` where the cause is OUT_OF_IMAGE, else -1. figure: by how much the
-    limit is missed: [m] for ranges and distances, [pixels] for image and size, [rad] for the angle; 0 where none fails.
-    """
+    """Which limit each of n boxes fails first, for each of c cameras."""
 
     cause: NDArray[np.int8]
+    """Codes of `Cause`, shape (c, n)."""
     side: NDArray[np.int8]
+    """Index into `SIDES` where the cause is OUT_OF_IMAGE, else -1, shape (c, n)."""
     figure: Array
+    """By how much the limit is missed, 0 where none fails, shape (c, n).
+
+    [m] for ranges and distances, [pixels] for image and size, [rad] for the incidence.
+    """
 
 
 def check_limits(
     projections: Sequence[Projection],
     detectors: Sequence[Detector],
-    detector: NDArray[np.int64],
+    *,
+    detector: Indices,
     corners_C: Array,
     normal_C: Array,
 ) -> LimitVerdicts:
     """Check the limits, in the order of `Cause`, for n boxes, each seen by c cameras.
+
+    Incidence is the angle between a box's normal and the direction from its centre to the camera; size the square root
+    of the area of the convex hull of its projected corners.
 
     detector: which of the detectors looks for each box, shape (n,). corners_C: the boxes' corners in each optical
     frame, shape (3, 8, c, n), coordinate first [m]. normal_C: their unit normals there, shape (3, c, n), zero for a
     box without one.
     """
     # Coordinates and corners first: NumPy is slow at reductions over short trailing axes.
-    width, height, near, far = np.array([_camera_limits(projection) for projection in projections]).T[:, :, None]
-    closest, remotest, widest, smallest = np.array([_detector_limits(entry) for entry in detectors]).T[:, detector]
+    cameras = [projection.camera for projection in projections]
+    rows = [(camera.width, camera.height, camera.near, camera.far) for camera in cameras]
+    width, height, near, far = np.array(rows, dtype=float).T[:, :, None]
+    columns = [(*entry.distance, entry.max_incidence, entry.min_pixels) for entry in detectors]
+    closest, remotest, widest, smallest = np.array(columns, dtype=float).T[:, detector]
     depth = corners_C[2]
     nearest, farthest = depth.min(axis=0), depth.max(axis=0)
     in_front = nearest > 0
 
     plane = np.where(in_front, corners_C[:2] / np.where(in_front, depth, 1.0), 0.0)
-    (u, v), inside = _pixels(projections, plane)
+    inside = _bend(projections, plane)
+    u, v = _pixels(projections, plane)
     left, right, top, bottom = u.argmin(axis=0), u.argmax(axis=0), v.argmin(axis=0), v.argmax(axis=0)
     extremes = _entries((u, v), (left, right, top, bottom))
     beyond = np.stack(
@@ -83,28 +96,24 @@ def check_limits(
     for code, within, missed in reversed(limits):
         cause[~within], figure[~within] = code, missed[~within]
     side = np.where(cause == Cause.OUT_OF_IMAGE, beyond.argmax(axis=0), -1).astype(np.int8)
-    return LimitVerdicts(cause, side, figure)
+    return LimitVerdicts(cause=cause, side=side, figure=figure)
 
 
-def _camera_limits(projection: Projection) -> tuple[float, ...]:
-    camera = projection.camera
-    return float(camera.width), float(camera.height), camera.near, camera.far
-
-
-def _detector_limits(detector: Detector) -> tuple[float, ...]:
-    return *detector.distance, detector.max_incidence, detector.min_pixels
-
-
-def _pixels(projections: Sequence[Projection], plane: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Pixels (2, 8, c, n) of corners given in the plane z = 1 of each camera, and which boxes (c, n) the lens shows."""
+def _bend(projections: Sequence[Projection], plane: Array) -> Mask:
+    """Distort corners (2, 8, c, n) in the plane z = 1 of each camera, in place; which boxes (c, n) the lens shows."""
     inside = np.ones(plane.shape[2:], dtype=bool)
     for number, projection in enumerate(projections):
         if projection.camera.distortion_model != "none":
             bent, within = projection.bent(np.moveaxis(plane[:, :, number], 0, -1))
             plane[:, :, number], inside[number] = np.moveaxis(bent, -1, 0), within.all(axis=0)
+    return inside
+
+
+def _pixels(projections: Sequence[Projection], plane: Array) -> Array:
+    """Pixels u and v, shape (2, 8, c, n), of distorted corners in the plane z = 1 of each camera."""
     K = np.stack([projection.camera.matrix[:2] for projection in projections])
     rows = np.moveaxis(K, 0, -1)[:, :, :, None]
-    return np.stack([row[0] * plane[0] + row[1] * plane[1] + row[2] for row in rows]), inside
+    return np.stack([row[0] * plane[0] + row[1] * plane[1] + row[2] for row in rows])
 
 
 def _entries(values: Sequence[Array], corners: Sequence[NDArray[np.intp]]) -> Array:

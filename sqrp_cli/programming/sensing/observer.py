@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,14 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.sensing.sight_lines import BoxViews, Pairs, WatchedBoxes
+from sqrp_cli.programming.sensing.sight_lines import BoxViews, WatchedBoxes
 from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.sensing.visibility.culprit import find_culprits, find_largest
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.targets import SoughtBox, Target
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 _TOGETHER = 300
 """BoxViews that are tested at once even if fewer might do: below this the calls cost more than what they compute."""
@@ -33,30 +36,26 @@ _BOXES_TOGETHER = 2000
 
 @dataclass(frozen=True, eq=False)
 class BoxVerdicts:
-    """Verdicts of one box over m states and c cameras, each array of shape (m, c).
-
-    cause: codes of `Cause`. by: index of the occluding solid where hidden, of the image side where out of the image,
-    else -1.
-    figure: by how much the limit that failed first is missed (see `LimitVerdicts`). visible: share of the silhouette
-    that is seen, NaN where an earlier limit failed.
-    """
+    """Verdicts of one box over m states and c cameras."""
 
     cause: NDArray[np.int8]
+    """Codes of `Cause`, shape (m, c)."""
     by: Indices
+    """Index of the occluding solid where hidden, of the image side where out of the image, else -1, shape (m, c)."""
     figure: Array
+    """By how much the limit that failed first is missed (see `LimitVerdicts`), shape (m, c)."""
     visible: Array
+    """Visible share: that of the silhouette that is seen, NaN where an earlier limit failed, shape (m, c)."""
 
 
 @dataclass(frozen=True, eq=False)
 class CoveredStates:
-    """Whether a target is covered in m states, and how soon after an event the images show it.
-
-    covered: shape (m,). response: [s], shape (m,): the k-th smallest response among the cameras that cover it; NaN if
-    uncovered.
-    """
+    """Whether a target is covered in m states, and how soon after an event the images show it."""
 
     covered: Mask
+    """Shape (m,)."""
     response: Array
+    """The k-th smallest response among the cameras that cover it, NaN if uncovered, shape (m,) [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,14 +94,14 @@ class Observer:
         Cameras are asked fastest response first, so that the response found is that of the best k cameras.
         """
         questions = _Questions.of(targets, rows)
-        look = self._look([box for target in targets for box in target.boxes], states)
+        watched = self._watched([box for target in targets for box in target.boxes], states)
         response, count = np.full(len(questions.state), np.nan), np.zeros(len(questions.state), dtype=np.int64)
-        within = questions.within_limits(look)
+        within = questions.within_limits(watched)
         possible = within.sum(axis=0) >= questions.needed
         for tier in self._tiers():
             order, asked = np.nonzero(within[tier] & possible & (count < questions.needed))
             if len(asked):
-                self._count_seeing(look, questions, tier[order], asked, count)
+                self._count_seeing(watched, questions, tier[order], asked, count)
             reached = (count >= questions.needed) & np.isnan(response)
             response[reached] = self.cameras[tier[0]].response
         ends = np.cumsum([len(asked) for asked in rows])[:-1]
@@ -113,7 +112,7 @@ class Observer:
         responses = np.array([camera.response for camera in self.cameras])
         return [np.flatnonzero(responses == response) for response in np.unique(responses)]
 
-    def _look(self, boxes: Sequence[SoughtBox], states: SceneStates) -> WatchedBoxes:
+    def _watched(self, boxes: Sequence[SoughtBox], states: SceneStates) -> WatchedBoxes:
         return WatchedBoxes(boxes, self._projections, self.solids, states)
 
     def limits(self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Indices) -> LimitVerdicts:
@@ -121,10 +120,11 @@ class Observer:
 
         Each array has shape (c, boxes * rows).
         """
-        return self._look(boxes, states).limits(np.repeat(np.arange(len(boxes)), len(rows)), np.tile(rows, len(boxes)))
+        box, state = np.repeat(np.arange(len(boxes)), len(rows)), np.tile(rows, len(boxes))
+        return self._watched(boxes, states).limits(box, state)
 
     def _count_seeing(
-        self, look: WatchedBoxes, questions: _Questions, camera: Indices, asked: Indices, count: Indices
+        self, watched: WatchedBoxes, questions: _Questions, camera: Indices, asked: Indices, count: Indices
     ) -> None:
         """Add to `count` of each question how many of the cameras see its target, at least up to the number it needs.
 
@@ -132,67 +132,89 @@ class Observer:
         without further tests. The others of a question are tested one after the other, those with the fewest solids
         near first, until enough of them see it.
         """
-        view, box, number = questions.boxes_of(asked)
-        views = BoxViews(box, camera[view], questions.state[asked][view])
-        lines = look.sight_lines(views)
-        near = near_pairs(lines, look.solid_poses, look.opaque)
-        pending = np.bincount(view[near[0]], minlength=len(asked))
+        boxes = questions.boxes_of(asked)
+        view = boxes.asked
+        lines = watched.sight_lines(BoxViews(boxes.box, camera[view], questions.state[asked][view]))
+        near = near_pairs(lines, watched.solid_poses, watched.opaque)
+        pending = np.bincount(view[near.line], minlength=len(asked))
         np.add.at(count, asked[pending == 0], 1)
         unsettled = np.flatnonzero(pending)
         order = unsettled[np.lexsort((pending[unsettled], asked[unsettled]))]
-        least = np.array([entry.limits.min_visible for entry in look.boxes])[box]
+        least = np.array([entry.limits.min_visible for entry in watched.boxes])[boxes.box]
         for tested in _one_per_question(order, asked, count, questions.needed):
             sees = np.zeros(len(asked), dtype=bool)
             sees[tested] = True
-            for turn in range(int(number.max()) + 1):
-                wanted = sees[view] & (number == turn)
+            for turn in range(int(boxes.number.max()) + 1):
+                wanted = sees[view] & (boxes.number == turn)
                 # Shares tell of empty hulls as well, and faster.
-                line, share = visible_shares(lines, look.solid_poses, _of_lines(near, wanted & (least < 1)))
-                sees[view[line[share < least[line]]]] = False
-                whole = _of_lines(near, wanted & (least >= 1))
-                line, _ = self._tester.met(lines, look.solid_poses, whole, first_only=True)
-                sees[view[line]] = False
+                seen = visible_shares(lines, watched.solid_poses, near.of_lines(wanted & (least < 1)))
+                sees[view[seen.line[seen.share < least[seen.line]]]] = False
+                whole = near.of_lines(wanted & (least >= 1))
+                sees[view[self._tester.met(lines, watched.solid_poses, whole, first_only=True).line]] = False
             np.add.at(count, asked[sees], 1)
 
     def _box_verdicts(self, boxes: Sequence[SoughtBox], states: SceneStates, *, shares: bool) -> list[BoxVerdicts]:
-        look, cameras = self._look(boxes, states), len(self.cameras)
+        watched, cameras = self._watched(boxes, states), len(self.cameras)
         box, state = (axis.reshape(-1) for axis in np.indices((len(boxes), states.count)))
-        limits = look.limits(box, state)
+        limits = watched.limits(box, state)
         cause, by, figure = limits.cause.copy(), limits.side.astype(np.int64), limits.figure
         visible = np.full(cause.shape, np.nan)
         camera, at = np.nonzero(cause == Cause.NONE)
         views = BoxViews(box[at], camera, state[at])
         least = np.array([entry.limits.min_visible for entry in boxes])[views.box]
-        lines, poses = look.sight_lines(views), look.solid_poses
-        met = self._tester.met(lines, poses, near_pairs(lines, poses, look.opaque), first_only=False)
-        line, share = visible_shares(lines, poses, met if shares else _of_lines(met, least < 1))
+        lines, poses = watched.sight_lines(views), watched.solid_poses
+        met = self._tester.met(lines, poses, near_pairs(lines, poses, watched.opaque), first_only=False)
+        seen = visible_shares(lines, poses, met if shares else met.of_lines(least < 1))
         if shares:
             visible[camera, at] = 1.0
-            visible[camera[line], at[line]] = share
+            visible[camera[seen.line], at[seen.line]] = seen.share
         hidden, whole = np.zeros(len(at), dtype=bool), least >= 1
-        hidden[met[0]] = True
-        hidden[line] &= (share < least[line]) | whole[line]
-        first = find_culprits(lines, look.centers(views), poses, _of_lines(met, hidden & whole))
-        largest = find_largest(lines, poses, _of_lines(met, hidden & ~whole), self._parts)
+        hidden[met.line] = True
+        hidden[seen.line] &= (seen.share < least[seen.line]) | whole[seen.line]
+        first = find_culprits(lines, poses, met.of_lines(hidden & whole))
+        largest = find_largest(lines, poses, met.of_lines(hidden & ~whole), self._parts)
         culprits = np.where(whole, first, largest)
         cause[camera[hidden], at[hidden]], by[camera[hidden], at[hidden]] = Cause.HIDDEN, culprits[hidden]
-        found = (values.reshape(cameras, len(boxes), -1).transpose(1, 2, 0) for values in (cause, by, figure, visible))
-        return [BoxVerdicts(*entries) for entries in zip(*found, strict=True)]
+
+        def of_box(values: NDArray[Scalar], number: int) -> NDArray[Scalar]:
+            return values.reshape(cameras, len(boxes), -1)[:, number].T
+
+        return [
+            BoxVerdicts(
+                cause=of_box(cause, number),
+                by=of_box(by, number),
+                figure=of_box(figure, number),
+                visible=of_box(visible, number),
+            )
+            for number in range(len(boxes))
+        ]
+
+
+class _AskedBoxes(NamedTuple):
+    """The boxes of questions, n in all: first boxes of all questions, then second ones and so on."""
+
+    asked: Indices
+    """Which of the questions, shape (n,)."""
+    box: Indices
+    """Which of all boxes, shape (n,)."""
+    number: Indices
+    """Which of its target's boxes, shape (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Questions:
-    """Whether each of several targets is covered in some states: q questions, ordered by target.
-
-    target, state: by index, shape (q,). needed: how many cameras must see the target, shape (q,). first_box, box_count:
-    the boxes of each target among those of all, in order, shape (targets,).
-    """
+    """Whether each of several targets is covered in some states: q questions, ordered by target."""
 
     target: Indices
+    """By index, shape (q,)."""
     state: Indices
+    """By index, shape (q,)."""
     needed: Indices
+    """How many cameras must see the target, shape (q,)."""
     first_box: Indices
+    """The first box of each target among those of all, shape (targets,)."""
     box_count: Indices
+    """How many boxes each target has, shape (targets,)."""
 
     @classmethod
     def of(cls, targets: Sequence[Target], rows: Sequence[Indices]) -> _Questions:
@@ -200,28 +222,30 @@ class _Questions:
         target = np.repeat(np.arange(len(targets)), [len(states) for states in rows])
         count = np.array([len(entry.boxes) for entry in targets])
         needed = np.array([entry.cameras for entry in targets])
-        return cls(target, np.concatenate(rows), needed[target], np.cumsum(count) - count, count)
+        return cls(
+            target=target,
+            state=np.concatenate(rows),
+            needed=needed[target],
+            first_box=np.cumsum(count) - count,
+            box_count=count,
+        )
 
-    def within_limits(self, look: WatchedBoxes) -> Mask:
+    def within_limits(self, watched: WatchedBoxes) -> Mask:
         """Whether each camera has all boxes of a question's target within its limits, shape (c, q)."""
-        turn, question = np.nonzero(np.arange(self.box_count.max())[:, None] < self.box_count[self.target])
-        box = self.first_box[self.target[question]] + turn
+        question, box, turn = self.boxes_of(np.arange(len(self.target)))
         order = np.argsort(box, kind="stable")
-        within = np.ones((len(look.projections), len(self.target)), dtype=bool)
-        good = look.limits(box[order], self.state[question[order]]).cause == Cause.NONE
+        within = np.ones((len(watched.projections), len(self.target)), dtype=bool)
+        good = watched.limits(box[order], self.state[question[order]]).cause == Cause.NONE
         for number in range(self.box_count.max()):
             here = turn[order] == number
             within[:, question[order][here]] &= good[:, here]
         return within
 
-    def boxes_of(self, asked: Indices) -> tuple[Indices, Indices, Indices]:
-        """The boxes of questions (v,): first boxes of all, then second ones and so on.
-
-        Returns the index into `asked`, the box and its number in its target, shape (n,) each.
-        """
-        target = self.target[asked]
-        number, view = np.nonzero(np.arange(self.box_count[target].max())[:, None] < self.box_count[target])
-        return view, self.first_box[target[view]] + number, number
+    def boxes_of(self, questions: Indices) -> _AskedBoxes:
+        """The boxes of some of the questions, by index, shape (v,)."""
+        target = self.target[questions]
+        number, asked = np.nonzero(np.arange(self.box_count[target].max(initial=0))[:, None] < self.box_count[target])
+        return _AskedBoxes(asked=asked, box=self.first_box[target[asked]] + number, number=number)
 
 
 def _one_per_question(order: Indices, question: Indices, count: Indices, needed: Indices) -> Iterator[Indices]:
@@ -243,9 +267,3 @@ def _one_per_question(order: Indices, question: Indices, count: Indices, needed:
         asked = open_ones(order[first[counts > turn] + turn])
         if len(asked):
             yield asked
-
-
-def _of_lines(pairs: Pairs, wanted: Mask) -> Pairs:
-    """The pairs of those sight lines (v,) that are wanted."""
-    kept = wanted[pairs[0]]
-    return pairs[0][kept], pairs[1][kept]

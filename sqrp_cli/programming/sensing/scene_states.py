@@ -15,13 +15,12 @@ from sqrp_cli.programming.sensing.solids import Solid
 
 @dataclass(frozen=True, eq=False)
 class SolidPoses:
-    """Solids with the world poses of their parents over a batch of states.
-
-    X_WP: pose of each parent, shape (m, 4, 4), or (1, 4, 4) where it never moves.
-    """
+    """Solids with the world poses of their parents over a batch of m states."""
 
     solids: tuple[Solid, ...]
+    """By the index that everything else names them by."""
     X_WP: Mapping[str, Array]
+    """Pose of each parent by name, shape (m, 4, 4), or (1, 4, 4) where it never moves."""
 
     def pose(self, index: int) -> Array:
         """World poses of a solid's parent, shape (m or 1, 4, 4)."""
@@ -38,14 +37,12 @@ class SolidPoses:
 
 @dataclass(frozen=True, eq=False)
 class SceneStates:
-    """World poses of every frame over m states.
-
-    count: m. X_WF: pose of `world`, every link, object and `OBJECT@start`, shape (m, 4, 4), or (1, 4, 4) where it never
-    moves.
-    """
+    """World poses of every frame over m states."""
 
     count: int
+    """m."""
     X_WF: Mapping[str, Array]
+    """Pose of `world`, every link, object and `OBJECT@start`, shape (m, 4, 4), or (1, 4, 4) where it never moves."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if a pose is not finite."""
@@ -73,9 +70,9 @@ def fixed_frame(X_WF: Array | None = None) -> Array:
 
 
 def poses_at(X: Sequence[Array], which: Indices, state: Indices) -> Array:
-    """Poses of things in states, both by index and of shape (n,); shape (n, 4, 4).
+    """Poses of frames in states, both by index and of shape (n,); shape (n, 4, 4).
 
-    X: poses of each thing over all states, shape (m, 4, 4), or (1, 4, 4) where it never moves.
+    X: poses of each frame over all states, shape (m, 4, 4), or (1, 4, 4) where it never moves.
     """
     found: Array = np.stack([poses[0] for poses in X])[which]
     for index, poses in enumerate(X):

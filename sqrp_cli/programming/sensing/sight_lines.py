@@ -8,19 +8,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, begins_run, inverse
+from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, begins_run, inverse
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses, poses_at
 from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.targets import SoughtBox
-
-Pairs = tuple[Indices, Indices]
-"""Sight lines and the solids they are paired with, by index, ordered by sight line."""
 
 SKIN = 1e-3
 """By how much a box is shrunk on every side before its sight is tested [m].
@@ -33,21 +30,44 @@ TOUCH = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class SightLines:
-    """Boxes seen by cameras in a batch of states. Lines that never differ share a hull.
+class Pairs:
+    """Sight lines and solids that may be in their way: n pairs."""
 
-    state: index of the state, shape (v,). hull: index of the hull, shape (v,). box: index of the box that each hull
-    belongs to, shape (h,). X_WC: world pose of the camera's optical frame, shape (h, 4, 4). X_WB: of the box, shape
-    (h, 4, 4). half_size, offset: half the extents of the shrunk box and its centre in the box's frame, shape (h, 3).
-    """
+    line: Indices
+    """Index of the sight line, shape (n,), not decreasing."""
+    solid: Indices
+    """Index of the solid, shape (n,)."""
+
+    def __len__(self) -> int:
+        return len(self.line)
+
+    def some(self, which: Mask | Indices) -> Pairs:
+        """Those that are wanted, by mask or by index."""
+        return Pairs(self.line[which], self.solid[which])
+
+    def of_lines(self, wanted: Mask) -> Pairs:
+        """The pairs of those sight lines (v,) that are wanted."""
+        return self.some(wanted[self.line])
+
+
+@dataclass(frozen=True, eq=False)
+class SightLines:
+    """Boxes seen by cameras in a batch of states: v lines with h view hulls. Lines that never differ share a hull."""
 
     state: Indices
+    """Index of the state of each line, shape (v,)."""
     hull: Indices
+    """Index of the hull of each line, shape (v,)."""
     box: Indices
+    """Index of the box that each hull belongs to, shape (h,)."""
     X_WC: Array
+    """World pose of the camera's optical frame, shape (h, 4, 4)."""
     X_WB: Array
+    """World pose of the box, shape (h, 4, 4)."""
     half_size: Array
+    """Half the extents of the shrunk box, shape (h, 3) [m]."""
     offset: Array
+    """Centre of the shrunk box in the box's frame, shape (h, 3) [m]."""
 
     @property
     def eyes(self) -> Array:
@@ -62,42 +82,58 @@ class SightLines:
         return corners
 
     @cached_property
-    def finite(self) -> NDArray[np.bool_]:
+    def finite(self) -> Mask:
         """Whether camera and box of each hull are somewhere at all, shape (h,)."""
-        finite: NDArray[np.bool_] = np.logical_and.reduce(
+        finite: Mask = np.logical_and.reduce(
             [np.isfinite(places).all(axis=(1, 2)) for places in (self.X_WC, self.corners)]
         )
         return finite
 
 
-def shrink(size: Sequence[float], normal: Sequence[float] | None) -> tuple[Array, Array]:
-    """Half the extents (3,) of a box without its skin, and the offset (3,) by which its centre moves, in its own frame.
+class ShrunkBox(NamedTuple):
+    """A box without its skin."""
+
+    half_size: Array
+    """Half its extents, shape (3,) [m]."""
+    offset: Array
+    """Its centre in the frame of the whole box, shape (3,) [m]."""
+
+
+def shrink(size: Sequence[float], normal: Sequence[float] | None) -> ShrunkBox:
+    """A box of `size` [m] without its skin, so that what merely touches it does not hide it.
 
     A side no thicker than twice the skin keeps its thickness; the box then moves by the skin along its normal instead.
     """
     extents = np.asarray(size, dtype=float)
     thin = extents <= 2 * SKIN + TOUCH
     offset = SKIN * np.asarray(normal, dtype=float) if thin.any() and normal is not None else np.zeros(3)
-    return 0.5 * np.where(thin, extents, extents - 2 * SKIN), offset
+    return ShrunkBox(half_size=0.5 * np.where(thin, extents, extents - 2 * SKIN), offset=offset)
 
 
 @dataclass(frozen=True, eq=False)
 class BoxViews:
-    """What is looked at from where: a box, a camera and a state, by index, shape (v,) each."""
+    """Which box is looked at by which camera in which state: v views, by index."""
 
     box: Indices
+    """Shape (v,)."""
     camera: Indices
+    """Shape (v,)."""
     state: Indices
+    """Shape (v,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class WatchedBoxes:
-    """b boxes, c cameras and s solids in m states."""
+    """Several boxes watched by all cameras over a batch of states: what all their views have in common."""
 
     boxes: Sequence[SoughtBox]
+    """b boxes."""
     projections: Sequence[Projection]
+    """Of c cameras."""
     solids: tuple[Solid, ...]
+    """s solids; each may hide the boxes that do not enclose it."""
     states: SceneStates
+    """m states."""
 
     @cached_property
     def solid_poses(self) -> SolidPoses:
@@ -105,7 +141,7 @@ class WatchedBoxes:
         return self.states.solid_poses(self.solids)
 
     @cached_property
-    def opaque(self) -> NDArray[np.bool_]:
+    def opaque(self) -> Mask:
         """Which solids can hide which box, shape (s, b)."""
         parts = [solid.part for solid in self.solids]
         hiding = [
@@ -114,7 +150,7 @@ class WatchedBoxes:
         return np.array(hiding, dtype=bool).reshape(len(parts), len(self.boxes))
 
     def limits(self, box: Indices, state: Indices) -> LimitVerdicts:
-        """Limits of every camera for boxes in states, by index and of shape (n,), ordered by box; results (c, n)."""
+        """Limits of every camera for boxes in states, by index, shape (n,) each, ordered by box; results (c, n)."""
         shape = (len(self.projections), len(box))
         cause, side, figure = np.empty(shape, dtype=np.int8), np.empty(shape, dtype=np.int8), np.empty(shape)
         moving = self._moving_cameras
@@ -125,10 +161,9 @@ class WatchedBoxes:
                 places = np.flatnonzero(differs)
                 found = self._limits(group, box[places], state[places])
                 same = np.cumsum(differs) - 1
-                cause[group], side[group], figure[group] = (
-                    values[:, same] for values in (found.cause, found.side, found.figure)
-                )
-        return LimitVerdicts(cause, side, figure)
+                cause[group], side[group] = found.cause[:, same], found.side[:, same]
+                figure[group] = found.figure[:, same]
+        return LimitVerdicts(cause=cause, side=side, figure=figure)
 
     def sight_lines(self, views: BoxViews) -> SightLines:
         """One sight line per view; neighbours of the same camera and box share a hull where both stand still."""
@@ -137,20 +172,16 @@ class WatchedBoxes:
         differs |= begins_run(views.box) | begins_run(views.camera)
         first = np.flatnonzero(differs)
         box, camera, state = views.box[first], views.camera[first], views.state[first]
-        shrunk = np.array([shrink(entry.size, entry.normal) for entry in self.boxes])
+        shrunk = [shrink(entry.size, entry.normal) for entry in self.boxes]
         return SightLines(
             state=views.state,
             hull=np.cumsum(differs) - 1,
             box=box,
             X_WC=poses_at(self._X_WC, camera, state),
             X_WB=poses_at(self._X_WB, box, state),
-            half_size=shrunk[box, 0],
-            offset=shrunk[box, 1],
+            half_size=np.array([entry.half_size for entry in shrunk])[box],
+            offset=np.array([entry.offset for entry in shrunk])[box],
         )
-
-    def centers(self, views: BoxViews) -> Array:
-        """Centres of the boxes in the world, shape (v, 3)."""
-        return poses_at(self._X_WB, views.box, views.state)[:, :3, 3]
 
     @cached_property
     def _X_WC(self) -> list[Array]:
@@ -161,11 +192,11 @@ class WatchedBoxes:
         return [self.states.box_poses(box) for box in self.boxes]
 
     @cached_property
-    def _moving_cameras(self) -> NDArray[np.bool_]:
+    def _moving_cameras(self) -> Mask:
         return np.array([len(X_WC) > 1 for X_WC in self._X_WC], dtype=bool)
 
     @cached_property
-    def _moving_boxes(self) -> NDArray[np.bool_]:
+    def _moving_boxes(self) -> Mask:
         return np.array([len(X_WB) > 1 for X_WB in self._X_WB], dtype=bool)
 
     def _limits(self, cameras: Indices, box: Indices, state: Indices) -> LimitVerdicts:
@@ -177,7 +208,9 @@ class WatchedBoxes:
         normals = np.array([entry.normal or (0.0, 0.0, 0.0) for entry in self.boxes])[box].T
         normal_C = (X_CB[:, :3] * normals[:, None]).sum(axis=1)
         projections = [self.projections[camera] for camera in cameras]
-        return check_limits(projections, [entry.limits for entry in self.boxes], box, corners, normal_C)
+        return check_limits(
+            projections, [entry.limits for entry in self.boxes], detector=box, corners_C=corners, normal_C=normal_C
+        )
 
     def _in_cameras(self, cameras: Indices, X_WB: Array, state: Indices) -> Array:
         """Poses of boxes (n) in the optical frames of cameras (c), shape (3, 4, c, n)."""

@@ -125,7 +125,9 @@ def checked(camera: Camera, detector: Detector, corners_C: Array, normal_C: Arra
     """Verdicts of boxes with corners (n, 8, 3) and normals (n, 3) in the optical frame of one camera."""
     box = np.zeros(len(corners_C), dtype=np.int64)
     corners_first = corners_C.transpose(2, 1, 0)[:, :, None]
-    return check_limits([Projection.of(camera)], [detector], box, corners_first, normal_C.T[:, None])
+    return check_limits(
+        [Projection.of(camera)], [detector], detector=box, corners_C=corners_first, normal_C=normal_C.T[:, None]
+    )
 
 
 def normal_in(X_CB: Array, normal: Array | None) -> Array:

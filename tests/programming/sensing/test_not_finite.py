@@ -15,7 +15,7 @@ from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses
-from sqrp_cli.programming.sensing.sight_lines import SightLines
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
@@ -29,7 +29,8 @@ LENSES = {"none": (), "plumb_bob": (-0.1, 0, 0, 0, 0), "equidistant": (0.01, 0, 
 
 def cause(projection: Projection, corners_C: Array, normal_C: Array = NO_NORMAL) -> Cause:
     zero = np.zeros(1, dtype=np.int64)
-    found = check_limits([projection], [make_detector()], zero, corners_C[:, :, None, None], normal_C[:, None, None])
+    corners_C, normal_C = corners_C[:, :, None, None], normal_C[:, None, None]
+    found = check_limits([projection], [make_detector()], detector=zero, corners_C=corners_C, normal_C=normal_C)
     return Cause(int(found.cause[0, 0]))
 
 
@@ -66,7 +67,8 @@ def test_a_camera_or_detector_with_a_limit_that_is_not_a_number_covers_nothing(m
     zero, normal = np.zeros(1, dtype=np.int64), np.array([0.0, 0.0, -1.0])[:, None, None]
     for limit in ("max_incidence", "min_pixels"):
         detector = replace(make_detector(), **{limit: NAN})
-        found = check_limits([Projection.of(camera)], [detector], zero, CORNERS[:, :, None, None], normal)
+        corners_C = CORNERS[:, :, None, None]
+        found = check_limits([Projection.of(camera)], [detector], detector=zero, corners_C=corners_C, normal_C=normal)
         assert found.cause[0, 0] != Cause.NONE
 
 
@@ -88,16 +90,16 @@ def test_a_sight_line_that_is_not_finite_is_near_everything_met_by_it_and_sees_n
     def lines(X_WC: Array, X_WB: Array) -> SightLines:
         return SightLines(one, one, one, X_WC[None], X_WB[None], np.full((1, 3), 0.02), np.zeros((1, 3)))
 
-    assert len(near_pairs(lines(X_WC, X_WB), poses, opaque)[0]) == 0
+    assert len(near_pairs(lines(X_WC, X_WB), poses, opaque)) == 0
     spoilt, at = (X_WB, (0, 3)) if broken == "box" else (X_WC, (0, 3) if broken == "camera" else (0, 0))
     spoilt[at] = NAN
     not_finite = lines(X_WC, X_WB)
-    pairs = one, one
+    pairs = Pairs(one, one)
     if broken != "turn of the camera":
         pairs = near_pairs(not_finite, poses, opaque)
-        assert len(pairs[0]) == 1
-    assert len(HullTester().met(not_finite, poses, pairs, first_only=False)[0]) == 1
-    assert visible_shares(not_finite, poses, pairs)[1].tolist() == [0.0]
+        assert len(pairs) == 1
+    assert len(HullTester().met(not_finite, poses, pairs, first_only=False)) == 1
+    assert visible_shares(not_finite, poses, pairs).share.tolist() == [0.0]
 
 
 def _spoilt(X: Array) -> Array:

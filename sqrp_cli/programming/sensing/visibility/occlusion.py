@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
-from numpy.typing import NDArray
 
-from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, ranges
+from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, Ranges, ranges
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import TOUCH, Pairs, SightLines
 from sqrp_cli.programming.sensing.solids import Solid
@@ -28,24 +27,26 @@ _LEAST_DEPTH = 1e-6
 """Depth of a box's nearest corner [m] below which the box has no bounded image, and its hull no cone."""
 
 
-def near_pairs(lines: SightLines, poses: SolidPoses, opaque: NDArray[np.bool_]) -> Pairs:
-    """Pairs (sight line, index of solid) whose hull and bounding volume may touch, ordered by sight line.
+def near_pairs(lines: SightLines, poses: SolidPoses, opaque: Mask) -> Pairs:
+    """The pairs whose view hull and bounding volume may touch, ordered by sight line, then by solid.
 
     opaque: which solids can hide which box, shape (s, b).
     """
     solids = np.flatnonzero(opaque.any(axis=1))
     if not len(lines.state) or not len(solids):
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
+        return Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
     hulls = _HullBounds.of(lines)
     moves = np.array([len(poses.pose(index)) > 1 for index in solids.tolist()])
     every_hull = np.arange(len(lines.box))
     # What stands still is compared with each hull once, whatever the number of its lines.
-    hull, standing = _near(hulls, lines.box, opaque, poses, solids[~moves], every_hull, np.zeros_like(every_hull))
-    at, line = _all_lines_of(hull, lines)
-    moved_line, moving = _near(hulls, lines.box, opaque, poses, solids[moves], lines.hull, lines.state)
-    line, solid = np.concatenate([line, moved_line]), np.concatenate([standing[at], moving])
+    standing = _Bounds.of(poses, solids[~moves], count=1)
+    of_hull = hulls.near(every_hull, standing, np.zeros_like(every_hull), opaque)
+    at, line = _all_lines_of(of_hull.line, lines)
+    moving = _Bounds.of(poses, solids[moves], count=int(lines.state.max()) + 1)
+    moved = hulls.near(lines.hull, moving, lines.state, opaque)
+    line, solid = np.concatenate([line, moved.line]), np.concatenate([of_hull.solid[at], moved.solid])
     order = np.lexsort((solid, line))
-    return line[order], solid[order]
+    return Pairs(line[order], solid[order])
 
 
 class HullTester:
@@ -70,19 +71,19 @@ class HullTester:
 
         A hull that is not finite counts as met.
         """
-        found = np.zeros(len(pairs[0]), dtype=bool)
+        found = np.zeros(len(pairs), dtype=bool)
         if not len(found):
             return pairs
         hulls = np.concatenate([lines.corners, lines.eyes[:, None]], axis=1)
         hull_of = lines.hull.tolist()
         still: dict[tuple[int, int], bool] = {}
         placements = {}
-        for index in np.unique(pairs[1]).tolist():
+        for index in np.unique(pairs.solid).tolist():
             X_WG = poses.pose(index) @ poses.solids[index].part.X_PG
             placements[index] = (np.ascontiguousarray(X_WG[:, :3, :3]), np.ascontiguousarray(X_WG[:, :3, 3]))
         states, finite = lines.state.tolist(), lines.finite.tolist()
         current, done, loaded = -1, False, -1
-        for row, (line, index) in enumerate(zip(pairs[0].tolist(), pairs[1].tolist(), strict=True)):
+        for row, (line, index) in enumerate(zip(pairs.line.tolist(), pairs.solid.tolist(), strict=True)):
             if line != current:
                 current, done = line, False
             elif done:
@@ -102,7 +103,7 @@ class HullTester:
                     still[hull, index] = hit
             found[row] = hit
             done = hit and first_only
-        return pairs[0][found], pairs[1][found]
+        return pairs.some(found)
 
     def _meets(self, solid: Solid) -> bool:
         self._result.clear()
@@ -112,74 +113,49 @@ class HullTester:
         return contacts > 0
 
 
-def _all_lines_of(hull: Indices, lines: SightLines) -> tuple[Indices, Indices]:
-    """Every sight line of each hull (n,), with the hull's place among those n; a hull's lines follow each other."""
+def _all_lines_of(hull: Indices, lines: SightLines) -> Ranges:
+    """Every sight line of each hull (n,); a hull's lines follow each other."""
     first = np.searchsorted(lines.hull, np.arange(len(lines.box) + 1))
     return ranges(first[hull], first[hull + 1])
 
 
-def _near(
-    hulls: _HullBounds,
-    box: Indices,
-    opaque: NDArray[np.bool_],
-    poses: SolidPoses,
-    solids: Indices,
-    hull: Indices,
-    state: Indices,
-) -> Pairs:
-    """Pairs (row, index of solid) of n hulls, each in a state, shape (n,), and some of the solids, ordered by row.
-
-    box: which box each of the hulls belongs to, shape (h,).
-    """
-    if not len(solids):
-        return np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    bounds = _Bounds.of(poses, solids, int(state.max()) + 1)
-    found = []
-    for start in range(0, len(hull), _HULLS_AT_ONCE):
-        of, at = hull[start : start + _HULLS_AT_ONCE], state[start : start + _HULLS_AT_ONCE]
-        near = hulls.meet_balls(of, bounds, at) & opaque[solids][:, box[of]]
-        row, index = np.nonzero(near.T)
-        kept = hulls.meet_boxes(of[row], bounds, index, at[row])
-        found.append((row[kept] + start, solids[index[kept]]))
-    rows, near_ones = zip(*found, strict=True)
-    return np.concatenate(rows), np.concatenate(near_ones)
-
-
 @dataclass(frozen=True, eq=False)
 class _Bounds:
-    """Balls and boxes around s solids in m states, with the same centres.
+    """Balls and boxes around s of the solids in m states, with the same centres."""
 
-    centers: in the world, shape (3, s, m). radii: of the balls, shape (s, 1) [m]. half_axes: of the boxes in the world,
-    coordinate second, shape (3, 3, s, m).
-    """
-
+    solids: Indices
+    """Which of all solids these are, shape (s,)."""
     centers: Array
+    """In the world, coordinate first, shape (3, s, m) [m]."""
     radii: Array
+    """Of the balls, shape (s, 1) [m]."""
     half_axes: Array
+    """Of the boxes, in the world, axis first and coordinate second, shape (3, 3, s, m) [m]."""
 
     @classmethod
     def of(cls, poses: SolidPoses, solids: Indices, count: int) -> _Bounds:
+        """The bounds of some of the solids in the first `count` states."""
         axes_and_center = np.empty((4, 3, len(solids), count))
         for row, index in enumerate(solids.tolist()):
             # One product of two matrices, in place of one for every state.
             columns_W = (poses.pose(index)[:count].reshape(-1, 4) @ poses.solids[index].box).reshape(-1, 4, 4)
             axes_and_center[:, :, row] = columns_W[:, :3].transpose(2, 1, 0)
         radii = np.array([[poses.solids[index].radius] for index in solids.tolist()])
-        return cls(axes_and_center[3], radii, axes_and_center[:3])
+        return cls(solids=solids, centers=axes_and_center[3], radii=radii, half_axes=axes_and_center[:3])
 
 
 @dataclass(frozen=True, eq=False)
 class _HullBounds:
-    """Bounds of h view hulls, coordinate first.
+    """Bounds of h view hulls in the world, coordinate first."""
 
-    cones: x, y, z of the eye, x, y, z of the axis (unit), cosine and sine of half the opening, and length [m], shape
-    (9, h). planes: unit normal n and offset o of ten planes, with n . p > o for every point p outside the plane, shape
-    (10, 4, h). points: corners of the boxes, and the eyes, shape (3, 9, h).
-    """
-
+    box: Indices
+    """Which box each of the hulls belongs to, shape (h,)."""
     cones: Array
+    """x, y, z of the eye, x, y, z of the axis (unit), cosine and sine of half the opening, and length [m], (9, h)."""
     planes: Array
+    """Unit normal n and offset o of ten planes, with n . p > o for every point p outside the plane, (10, 4, h)."""
     points: Array
+    """Corners of the boxes, and the eyes, shape (3, 9, h) [m]."""
 
     @classmethod
     def of(cls, lines: SightLines) -> _HullBounds:
@@ -195,16 +171,31 @@ class _HullBounds:
         planes = _planes(eyes, rays, axis, np.where(bounded, depth, 1.0))
         planes[:, :, ~bounded] = 0.0
         points = np.concatenate([corners, eyes[:, None]], axis=1)
-        return cls(np.concatenate([eyes, axis, [cosine, sine, length]]), planes, points)
+        cones = np.concatenate([eyes, axis, [cosine, sine, length]])
+        return cls(box=lines.box, cones=cones, planes=planes, points=points)
 
-    def meet_balls(self, hull: Indices, bounds: _Bounds, state: Indices) -> NDArray[np.bool_]:
+    def near(self, hull: Indices, bounds: _Bounds, state: Indices, opaque: Mask) -> Pairs:
+        """Which solids may reach into which of n hulls, each in a state, shape (n,), by place among those n.
+
+        opaque: see `near_pairs`.
+        """
+        opaque, found = opaque[bounds.solids], [Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))]
+        for start in range(0, len(hull) if len(bounds.solids) else 0, _HULLS_AT_ONCE):
+            of, at = hull[start : start + _HULLS_AT_ONCE], state[start : start + _HULLS_AT_ONCE]
+            near = self.meet_balls(of, bounds, at) & opaque[:, self.box[of]]
+            row, index = np.nonzero(near.T)
+            kept = self.meet_boxes(of[row], bounds, index, at[row])
+            found.append(Pairs(row[kept] + start, bounds.solids[index[kept]]))
+        return Pairs(np.concatenate([p.line for p in found]), np.concatenate([p.solid for p in found]))
+
+    def meet_balls(self, hull: Indices, bounds: _Bounds, state: Indices) -> Mask:
         """Whether the cone of each hull (n,) may touch each ball in a state (n,); shape (s, n)."""
         *eye_and_axis, cosine, sine, length = self.cones[:, hull]
         x, y, z = (bounds.centers[axis][:, state] - eye_and_axis[axis] for axis in range(3))
         along = _dot((x, y, z), eye_and_axis[3:])
         aside = np.sqrt(np.maximum(_dot((x, y, z), (x, y, z)) - along * along, 0.0))
         reach = bounds.radii + TOUCH
-        beyond: NDArray[np.bool_] = aside * cosine - along * sine > reach
+        beyond: Mask = aside * cosine - along * sine > reach
         # A hull without a cone has an infinite length, and anything may touch it.
         beyond |= ((along < -reach) | (along > reach + length)) & np.isfinite(length)
         return ~beyond

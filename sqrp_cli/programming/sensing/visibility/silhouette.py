@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, Indices, ranges
+from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
 
 AHEAD = 1e-6
@@ -60,16 +60,29 @@ def turns(image: Array) -> Array:
     return turned
 
 
+class MetRays(NamedTuple):
+    """Rays of grids that meet shapes, n in all."""
+
+    column: Indices
+    """Of the ray in its grid, shape (n,)."""
+    shape: Indices
+    """Index of the shape that it meets, shape (n,)."""
+    row: Indices
+    """Of the ray in its grid, shape (n,)."""
+
+
 @dataclass(frozen=True, eq=False)
 class RayGrid:
     """The rays to the boxes of h view hulls.
 
     Row j is at v = low[1] + step[1] * (j + 1/2), and its ray i at u = low[0] + step[0] * (i + s), with the shift s of
-    the row. low: least u and v, shape (2, h). step: size of a cell, shape (2, h).
+    the row.
     """
 
     low: Array
+    """Least u and v, shape (2, h)."""
     step: Array
+    """Size of a cell along u and v, shape (2, h)."""
 
     @classmethod
     def over(cls, low: Array, high: Array) -> RayGrid:
@@ -82,20 +95,20 @@ class RayGrid:
         (low_u, low_v), (step_u, step_v) = self.low[:, hull], self.step[:, hull]
         return np.stack([(x - low_u * depth) / step_u, (y - low_v * depth) / step_v - 0.5 * depth, depth])
 
-    def may_hold(self, hull: Indices, corners: Array) -> NDArray[np.bool_]:
+    def may_hold(self, hull: Indices, corners: Array) -> Mask:
         """Whether shapes may reach into the pyramid of the grid's rays, shape (n,); a no is certain.
 
         corners: shape (3, k, n), coordinate first; they may lie behind the camera.
         """
         low, high = self.low[:, hull], self.low[:, hull] + self.step[:, hull] * _COUNTS
         depth = corners[2]
-        may: NDArray[np.bool_] = (depth > 0).any(axis=0)
+        may: Mask = (depth > 0).any(axis=0)
         for axis in range(2):
             may &= (corners[axis] >= low[axis] * depth).any(axis=0) & (corners[axis] <= high[axis] * depth).any(axis=0)
         return may
 
-    def inside(self, hull: Indices, v: Array, functions: Array) -> tuple[Indices, Indices, Indices]:
-        """The rays at which all functions of a shape are positive: column, index of the shape and row of each.
+    def inside(self, hull: Indices, v: Array, functions: Array) -> MetRays:
+        """The rays at which all functions of a shape are positive.
 
         hull: to whose box the rays of each of n shapes run, shape (n,). v: least and greatest of each, shape (2, n).
         functions: a, b and c of a u + b v + c, shape (f, 3, n). Along a row each of them bounds u on one side.
@@ -113,7 +126,7 @@ class RayGrid:
             high[(a == 0) & (rest < 0)] = -np.inf
         low, high = ((bound - left) / across - SHIFT[row] for bound in (low, high))
         within, column = ranges(np.ceil(np.clip(low, 0.0, COLUMNS)), np.ceil(np.clip(high, 0.0, COLUMNS)))
-        return column, shape[within], row[within]
+        return MetRays(column=column, shape=shape[within], row=row[within])
 
 
 def first_row(v: Array) -> Indices:
@@ -127,15 +140,14 @@ def first_row(v: Array) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class Bends:
-    """Edges of a surface at which it turns away from where it is looked at from: n of them, in several views.
-
-    ends: where each begins and ends, in the surface's frame, coordinate first, shape (3, 2, n) [m]. view: in which of
-    the views, shape (n,). weight: how often it counts, whole numbers, shape (n,).
-    """
+    """Edges of a surface at which it turns away from where it is looked at from: n of them, in several views."""
 
     ends: Array
+    """Where each begins and ends, in the surface's frame, coordinate first, shape (3, 2, n) [m]."""
     view: Indices
+    """In which of the views, shape (n,)."""
     weight: NDArray[np.int8]
+    """How often it counts, whole numbers, shape (n,)."""
 
     @classmethod
     def of(cls, surface: Triangulation, turned: NDArray[np.int8], sides: NDArray[np.float32], views: Indices) -> Bends:
@@ -160,19 +172,22 @@ class Bends:
 class Silhouette:
     """n edges in layers of rays, each layer a grid of its own.
 
-    layer: of each edge, shape (n,). column, row: of its start and of its end (see `RayGrid.maps`), shape (2, n) each.
-    weight: how often it counts, whole numbers, shape (n,). What is bounded by a closed outline is what it winds
-    around; edges that cross no row of rays may be missing, and those that have no ray of the grid before them.
+    A closed silhouette holds what it winds around. Edges that cross no row of rays may be missing, and those that have
+    no ray of the grid before them.
     """
 
     layer: Indices
+    """Of each edge, shape (n,)."""
     column: Array
+    """Of each edge's start and end (see `RayGrid.maps`), shape (2, n)."""
     row: Array
+    """Of each edge's start and end, shape (2, n)."""
     weight: NDArray[np.int8]
+    """How often each edge counts, whole numbers, shape (n,)."""
 
     @classmethod
     def of(cls, bends: Sequence[Bends], maps: Array, layers: Indices) -> Silhouette:
-        """The outlines of several surfaces.
+        """The silhouettes of several surfaces.
 
         maps: from the surface's frame into the grid in each view, shape (3, 4, k). layers: in which each view is drawn,
         shape (k,).
@@ -188,10 +203,11 @@ class Silhouette:
         view = view.take(crossing)
         a, b, c, d = maps[0].take(view, axis=1)
         column = (a * x + b * y + c * z + d) / depth
-        return cls(layers.take(view), column, row.take(crossing, axis=1), weight.take(crossing))
+        row, weight = row.take(crossing, axis=1), weight.take(crossing)
+        return cls(layer=layers.take(view), column=column, row=row, weight=weight)
 
-    def inside(self, layers: int) -> NDArray[np.bool_]:
-        """Which rays the outlines of each layer wind around, shape (COLUMNS, layers, ROWS).
+    def inside(self, layers: int) -> Mask:
+        """Which rays the silhouettes of each layer wind around, shape (COLUMNS, layers, ROWS).
 
         How often that is is the sum of the edges that cross the ray's row beyond it, each with the sign of its
         direction.
@@ -215,7 +231,7 @@ class Silhouette:
         np.add.at(winding.reshape(-1), at, each(weight))
         for column in range(COLUMNS - 1, 0, -1):
             winding[column] += winding[column + 1]
-        inside: NDArray[np.bool_] = (winding[1:] != 0).reshape(COLUMNS, -1, ROWS)
+        inside: Mask = (winding[1:] != 0).reshape(COLUMNS, -1, ROWS)
         return inside
 
 
@@ -240,7 +256,7 @@ def facing(surface: Triangulation, eyes: NDArray[np.float32]) -> NDArray[np.int8
     return signs(surface.planes @ eyes > 0.0)
 
 
-def signs(in_front: NDArray[np.bool_]) -> NDArray[np.int8]:
+def signs(in_front: Mask) -> NDArray[np.int8]:
     """The same from whether an eye is in front of each triangle, shape (F, k)."""
     found = np.zeros((len(in_front) + 1, in_front.shape[1]), dtype=np.int8)
     found[:-1] = 2 * in_front.view(np.int8) - 1

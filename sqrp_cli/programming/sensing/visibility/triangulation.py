@@ -1,7 +1,4 @@
-"""What sight compares with a solid: its triangles one by one, how they hang together, and the box around it.
-
-The triangles one by one meet rays and view hulls; where they hang together, silhouettes are made of their edges.
-"""
+"""How the triangles of a solid hang together: its silhouettes are made of their edges."""
 
 from __future__ import annotations
 
@@ -13,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, cross, norms
-from sqrp_cli.programming.sensing.sight_lines import TOUCH
 from sqrp_cli.programming.sensing.solids import Solid
 
 _MOST_TRIED = 1_000_000
@@ -27,20 +23,24 @@ _FLAT = 1e-9
 class Triangulation:
     """V vertices, F triangles and E edges.
 
-    vertices: shape (V, 3) [m]. triangles: shape (F, 3). planes: of each triangle, n . p + d > 0 for points p in
-    front of it, the normal n before d, shape (F, 4), in single precision.
-    start, end: vertices of each edge, shape (E,). left, right: the triangle that runs along it in its direction and the
-    one that runs against it, shape (E,). An edge that does not join just two triangles of like orientation is there
-    once for each of its triangles, with F, no triangle, on its right.
+    An edge that does not join just two triangles of like orientation is there once for each of its triangles, with F,
+    no triangle, on its right.
     """
 
     vertices: Array
+    """Shape (V, 3) [m]."""
     triangles: Indices
+    """Vertices of each triangle, shape (F, 3)."""
     planes: NDArray[np.float32]
+    """(n, d) of each triangle: n . p + d > 0 for the points p in front of it, shape (F, 4), in single precision."""
     start: Indices
+    """Vertex at which each edge begins, shape (E,)."""
     end: Indices
+    """Vertex at which it ends, shape (E,)."""
     left: Indices
+    """The triangle that runs along it in its direction, shape (E,)."""
     right: Indices
+    """The triangle that runs against it, shape (E,)."""
 
     @cached_property
     def ends(self) -> Indices:
@@ -93,86 +93,16 @@ class Triangulation:
         alone[one[joins]] = alone[other[joins]] = False
         side = np.concatenate([one[joins], np.flatnonzero(alone)])
         right = np.concatenate([other[joins] // 3, np.full(int(alone.sum()), len(triangles))])
-        return Triangulation(vertices, triangles, planes, start[side], end[side], side // 3, right)
+        return Triangulation(
+            vertices=vertices,
+            triangles=triangles,
+            planes=planes,
+            start=start[side],
+            end=end[side],
+            left=side // 3,
+            right=right,
+        )
 
 
 _triangulations: WeakKeyDictionary[Solid, Triangulation] = WeakKeyDictionary()
 """What was made of solids that are still in use."""
-
-
-@dataclass(frozen=True, eq=False)
-class Facets:
-    """F triangles of a solid in its parent's frame.
-
-    points: their corners, shape (F, 3, 3) [m]. normals, offsets: n . p = o for the points p of each one's plane, shapes
-    (F, 3), not of length 1, and (F,). edges: Plücker coordinates of the line along each of the three edges, moment
-    before direction, shape (6, F) each. middles, radii: a sphere around each, shapes (F, 3) and (F,) [m].
-    """
-
-    points: Array
-    normals: Array
-    offsets: Array
-    edges: tuple[Array, Array, Array]
-    middles: Array
-    radii: Array
-
-    @staticmethod
-    def of(solid: Solid) -> Facets:
-        """The facets of a solid; made once."""
-        if solid not in _facets:
-            _facets[solid] = Facets._of_points(solid.vertices[solid.triangles])
-        return _facets[solid]
-
-    @staticmethod
-    def _of_points(points: Array) -> Facets:
-        a, b, c = points.swapaxes(0, 1)
-        normals, middles = cross(b - a, c - a), points.mean(axis=1)
-        reach = points - middles[:, None]
-        return Facets(
-            points=points,
-            normals=normals,
-            offsets=np.einsum("fi,fi->f", normals, a),
-            edges=(_line(a, b), _line(b, c), _line(c, a)),
-            middles=middles,
-            radii=np.sqrt(np.einsum("fki,fki->fk", reach, reach).max(axis=1, initial=0.0)),
-        )
-
-
-def _line(start: Array, end: Array) -> Array:
-    """Plücker coordinates of lines through points (F, 3), shape (6, F)."""
-    return np.ascontiguousarray(np.concatenate([cross(start, end), end - start], axis=1).T)
-
-
-_facets: WeakKeyDictionary[Solid, Facets] = WeakKeyDictionary()
-"""What was made of solids that are still in use."""
-
-
-def box_distances(solid: Solid, points: Array) -> tuple[Array, Array]:
-    """Least and greatest distances of points (n, 3), in the parent's frame, from the box around a solid; (n,) [m]."""
-    axes, lengths = _axes(solid)
-    along = np.abs((points - solid.center) @ axes.T)
-    return norms(np.maximum(along - lengths, 0.0)), norms(along + lengths)
-
-
-def box_is_met(solid: Solid, points: Array, rays: Array) -> NDArray[np.bool_]:
-    """Whether the way from each point (n, 3) to where its ray (n, 3) ends may touch the box around a solid; (n,).
-
-    Both in the parent's frame. The box is met between where the ray enters the last of its three slabs and leaves the
-    first (T. L. Kay, J. T. Kajiya, 1986).
-    """
-    axes, lengths = _axes(solid)
-    start, step = (points - solid.center) @ axes.T, rays @ axes.T
-    reach = lengths + TOUCH
-    step = np.where(step == 0.0, 1e-300, step)
-    with np.errstate(over="ignore"):
-        one, other = (-reach - start) / step, (reach - start) / step
-    enters, leaves = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
-    met: NDArray[np.bool_] = (enters <= leaves) & (leaves >= 0.0) & (enters <= 1.0)
-    return met
-
-
-def _axes(solid: Solid) -> tuple[Array, Array]:
-    """Directions of a solid's box, one a row, shape (3, 3), and half its extents along them, (3,) [m]."""
-    # The half axes are orthogonal; where the box is flat, one of them is zero and the factorization finds a direction.
-    directions, lengths = np.linalg.qr(solid.half_axes.T)
-    return directions.T, np.abs(np.diag(lengths))

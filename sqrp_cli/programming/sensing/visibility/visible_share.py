@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, begins_run, cross, inverse, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
@@ -23,6 +23,7 @@ from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.silhouette import (
     AHEAD,
     Bends,
+    MetRays,
     RayGrid,
     Silhouette,
     beyond_sides,
@@ -42,27 +43,33 @@ _MEMORY = 2_000_000
 _BOX = Triangulation.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
 
 
-def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> tuple[Indices, Array]:
-    """The sight lines that the pairs name, by index, and the visible shares of their boxes; shape (n,) each.
+class VisibleShares(NamedTuple):
+    """How much of their boxes is seen along n sight lines."""
 
-    pairs: (sight line, solid) that may reach into the view hulls; nothing else can block. All corners of the boxes must
-    lie in front of the camera. Of a box or from a camera whose place is not finite nothing is seen.
+    line: Indices
+    """Index of the sight line, shape (n,)."""
+    share: Array
+    """Of the box's silhouette that is seen, in 0..1, shape (n,)."""
+
+
+def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> VisibleShares:
+    """The visible shares of the boxes of those sight lines that the pairs name.
+
+    pairs: of solids that may reach into the view hulls; nothing else can block. All corners of the boxes must lie in
+    front of the camera. Of a box or from a camera whose place is not finite nothing is seen.
     """
-    line, solid = pairs
-    named = line[begins_run(line)]
+    named = pairs.line[begins_run(pairs.line)]
     finite, shares = lines.finite[lines.hull[named]], np.zeros(len(named))
-    kept = lines.finite[lines.hull[line]]
-    shares[finite] = _measured(lines, poses, (line[kept], solid[kept]))
-    return named, shares
+    shares[finite] = _measured(lines, poses, pairs.some(lines.finite[lines.hull[pairs.line]]))
+    return VisibleShares(named, shares)
 
 
 def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
     """The visible shares of the boxes of those sight lines that the pairs name, shape (n,)."""
-    line, solid = pairs
-    begins = begins_run(line)
-    named, number = line[begins], np.cumsum(begins) - 1
+    begins = begins_run(pairs.line)
+    named, number = pairs.line[begins], np.cumsum(begins) - 1
     shares = np.empty(len(named))
-    largest = max((len(poses.solids[index].triangles) for index in set(solid.tolist())), default=0)
+    largest = max((len(poses.solids[index].triangles) for index in set(pairs.solid.tolist())), default=0)
     size = max(1, min(_CHUNK, _MEMORY // max(1, largest)))
     for start in range(0, len(named), size):
         chunk = slice(start, start + size)
@@ -70,14 +77,14 @@ def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
         hull, state = lines.hull[named[chunk]], lines.state[named[chunk]]
         begins = begins_run(hull)
         view = _SeenBoxes.of(lines, hull[begins])
-        here = (number[within] - start, solid[within])
+        here = Pairs(number[within] - start, pairs.solid[within])
         shares[chunk] = _shares(view, np.cumsum(begins) - 1, state, poses, here)
     return shares
 
 
 def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, pairs: Pairs) -> Array:
     """Visible shares of l sight lines; hull: which of the views each has, state: index of its state, shape (l,)."""
-    line, which = pairs
+    line, which = pairs.line, pairs.solid
     hulls, lines = len(view.eyes), len(hull)
     at = hull[line]
     X_WP = poses.at(which, state[line])
@@ -101,7 +108,8 @@ def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, 
         if len(doubtful):
             of = rows[doubtful]
             points_B = transform(view.X_BW[at[of]] @ X_WP[of], surface.vertices)
-            before, beyond = view.places(at[of], points_B).of(surface.triangles)
+            places = view.places(at[of], points_B)
+            before, beyond = _wholly_in(places.before, surface.triangles), _wholly_in(places.beyond, surface.triangles)
             through = ~before & ~beyond
             if surface.is_convex:  # what is met at its back was met at its front, unless the camera is inside
                 front = turned[:-1, doubtful].T > 0
@@ -109,34 +117,37 @@ def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, 
             turned[:-1, doubtful] *= before.T
             row, triangle = np.nonzero(through)
             corners_B = np.moveaxis(points_B[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
-            column, hit, grid_row = view.blocked(at[of[row]], corners_B)
-            marked.append((column, line[of[row[hit]]], grid_row))
+            rays = view.blocked(at[of[row]], corners_B)
+            marked.append((rays.column, line[of[row[rays.shape]]], rays.row))
         bends.append(Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
     inside = Silhouette.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
     silhouette, blocked = inside[:, :hulls], inside[:, hulls:]
-    for rays in marked:
-        blocked[rays] = True
+    for column, of_line, row in marked:
+        blocked[column, of_line, row] = True
     seen, all_rays = _count(silhouette[:, hull] & ~blocked), _count(silhouette)[hull]
     return np.where(all_rays > 0, seen / np.maximum(all_rays, 1), 1.0)  # nothing hides what has no area in the image
 
 
 @dataclass(frozen=True, eq=False)
 class _SeenBoxes:
-    """Boxes as cameras see them, one for each of h view hulls.
-
-    X_CW: world in the (turned) optical frame, shape (h, 4, 4). X_BW: world in the box's frame, shape (h, 4, 4).
-    X_CB: box in the optical frame, shape (h, 4, 4). eyes: camera centres in the boxes' frames, shape (h, 3). nearest:
-    least depth of each box, shape (h,). low, high: least and greatest coordinates of each box, shape (h, 3).
-    """
+    """Boxes as cameras see them, one for each of h view hulls; optical frames are turned as the ray grids are."""
 
     X_CW: Array
+    """The world in the optical frame, shape (h, 4, 4)."""
     X_BW: Array
+    """The world in the box's frame, shape (h, 4, 4)."""
     X_CB: Array
+    """The box in the optical frame, shape (h, 4, 4)."""
     eyes: Array
+    """Camera centres in the boxes' frames, shape (h, 3) [m]."""
     nearest: Array
+    """Least depth of each box, shape (h,) [m]."""
     low: Array
+    """Least coordinates of each box in its own frame, shape (h, 3) [m]."""
     high: Array
+    """Greatest coordinates of each box in its own frame, shape (h, 3) [m]."""
     grid: RayGrid
+    """The rays to each box."""
 
     @classmethod
     def of(cls, lines: SightLines, hulls: Indices) -> _SeenBoxes:
@@ -179,19 +190,21 @@ class _SeenBoxes:
         X_CB = self.X_CB[hull]
         depth = (points_B @ X_CB[:, 2, :3, None])[..., 0] + X_CB[:, 2, 3, None]
         ahead = depth > AHEAD
-        low, high = self._far_sides(hull)
+        # Where the far faces lie on the axes; nothing is beyond a face that looks to the camera.
+        eyes, low, high = self.eyes[hull], self.low[hull], self.high[hull]
+        low, high = np.where(eyes > low, low, -np.inf), np.where(eyes < high, high, np.inf)
         beyond = [
             side
             for axis in range(3)
             for side in (points_B[..., axis] <= low[:, axis, None], points_B[..., axis] >= high[:, axis, None])
         ]
         nearer = ahead & (depth < self.nearest[hull, None])
-        return _Places((nearer, ahead & ~np.logical_or.reduce(beyond)), (~ahead, *beyond))
+        return _Places(before=(nearer, ahead & ~np.logical_or.reduce(beyond)), beyond=(~ahead, *beyond))
 
-    def blocked(self, hull: Indices, corners_B: Array) -> tuple[Indices, Indices, Indices]:
-        """The rays that n triangles block before the far sides: column, index of the triangle and row of each.
+    def blocked(self, hull: Indices, corners_B: Array) -> MetRays:
+        """The rays that n triangles block before the far sides.
 
-        By homogeneous edge functions a u + b v + c, all positive inside (Olano and Greer 1997).
+        By homogeneous edge functions a u + b v + c, all positive inside (M. Olano, T. Greer, 1997).
 
         hull: in which view each triangle is looked at, shape (n,). corners_B: shape (3, 3, n), coordinate first.
         """
@@ -206,8 +219,8 @@ class _SeenBoxes:
         v = corners[1] / np.where(ahead, corners[2], 1.0)
         v = np.where(ahead, (v.min(axis=0), v.max(axis=0)), [[-np.inf], [np.inf]])
         v = np.where(volume > 0, v, 0.0)  # what is seen edge-on blocks nothing
-        column, hit, row = self.grid.inside(hull, v, np.concatenate([edges, self._before(hull, edges, volume)]))
-        return column, touching[hit], row
+        rays = self.grid.inside(hull, v, np.concatenate([edges, self._before(hull, edges, volume)]))
+        return rays._replace(shape=touching[rays.shape])
 
     def _before(self, hull: Indices, edges: Array, volume: Array) -> Array:
         """Where the planes of n triangles are met before the far sides: functions a u + b v + c, positive there.
@@ -221,39 +234,27 @@ class _SeenBoxes:
         before_low = np.where(eyes > low, (eyes - low) * total + along, everywhere)
         return np.concatenate([before_low, np.where(eyes < high, (high - eyes) * total - along, everywhere)])
 
-    def _far_sides(self, hull: Indices) -> tuple[Array, Array]:
-        """Where the boxes' far faces lie on their axes, shape (k, 3) each.
-
-        They are infinite where the face on that side looks to the camera.
-        """
-        eyes, low, high = self.eyes[hull], self.low[hull], self.high[hull]
-        return np.where(eyes > low, low, -np.inf), np.where(eyes < high, high, np.inf)
-
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """Where points lie that cameras see, each mask of shape (k, n).
-
-    What lies wholly in one of the convex regions `before` blocks the rays that it meets; what lies wholly in one of the
-    convex regions `beyond` blocks none.
-    """
+    """In which convex regions points lie that cameras see, one mask of shape (k, n) for each region."""
 
     before: tuple[Mask, ...]
+    """What lies wholly in one of these regions blocks the rays that it meets."""
     beyond: tuple[Mask, ...]
+    """What lies wholly in one of these regions blocks none."""
 
     def all_before(self) -> Mask:
         """Whether all points of a row lie in one of the regions before, shape (k,)."""
         before: Mask = np.logical_or.reduce([mask.all(axis=1) for mask in self.before])
         return before
 
-    def of(self, triangles: NDArray[np.int64]) -> tuple[Mask, Mask]:
-        """Which triangles (F, 3) over the points lie wholly in one region before, or beyond, shape (k, F) each."""
-        a, b, c = triangles.T
-        whole, none = (
-            np.logical_or.reduce([mask[:, a] & mask[:, b] & mask[:, c] for mask in masks])
-            for masks in (self.before, self.beyond)
-        )
-        return whole, none
+
+def _wholly_in(regions: tuple[Mask, ...], triangles: Indices) -> Mask:
+    """Which triangles (F, 3) over points have all corners in the same of the regions, (k, n) each; shape (k, F)."""
+    a, b, c = triangles.T
+    within: Mask = np.logical_or.reduce([mask[:, a] & mask[:, b] & mask[:, c] for mask in regions])
+    return within
 
 
 def _count(rays: Mask) -> Array:

@@ -7,7 +7,7 @@ import pytest
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
-from sqrp_cli.programming.sensing.sight_lines import SightLines
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.shapes import BOX_TRIANGLES
@@ -22,11 +22,10 @@ CLOSE = 0.012
 
 def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
     poses = SolidPoses(tuple(solids), {"world": pose()[None]})
-    pairs = np.zeros(len(solids), dtype=np.int64), np.arange(len(solids))
+    pairs = Pairs(np.zeros(len(solids), dtype=np.int64), np.arange(len(solids)))
     one = np.zeros(1, dtype=np.int64)
     lines = SightLines(one, one, one, X_WC[None], X_WB[None], 0.5 * size[None], np.zeros((1, 3)))
-    _, shares = visible_shares(lines, poses, pairs)
-    return float(shares[0])
+    return float(visible_shares(lines, poses, pairs).share[0])
 
 
 def random_rays(X_WC: Array, X_WB: Array, size: Array) -> tuple[Array, Array]:

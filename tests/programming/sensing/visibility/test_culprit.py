@@ -8,9 +8,9 @@ from scipy.spatial import ConvexHull
 
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
-from sqrp_cli.programming.sensing.sight_lines import SightLines
+from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.solids import Solid
-from sqrp_cli.programming.sensing.visibility.nearest_inside import nearest_inside
+from sqrp_cli.programming.sensing.visibility.culprit import nearest_inside
 from tests.programming.sensing.solids import solid_of
 
 POINTS = 6_000
@@ -63,7 +63,7 @@ def test_the_nearest_of_a_line_is_the_one_with_the_nearest_point_inside(seed):
     )
     reach_in = np.isfinite(expected)
     found = np.full(expected.shape, np.inf)
-    found[reach_in] = nearest_inside(lines, poses, np.nonzero(reach_in))
+    found[reach_in] = nearest_inside(lines, poses, Pairs(*np.nonzero(reach_in)))
 
     first, second = np.sort(expected, axis=1)[:, :2].T
     sure = np.isfinite(second) & (second > first + SURE)
