@@ -11,13 +11,62 @@ from typing import NamedTuple
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.geometry import Array, Indices, Mask, cross, read_only
+from sqrp_cli.geometry import Array, Indices, Mask, cross, inverse, read_only
 from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, Mount
 from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint
 from sqrp_cli.shapes import Part
 from sqrp_cli.trajectory import JointSpan
+
+ROUNDS = 100
+"""Rounds in which the points on the axes are moved to where the chain of them is short."""
+
+LEAST_DISTANCE = 1e-9
+"""Added to distances from axes, so that they have shares where all are zero [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class WristSphere:
+    """A sphere that a point on the arm's last axis cannot leave.
+
+    A point on an axis stays where it is in both links that the axis joins. So the point chosen on the last axis is no
+    further from the one on the first than all distances of points on neighbouring axes together, and the tool pose says
+    where it has to be.
+    """
+
+    center: Array
+    """In the world [m], shape (3,)."""
+    radius: float
+    """[m]"""
+    point: Array
+    """The point on the last axis, in the tool frame [m], shape (3,)."""
+
+    def excess(self, X_WT: Array) -> float:
+        """How far [m] the point lies outside of the sphere at a tool pose X_WT, shape (4, 4); negative inside."""
+        wrist = X_WT[:3, :3] @ self.point + X_WT[:3, 3]
+        return float(np.linalg.norm(wrist - self.center)) - self.radius
+
+    @classmethod
+    def around(cls, axes: Array, points: Array, X_WT: Array) -> WristSphere:
+        """The sphere of an arm at any position with a tool pose X_WT: n axes and a point on each, shape (n, 3) each.
+
+        The points are moved to where the chain of them is short: one after the other to where the way over it between
+        its neighbours is shortest, which lies between their heights along its axis as their distances from the axis
+        share it.
+        """
+        points, n = points.copy(), len(points)
+        for _ in range(ROUNDS):
+            for k in range(n):
+                neighbours = points[[i for i in (k - 1, k + 1) if 0 <= i < n]] - points[k]
+                heights = neighbours @ axes[k]
+                # With both neighbours on the axis, as where axes meet in one point, any place between them does.
+                distances = np.linalg.norm(neighbours - heights[:, None] * axes[k], axis=1) + LEAST_DISTANCE
+                shares = distances[::-1] / distances.sum()
+                points[k] += (heights * shares).sum() * axes[k]
+        radius = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        X_TW = inverse(X_WT)
+        return cls(points[0], radius, X_TW[:3, :3] @ points[-1] + X_TW[:3, 3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,6 +291,14 @@ class RobotModel:
         X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q[None]))[0]
         origins: Array = X_WJ[[joint.mimic is None for joint in self._chain_tree.joints], :3, 3]
         return origins
+
+    @cached_property
+    def wrist_sphere(self) -> WristSphere | None:
+        """What the arm's last axis cannot leave; None where a joint slides or follows another one."""
+        if not self.turns.all() or not self.joints_move_alone:
+            return None
+        axes = self.jacobian(self.home)[3:].T
+        return WristSphere.around(axes, self.joint_origins(self.home), self.tool_pose(self.home))
 
     def arm_positions(self, values: Mapping[str, float]) -> Array:
         """Positions of the arm's joints, shape (n,), from those of joints by name [rad or m]."""
