@@ -94,7 +94,7 @@ class OpenProgram:
     def warnings(self) -> list[Problem]:
         """Formulas about which monitors can say nothing, as the motion itself contradicts them."""
         from sqrp_cli.report.sentences import short_times
-        from sqrp_cli.runtime.monitor.plan_check import contradictions
+        from sqrp_cli.runtime.monitor.program_formulas import contradictions
         from sqrp_cli.runtime.robot_body import RobotBody
 
         mend = "correct the formula, or the boxes of its literals: one about an object holds while that is in its boxes"
@@ -130,7 +130,7 @@ class OpenProgram:
 
         check_texts(faults, "faults", "texts such as ['slip@a4+0.4']")
         simulation, workspace, rng = self._simulation(), self.workspace, np.random.default_rng(self.seed)
-        from sqrp_cli.runtime.run.run import Recording
+        from sqrp_cli.runtime.run.program_run import Recording
         from sqrp_cli.runtime.run.simulation import header
 
         injected = [parse_fault(text, self.program.steps, workspace.cameras, rng) for text in faults]
@@ -192,7 +192,7 @@ class OpenProgram:
 
         check_packages()
         from sqrp_cli.runtime.monitor.frame_audit import audit
-        from sqrp_cli.runtime.record.frames import read_frames
+        from sqrp_cli.runtime.record.frame_folder import read_frames
 
         folder = checked_path(folder, "folder")
         check_share(threshold, "threshold")
@@ -343,7 +343,7 @@ def _gallery(workspace: Workspace, film: Path | None, frames: Path | None) -> Im
     if film is None and frames is None:
         return None
     from sqrp_cli.runtime.record.film import Film, ImageRecorder
-    from sqrp_cli.runtime.record.frames import FrameFolder
+    from sqrp_cli.runtime.record.frame_folder import FrameFolder
 
     rate = max(camera.rate for camera in workspace.cameras.values())
     folder = FrameFolder(frames) if frames is not None else None

@@ -12,7 +12,7 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 
-Pixels = NDArray[np.uint8]
+ImageArray = NDArray[np.uint8]
 """Red, green and blue, shape (height, width, 3); pixel (0, 0) is the centre of the first one, at the top left."""
 
 MOST_SIMULATED = 16_000_000
@@ -55,7 +55,7 @@ class Frame:
     """Its name."""
     t: float
     """Time of exposure [s]."""
-    image: Pixels
+    image: ImageArray
 
 
 def check_simulated(workspace: Workspace) -> None:
@@ -84,3 +84,7 @@ def _check(workspace: Workspace, camera: Camera, most: int, done: str) -> None:
         mend = "give the camera a smaller image, with the same field of view"
         place = workspace.places.get(f"cameras.{camera.name}")
         raise InputError(Problem("image-too-large", message, place, mend=mend))
+
+
+NEEDED = ("cv2", "sqrp_cli.runtime.perception.image_detector", "sqrp_cli.runtime.cell.render_pool")
+"""For `platform.processes.fresh`. MuJoCo is not among it: what it opens to draw must not be shared."""

@@ -23,8 +23,8 @@ from sqrp_cli.runtime.record.events import (
     ShownAtom,
     State,
     Stopping,
+    listed,
 )
-from sqrp_cli.runtime.record.publisher import listed
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, Prediction, RunReport, tolerance
 from sqrp_cli.terminal.console import Column, Show, joined, live, plain, print_table, say
 

@@ -18,7 +18,7 @@ import pytest
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.platform.processes import ProcessExecutor, in_processes
-from sqrp_cli.runtime.processes import NEEDED
+from sqrp_cli.runtime.image import NEEDED
 
 PATIENCE = 60.0
 """How long anything may take before it counts as hanging [s]."""

@@ -17,9 +17,9 @@ BANDWIDTH = 60.0
 
 @dataclass(frozen=True)
 class Payload:
-    """What the arm knows that it carries: body of the thing, and the body that carries it."""
+    """What the arm knows that it carries: body of the object, and the body that carries it."""
 
-    thing: int
+    obj: int
     carrier: int
 
 
@@ -92,7 +92,7 @@ class Controller:
         torque += model.dof_armature * scratch.qacc
         if payload is not None:
             jacobian = np.zeros((3, model.nv))
-            mujoco.mj_jac(model, scratch, jacobian, None, self._data.xipos[payload.thing], payload.carrier)
-            torque -= model.body_mass[payload.thing] * model.opt.gravity @ jacobian
+            mujoco.mj_jac(model, scratch, jacobian, None, self._data.xipos[payload.obj], payload.carrier)
+            torque -= model.body_mass[payload.obj] * model.opt.gravity @ jacobian
         needed: Array = torque[self._velocity]
         return needed

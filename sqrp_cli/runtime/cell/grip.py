@@ -30,8 +30,8 @@ _SLIPPERY = 1e-4
 """Coefficient of friction between fingers and what slips out of them."""
 
 
-class Hold(Protocol):
-    """A tool that can hold one thing."""
+class Grip(Protocol):
+    """A tool that can hold one object."""
 
     def grasp(self) -> None:
         """Hold what is there."""
@@ -43,33 +43,33 @@ class Hold(Protocol):
         """Lose it while still grasping."""
 
     def held(self) -> str | None:
-        """The thing that is really held."""
+        """The object that is really held."""
 
 
-class Suction:
-    """A suction cup: the thing at the tool frame's origin when it is switched on becomes welded to it."""
+class SuctionGrip:
+    """A suction cup: the object at the tool frame's origin when it is switched on becomes welded to it."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, carrier: int, things: Sequence[str]) -> None:
-        """carrier: body of the tool frame. things: names of the movable things."""
-        self._model, self._data, self._carrier, self._things = model, data, carrier, things
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, carrier: int, movables: Sequence[str]) -> None:
+        """carrier: body of the tool frame. movables: names of the movable objects."""
+        self._model, self._data, self._carrier, self._movables = model, data, carrier, movables
 
     def grasp(self) -> None:
-        """Weld the nearest thing within reach, as it lies."""
-        gap, thing = min(((self._gap(thing), thing) for thing in self._things), default=(np.inf, ""))
+        """Weld the nearest object within reach, as it lies."""
+        gap, obj = min(((self._gap(obj), obj) for obj in self._movables), default=(np.inf, ""))
         if gap <= SUCTION_REACH:
-            self.weld(thing)
+            self.weld(obj)
 
-    def weld(self, thing: str) -> None:
-        """Fix a thing where it is relative to the tool."""
-        X_TO = inverse(body_pose(self._data, self._carrier)) @ body_pose(self._data, self._model.body(thing).id)
-        weld = self._model.equality(thing).id
+    def weld(self, obj: str) -> None:
+        """Fix an object where it is relative to the tool."""
+        X_TO = inverse(body_pose(self._data, self._carrier)) @ body_pose(self._data, self._model.body(obj).id)
+        weld = self._model.equality(obj).id
         self._model.eq_data[weld, :11] = [0.0, 0.0, 0.0, *X_TO[:3, 3], *quaternion(X_TO), 1.0]
         self._data.eq_active[weld] = 1
 
     def release(self) -> None:
         """Break the weld."""
-        for thing in self._things:
-            self._data.eq_active[self._model.equality(thing).id] = 0
+        for obj in self._movables:
+            self._data.eq_active[self._model.equality(obj).id] = 0
 
     def slip(self) -> None:
         """Break the weld."""
@@ -77,10 +77,10 @@ class Suction:
 
     def held(self) -> str | None:
         """What is welded."""
-        return next((thing for thing in self._things if self._data.eq_active[self._model.equality(thing).id]), None)
+        return next((obj for obj in self._movables if self._data.eq_active[self._model.equality(obj).id]), None)
 
-    def _gap(self, thing: str) -> float:
-        tip, body = self._model.geom(TIP).id, self._model.body(thing)
+    def _gap(self, obj: str) -> float:
+        tip, body = self._model.geom(TIP).id, self._model.body(obj)
         parts = range(body.geomadr[0], body.geomadr[0] + body.geomnum[0])
         solid = [part for part in parts if self._model.geom_contype[part]]
         far = 10 * SUCTION_REACH
@@ -97,7 +97,7 @@ class _Push:
     speed: float
 
 
-class Fingers:
+class FingerGrip:
     """A gripper whose fingers push with a constant force and hold by friction."""
 
     def __init__(
@@ -137,11 +137,11 @@ class Fingers:
         fingers: dict[int, set[int]] = {}
         for contact in self._data.contact[: self._data.ncon]:
             first, second = self._model.geom_bodyid[contact.geom].tolist()
-            for body, thing in ((first, second), (second, first)):
+            for body, obj in ((first, second), (second, first)):
                 finger = int(self._finger_of_body[body])
-                if finger >= 0 and self._finger_of_body[thing] < 0:
-                    fingers.setdefault(thing, set()).add(finger)
-        return next((self._model.body(thing).name for thing, touching in fingers.items() if len(touching) > 1), None)
+                if finger >= 0 and self._finger_of_body[obj] < 0:
+                    fingers.setdefault(obj, set()).add(finger)
+        return next((self._model.body(obj).name for obj, touching in fingers.items() if len(touching) > 1), None)
 
     def _force(self, joint: str) -> float:
         index = self._model.joint(joint).id

@@ -1,4 +1,4 @@
-"""The cell as a MuJoCo model: robot and tool from their URDFs, fixed things, and movable ones as free bodies."""
+"""The cell as a MuJoCo model: robot and tool from their URDFs, fixed objects, and movable ones as free bodies."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ ARMATURE = 0.1
 """Inertia of each joint's motor and gear, as seen behind the gear [kg m^2, or kg]."""
 
 FLOOR_DEPTH = 0.7
-"""Of the floor below the lowest fixed thing: the height of a table [m]."""
+"""Of the floor below the lowest fixed object: the height of a table [m]."""
 
 TIP = "tool tip"
 """Name of the small sphere at the origin of the tool frame, from which suction reaches."""
@@ -50,7 +50,7 @@ _PLAIN_COLOR: Rgb = (0.75, 0.74, 0.72)
 """Of objects whose colour has no name here; like the two above without a hue that a detector looks for."""
 
 _ROBOT, _MOVABLE, _FIXED = 1, 2, 4
-"""Bits of what may touch what: movable things touch everything, the robot also fixed things, but not itself."""
+"""Bits of what may touch what: movable objects touch everything, the robot also fixed objects, but not itself."""
 _TOUCHES = {_ROBOT: 0, _MOVABLE: _ROBOT | _MOVABLE | _FIXED, _FIXED: _ROBOT}
 
 _STIFF = (2 * TIME_STEP, 1.0)
@@ -77,25 +77,25 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
     spec.option.timestep = TIME_STEP
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 100.0  # so that things between fingers hardly creep
+    spec.option.impratio = 100.0  # so that objects between fingers hardly creep
     spec.compiler.degree = False
     spec.compiler.balanceinertia = True
     _light(spec)
-    builder = _Builder(spec)
+    builder = _ModelBuilder(spec)
     robot = workspace.robot
     builder.add_robot(robot)
     lowest = float(robot.X_WB[2, 3])
     for name, X_WO in objects.items():
-        thing = workspace.objects[name]
-        builder.add_object(thing, X_WO, robot.tool_frame)
-        if thing.fixed:
-            lowest = min(lowest, X_WO[2, 3] - thing.size[2] / 2)
+        obj = workspace.objects[name]
+        builder.add_object(obj, X_WO, robot.tool_frame)
+        if obj.fixed:
+            lowest = min(lowest, X_WO[2, 3] - obj.size[2] / 2)
     builder.add_floor(lowest - FLOOR_DEPTH)
     return spec.compile()
 
 
-class _Builder:
-    """Adds things to a specification; every mesh file becomes one asset for drawing and one for contact."""
+class _ModelBuilder:
+    """Adds objects to a specification; every mesh file becomes one asset for drawing and one for contact."""
 
     def __init__(self, spec: mujoco.MjSpec) -> None:
         self._spec = spec
@@ -112,21 +112,21 @@ class _Builder:
         tip.size[0], tip.mass, tip.group = TIP_RADIUS, 0.0, FELT
         tip.contype = tip.conaffinity = 0
 
-    def add_object(self, thing: SceneObject, X_WO: Array, tool_frame: str) -> None:
-        """A thing of the cell, free to move unless it is fixed."""
-        body = self._spec.worldbody.add_body(name=thing.name, pos=X_WO[:3, 3], quat=quaternion(X_WO))
-        color = COLORS.get((thing.color or "").lower(), _PLAIN_COLOR)
-        for part in thing.parts:
+    def add_object(self, obj: SceneObject, X_WO: Array, tool_frame: str) -> None:
+        """An object of the cell, free to move unless it is fixed."""
+        body = self._spec.worldbody.add_body(name=obj.name, pos=X_WO[:3, 3], quat=quaternion(X_WO))
+        color = COLORS.get((obj.color or "").lower(), _PLAIN_COLOR)
+        for part in obj.parts:
             self._add_part(body, part, DRAWN, color)
-            self._add_part(body, part, FELT, color, touches=_FIXED if thing.fixed else _MOVABLE, density=DENSITY)
-        if thing.marker is not None:
-            top = pose(position=(0.0, 0.0, thing.size[2] / 2))
-            self._add_marker(body, thing.marker, thing.marker_side, top)
-        if thing.fixed:
+            self._add_part(body, part, FELT, color, touches=_FIXED if obj.fixed else _MOVABLE, density=DENSITY)
+        if obj.marker is not None:
+            top = pose(position=(0.0, 0.0, obj.size[2] / 2))
+            self._add_marker(body, obj.marker, obj.marker_side, top)
+        if obj.fixed:
             return
-        body.add_freejoint(name=thing.name)
-        weld = self._spec.add_equality(name=thing.name, type=mujoco.mjtEq.mjEQ_WELD, active=False)
-        weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, tool_frame, thing.name
+        body.add_freejoint(name=obj.name)
+        weld = self._spec.add_equality(name=obj.name, type=mujoco.mjtEq.mjEQ_WELD, active=False)
+        weld.objtype, weld.name1, weld.name2 = mujoco.mjtObj.mjOBJ_BODY, tool_frame, obj.name
         weld.solref[:] = _STIFF
         weld.solimp[:3] = _HARD
 

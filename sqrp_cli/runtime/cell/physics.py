@@ -11,12 +11,12 @@ from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.runtime.cell.controller import Controller, Payload
 from sqrp_cli.runtime.cell.engine import mujoco
-from sqrp_cli.runtime.cell.grip import Fingers, Hold, Suction, body_pose
+from sqrp_cli.runtime.cell.grip import FingerGrip, Grip, SuctionGrip, body_pose
 from sqrp_cli.runtime.cell.interface import ArmReference
 from sqrp_cli.runtime.cell.mujoco_model import TIME_STEP, build_model, quaternion
 
 
-def things_of(world: World) -> dict[str, Array]:
+def placed_objects(world: World) -> dict[str, Array]:
     """X_WO of every object of a world, shape (4, 4) each; what is held has a place only once the arm has."""
     return {**({} if world.held is None else {world.held: pose()}), **world.X_WO}
 
@@ -34,13 +34,13 @@ class Physics:
         Raises InputError as `build_model`.
         """
         robot = workspace.robot
-        X_WO = things_of(world)
+        X_WO = placed_objects(world)
         self.model = build_model(workspace, X_WO) if model is None else copy(model)
         self._data = mujoco.MjData(self.model)
         self._carrier = self.model.body(robot.tool_frame).id
-        self._things = [name for name in X_WO if not workspace.objects[name].fixed]
+        self._movables = [name for name in X_WO if not workspace.objects[name].fixed]
         self._objects = tuple(X_WO)
-        for name in self._things:
+        for name in self._movables:
             self._place(name, X_WO[name])
         self._rest(robot, world)
         self._controller = Controller(self.model, self._data)
@@ -50,7 +50,7 @@ class Physics:
         if world.held is not None and world.X_TO is not None:
             self._place(world.held, self.tool_pose() @ world.X_TO)
             mujoco.mj_forward(self.model, self._data)
-            if isinstance(self._hold, Suction):
+            if isinstance(self._hold, SuctionGrip):
                 self._hold.weld(world.held)
             else:
                 self._hold.grasp()
@@ -73,7 +73,7 @@ class Physics:
         for q, qd, qdd in zip(*reference.states(times), strict=True):
             self._controller.wanted[moved], velocity[moved], acceleration[moved] = q, qd, qdd
             mujoco.mj_step1(self.model, self._data)
-            held = self._hold.held() if isinstance(self._hold, Suction) else None
+            held = self._hold.held() if isinstance(self._hold, SuctionGrip) else None
             payload = None if held is None else Payload(self.model.body(held).id, self._carrier)
             self._controller.drive(velocity, acceleration, payload)
             mujoco.mj_step2(self.model, self._data)
@@ -126,12 +126,12 @@ class Physics:
         """X_WO of every object, shape (4, 4) each."""
         return {name: body_pose(self._data, self.model.body(name).id) for name in self._objects}
 
-    def _tool(self, robot: Robot) -> Hold:
+    def _tool(self, robot: Robot) -> Grip:
         if robot.fingers is None:
-            return Suction(self.model, self._data, self._carrier, self._things)
+            return SuctionGrip(self.model, self._data, self._carrier, self._movables)
         opened, closed = robot.fingers.open, robot.fingers.closed
         closing = {joint: closed[joint] - opened[joint] for joint in opened}
-        return Fingers(self.model, self._data, self._controller, closing)
+        return FingerGrip(self.model, self._data, self._controller, closing)
 
     def _rest(self, robot: Robot, world: World) -> None:
         """Bring the joints to where they are in the world; joints that it does not name to 0 or the nearest limit."""
@@ -146,5 +146,5 @@ class Physics:
             self._data.qpos[position[follower]] = data[0] + data[1] * self._data.qpos[position[leader]]
         mujoco.mj_forward(self.model, self._data)
 
-    def _place(self, thing: str, X_WO: Array) -> None:
-        self._data.joint(thing).qpos[:] = *X_WO[:3, 3], *quaternion(X_WO)
+    def _place(self, obj: str, X_WO: Array) -> None:
+        self._data.joint(obj).qpos[:] = *X_WO[:3, 3], *quaternion(X_WO)

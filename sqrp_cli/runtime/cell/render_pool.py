@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.platform.processes import Team, fresh
-from sqrp_cli.runtime.processes import NEEDED
+from sqrp_cli.runtime.image import NEEDED
 
 if TYPE_CHECKING:
     from sqrp_cli.runtime.cell.engine import mujoco

@@ -23,13 +23,13 @@ class SimulatedCell:
         that cannot be used or images that are too large.
         """
         from sqrp_cli.runtime.cell.mujoco_model import build_model
-        from sqrp_cli.runtime.cell.physics import Physics, things_of
+        from sqrp_cli.runtime.cell.physics import Physics, placed_objects
         from sqrp_cli.runtime.cell.render_pool import RenderPool
         from sqrp_cli.runtime.image import check_simulated
 
         check_simulated(workspace)
         self._workspace = workspace
-        self._model = build_model(workspace, things_of(world))
+        self._model = build_model(workspace, placed_objects(world))
         self._physics = Physics(workspace, world, self._model)
         self._draughtsmen = RenderPool(self._model, tuple(workspace.cameras.values()), seed)
 
@@ -51,7 +51,7 @@ class SimulatedCell:
     def grasp(self) -> None:
         """Switch suction on, or close the fingers with a force: what is there is held, if anything is.
 
-        Suction takes the thing whose surface is within 3 mm of the tool frame's origin, at once. Fingers hold by
+        Suction takes the object whose surface is within 3 mm of the tool frame's origin, at once. Fingers hold by
         friction, as soon as they have closed, at 5 cm/s.
         """
         self._physics.grasp()
@@ -69,7 +69,7 @@ class SimulatedCell:
         self._physics.miss_next_grasp()
 
     def frames(self, cameras: Sequence[str]) -> Mapping[str, Frame]:
-        """An image of each camera as things now are, by name in the order given."""
+        """An image of each camera as all now is, by name in the order given."""
         images = self._draughtsmen.images(cameras, self._physics.positions, self.t)
         return {name: Frame(name, self.t, image) for name, image in zip(cameras, images, strict=True)}
 

@@ -17,7 +17,7 @@ from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
-from sqrp_cli.runtime.record.frames import FrameEntry, read_frames
+from sqrp_cli.runtime.record.frame_folder import FrameEntry, read_frames
 from sqrp_cli.runtime.record.png import ImageSize, bare_png, decoded, png_damage, read_png
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, Prediction
 from sqrp_cli.runtime.robot_body import RobotBody
@@ -46,7 +46,7 @@ class AuditReport:
 def audit(program: Program, workspace: Workspace, folder: Path, image_done: Callable[[], None]) -> AuditReport:
     """Compare a folder of frames (see `recording`) with a program.
 
-    The robot is taken to be where the program wants it at each frame's time, and things to go as planned. Raises
+    The robot is taken to be where the program wants it at each frame's time, and all to go as planned. Raises
     InputError for a folder or an image that cannot be used.
     """
     entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))
@@ -96,7 +96,7 @@ def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
 
 
 def _posture(step: Step, joints: tuple[str, ...], nominal: NominalStep, t: float) -> BelievedState:
-    """Where the robot is by the program, what it was told to hold, and where things are."""
+    """Where the robot is by the program, what it was told to hold, and where objects are."""
     primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
     q = primitive.trajectory.positions(np.array([t - primitive.start]))[0]
     holding = primitive.held is not None or primitive.action == "Grasp"

@@ -42,10 +42,10 @@ def holds(atom: str, target: ProgramTarget, situation: Situation, *, when_open: 
     In a box that moves with the robot it is if the tool holds it, in any other if its centre is inside. An atom that is
     about no object is about the gripper's fingers. when_open: the value of such an atom while they are open.
     """
-    things = [(object_of(atom, box, situation.X_WO), box) for box in target.boxes]
-    if all(name is None for name, _ in things):
+    named = [(object_of(atom, box, situation.X_WO), box) for box in target.boxes]
+    if all(name is None for name, _ in named):
         return when_open == situation.open
-    return all(_is_in(name, box, situation) for name, box in things if name is not None)
+    return all(_is_in(name, box, situation) for name, box in named if name is not None)
 
 
 def values_when_open(step: Step) -> dict[str, bool]:

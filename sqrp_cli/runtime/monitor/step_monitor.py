@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal as OneOf
 
-from sqrp_cli.errors import Place
 from sqrp_cli.logic.evaluation import Monitor
-from sqrp_cli.logic.formula import Formula, Predicate, children, with_children
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom, Literal
-from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramFormula, ProgramResponse
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep
+from sqrp_cli.runtime.monitor.program_formulas import read_formula
 
 PATIENCE = 0.3
 """How long evidence that was predicted may be missing before the robot stops [s], and at least three images."""
@@ -241,37 +238,6 @@ class StepMonitor:
 
 def _fault_alarm(entry: ProgramFormula) -> Alarm:
     return Alarm("fault", entry.fault or "", f"the fault `{entry.fault}` was seen: {entry.formula}", entry.response)
-
-
-def read_formula(text: str) -> Formula:
-    """A formula of a program, whose predicates have all their arguments."""
-    return _grounded(parse_formula(text, Place(Path("program"))))
-
-
-def condition_value(text: str, values: Mapping[str, Truth]) -> Truth:
-    """The value of a formula without temporal operators, such as the condition of a retry."""
-    from sqrp_cli.logic.evaluation import Trace, TraceSample, evaluate
-
-    known = {Atom.of(name): value for name, value in values.items()}
-    return evaluate(read_formula(text), Trace((TraceSample(0.0, known),), 0.0, 0.0)).truth
-
-
-def condition_atoms(text: str) -> tuple[str, ...]:
-    """The atoms of a formula without temporal operators."""
-    found: dict[str, None] = {}
-    waiting = [read_formula(text)]
-    while waiting:
-        part = waiting.pop()
-        if isinstance(part, Predicate):
-            found[str(Atom(part.name, tuple(map(str, part.arguments or ()))))] = None
-        waiting += children(part)
-    return tuple(found)
-
-
-def _grounded(formula: Formula) -> Formula:
-    if isinstance(formula, Predicate):
-        return Predicate(formula.name, formula.arguments or ())
-    return with_children(formula, tuple(_grounded(part) for part in children(formula)))
 
 
 def _active(operators: tuple[GroundOperator, ...], t: float) -> list[Literal]:

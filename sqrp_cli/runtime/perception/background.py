@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sqrp_cli.runtime.image import Pixels
-from sqrp_cli.runtime.perception.vision import Mask, alike, dilated, inpainted
+from sqrp_cli.geometry import Mask
+from sqrp_cli.runtime.image import ImageArray
+from sqrp_cli.runtime.perception.vision import alike, dilated, inpainted
 
 TOLERANCE = 24
 """Largest difference of a colour channel (of 255) from the background; covers noise and mild changes of light."""
@@ -24,19 +25,19 @@ class Background:
     For a camera that moves there is no such picture: colours of what surrounds the robot stand for it.
     """
 
-    def __init__(self, image: Pixels, robot: Mask, things: Mask, movables: Mask, *, moving: bool) -> None:
-        """robot, things, movables: what the robot, watched and movable objects cover in the first image.
+    def __init__(self, image: ImageArray, robot: Mask, sought: Mask, movables: Mask, *, moving: bool) -> None:
+        """robot, sought, movables: what the robot, watched and movable objects cover in the first image.
 
         Objects may stand before the robot: their colours are not the robot's. What looks like the watched one in one
         place must not count as surroundings in another.
         """
-        objects = things | movables
+        objects = sought | movables
         self._palette = _palette(image[robot & ~dilated(objects, 2)])
         self._surroundings = _palette(image[~(robot | objects)]) if moving else None
-        self._unknown = dilated(robot | things, 3)
+        self._unknown = dilated(robot | sought, 3)
         self._picture = image if moving else inpainted(image, self._unknown)
 
-    def learn(self, image: Pixels, covered: Mask) -> None:
+    def learn(self, image: ImageArray, covered: Mask) -> None:
         """Take from an image what was still unknown and is not covered in it."""
         if self._surroundings is not None:
             return
@@ -50,24 +51,24 @@ class Background:
         """Whether nothing is left to learn."""
         return self._surroundings is not None or not self._unknown.any()
 
-    def matches(self, image: Pixels, crop: tuple[slice, slice]) -> Mask:
+    def matches(self, image: ImageArray, crop: tuple[slice, slice]) -> Mask:
         """Which pixels of a crop show the background."""
         part = image[crop]
         if self._surroundings is not None:
             return self._surroundings[_coarse(part)]
         return alike(part, self._picture[crop], TOLERANCE)
 
-    def robot_colored(self, image: Pixels, crop: tuple[slice, slice]) -> Mask:
+    def robot_colored(self, image: ImageArray, crop: tuple[slice, slice]) -> Mask:
         """Which pixels of a crop have a colour of the robot."""
         return self._palette[_coarse(image[crop])]
 
 
-def _coarse(pixels: Pixels) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
+def _coarse(pixels: ImageArray) -> np.ndarray[tuple[int, ...], np.dtype[np.int64]]:
     r, g, b = (pixels[..., channel].astype(np.int64) >> (8 - COLOR_BITS) for channel in range(3))
     return (r << 2 * COLOR_BITS) | (g << COLOR_BITS) | b
 
 
-def _palette(pixels: Pixels) -> Mask:
+def _palette(pixels: ImageArray) -> Mask:
     counts = np.bincount(_coarse(pixels).ravel(), minlength=2 ** (3 * COLOR_BITS))
     found: Mask = counts > LEAST_PALETTE_SHARE * max(counts.sum(), 1)
     return found

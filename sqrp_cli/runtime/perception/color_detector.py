@@ -2,8 +2,8 @@
 
 It is at the tool if the patch of its colour lies where the tool would show it, to a few pixels; otherwise it rests
 where its patch is seen. Background counts as such only where the object itself would be seen, if it is what the camera
-is known to show there and the robot's own silhouette, known from its encoders, is not in the way. What is neither thing
-nor background is not judged.
+is known to show there and the robot's own silhouette, known from its encoders, is not in the way. What is neither
+object nor background is not judged.
 """
 
 from __future__ import annotations
@@ -13,27 +13,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
 from sqrp_cli.runtime.perception.expected_view import Crop, ExpectedView, extent
-from sqrp_cli.runtime.perception.silhouettes import ProjectedObject
-from sqrp_cli.runtime.perception.vision import Mask, blobs, color_mask, dilated, direction, middle
+from sqrp_cli.runtime.perception.projected import ProjectedObject
+from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direction, middle
 
 LEAST_SHARE, MOST_SHARE = 0.35, 0.5
-"""Share of the silhouette of a coloured thing that must be judged, at least and at most; in between, what its detector
-asks to be visible. Of a thing that nothing hides, a good part may still look like neither it nor the background: at its
-edges, and where it meets the robot."""
+"""Share of the silhouette of a coloured object that must be judged, at least and at most; in between, what its
+detector asks to be visible. Of an object that nothing hides, a good part may still look like neither it nor the
+background: at its edges, and where it meets the robot."""
 
 BORDER = 1.8
-"""Pixels along the edge of what hides a thing that are not judged though they are visible: the robot's silhouette is
+"""Pixels along the edge of what hides an object that are not judged though they are visible: the robot's silhouette is
 taken to be a pixel wider than it is, and pixels at its edge show both."""
 
 FULL, EMPTY = 0.6, 0.1
-"""A box is filled if it shows at least this share of the colour that its thing would show, empty if at most this."""
+"""A box is filled if it shows at least this share of the colour that its object would show, empty if at most this."""
 
 SHIFT_PIXELS, SHIFT_SHARE = 2.0, 0.05
 """How far the patch of an object may lie from where the tool would show it: pixels, plus a share of its size there."""
@@ -92,9 +92,9 @@ _NOWHERE = _Place(None, 0.0, 0.0, 0.0, 0.0, None)
 class ColorDetector:
     """The search for one coloured object in one image."""
 
-    def __init__(self, view: ExpectedView, background: Background, thing: SceneObject) -> None:
-        self._view, self._background, self._thing = view, background, thing
-        self._colored = color_mask(view.image, thing.color or "")
+    def __init__(self, view: ExpectedView, background: Background, obj: SceneObject) -> None:
+        self._view, self._background, self._object = view, background, obj
+        self._colored = color_mask(view.image, obj.color or "")
 
     def detect(self, boxes: Sequence[TargetBox]) -> tuple[list[BoxDetection], Array | None]:
         """What is seen of the boxes in which the object may be, and where it is [m], None if nobody knows."""
@@ -127,7 +127,7 @@ class ColorDetector:
     def _place(self, box: TargetBox) -> _Place:
         """What the image shows where the object would be if it were in a box."""
         X_WO = self._view.pose(box)
-        projected = self._view.projected(self._thing.name, X_WO)
+        projected = self._view.projected(self._object.name, X_WO)
         if projected is None:
             return _NOWHERE
         box_outline = projected.box
@@ -171,10 +171,10 @@ class ColorDetector:
         view = self._view
         mask = view.robot.mask(shape, origin, depth, without=without)
         steps = np.linspace(-0.45, 0.45, 3)
-        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._thing.size
+        grid = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3) * self._object.size
         points = grid @ X_WO[:3, :3].T + X_WO[:3, 3]
         for name in view.cell.objects:
-            if name != self._thing.name and name in view.believed.X_WO:
+            if name != self._object.name and name in view.believed.X_WO:
                 blocking = view.blocking(name, points)
                 mask |= True if blocking is None else blocking.mask(shape, origin, np.inf)
         return mask
@@ -208,7 +208,7 @@ class ColorDetector:
             return None
         X_found = X_WO.copy()
         X_found[:3, 3] = position
-        expected = self._view.projected(self._thing.name, X_found)
+        expected = self._view.projected(self._object.name, X_found)
         if expected is None or found[0].area < LEAST_SHARE * expected.area:
             return None
         return self._at_height(found[0].center - expected.offset, height)

@@ -27,7 +27,7 @@ class MissReason(StrEnum):
 
     MASK: the outlines of robot and objects, which are a little too wide, leave too little of it. BACKGROUND: what is
     behind it has its colour, so that the image would look the same without it. LIGHTING: what is seen has the colour
-    neither of the thing nor of the background. DETECTOR: the image shows it, if not to the detector.
+    neither of the object nor of the background. DETECTOR: the image shows it, if not to the detector.
     """
 
     MASK = "mask border"
@@ -54,9 +54,7 @@ class CellModel:
     def of(cls, workspace: Workspace, robot: RobotBody) -> CellModel:
         """What a workspace says. Raises InputError for a mesh that cannot be used."""
         objects = workspace.objects
-        surfaces = {
-            name: tuple(Surface.of(part).coarsened() for part in thing.parts) for name, thing in objects.items()
-        }
+        surfaces = {name: tuple(Surface.of(part).coarsened() for part in obj.parts) for name, obj in objects.items()}
         return cls(workspace.cameras, workspace.detectors, objects, surfaces, robot, workspace.robot.markers)
 
 
@@ -94,8 +92,8 @@ NO_OUTLINE: Array = np.zeros((0, 2))
 class BoxDetection:
     """What one image shows of one box.
 
-    evidence: whether the image shows the thing in it, the background where the thing would be, or neither for sure.
-    share: of the thing's silhouette, or of a marker's outline, that could be judged, in 0..1. outline: of the box in
+    evidence: whether the image shows the object in it, the background where the object would be, or neither for sure.
+    share: of the object's silhouette, or of a marker's outline, that could be judged, in 0..1. outline: of the box in
     the image, shape (n, 2) [pixels]. because: why it is blind, if it is.
     """
 
@@ -122,7 +120,7 @@ class Detection:
     seconds: float = 0.0
 
     def truth(self, atom: str) -> Truth:
-        """Whether the atom holds by this image alone: every box must show its thing, one without it refutes it."""
+        """Whether the atom holds by this image alone: every box must show its object, one without it refutes it."""
         found = [box.evidence for box in self.boxes.get(atom, ())]
         if not found or self.frozen:
             return Truth.UNKNOWN

@@ -10,9 +10,8 @@ from types import TracebackType
 
 from sqrp_cli.errors import SqrpError
 from sqrp_cli.platform.processes import Context, Worker, fresh
-from sqrp_cli.runtime.image import Frame
+from sqrp_cli.runtime.image import NEEDED, Frame
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
-from sqrp_cli.runtime.processes import NEEDED
 
 ANSWER_WITHIN = 20.0
 """A process that takes longer than this for an image [s] counts as crashed."""

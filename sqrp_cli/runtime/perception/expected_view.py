@@ -7,15 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import frame_poses
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
-from sqrp_cli.runtime.image import Pixels
+from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets, object_of
-from sqrp_cli.runtime.perception.silhouettes import CameraView, ProjectedObject, Silhouette
-from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, Mask, dilated, filled, find_markers
+from sqrp_cli.runtime.perception.projected import CameraView, ProjectedObject, ProjectedParts
+from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, dilated, filled, find_markers
 from sqrp_cli.shapes import Box
 
 Crop = tuple[slice, slice]
@@ -33,7 +33,7 @@ class ExpectedView:
         cell: CellModel,
         projection: Projection,
         sought: DetectionTargets,
-        image: Pixels,
+        image: ImageArray,
         believed: BelievedState,
     ) -> None:
         camera = projection.camera
@@ -42,7 +42,7 @@ class ExpectedView:
         self._X_WL = cell.robot.link_poses(believed.joints)
         self._X_WF = frame_poses(self._X_WL, believed.X_WO, sought.starts)
         self.camera_view = CameraView(projection, self._X_WF[camera.frame] @ camera.X_FC)
-        self.robot: Silhouette = self.camera_view.silhouette(cell.robot.surfaces, self._X_WL)
+        self.robot: ProjectedParts = self.camera_view.silhouette(cell.robot.surfaces, self._X_WL)
 
     @cached_property
     def markers(self) -> list[FoundMarker]:
@@ -55,7 +55,7 @@ class ExpectedView:
             for box in target.boxes:
                 yield atom, box
 
-    def thing_of(self, atom: str, box: TargetBox) -> SceneObject | None:
+    def object_of(self, atom: str, box: TargetBox) -> SceneObject | None:
         """The object that a box is for."""
         name = object_of(atom, box, self.cell.objects)
         return None if name is None else self.cell.objects[name]
@@ -76,18 +76,18 @@ class ExpectedView:
             return None
         return ProjectedObject.of(box, self.camera_view.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True))
 
-    def blocking(self, name: str, points_W: Array) -> Silhouette | None:
+    def blocking(self, name: str, points_W: Array) -> ProjectedParts | None:
         """The parts of an object, where it is believed to be, that stand before any of some points (n, 3) [m].
 
         None if such a part may cover anything, as some of the object is behind the camera.
         """
-        thing, X_WO = self.cell.objects[name], self.believed.X_WO[name]
+        obj, X_WO = self.cell.objects[name], self.believed.X_WO[name]
         found = []
-        for part, surface in zip(thing.parts, self.cell.surfaces[name], strict=True):
-            box = (X_WO @ part.X_PG, part.shape.size) if isinstance(part.shape, Box) else (X_WO, thing.size)
+        for part, surface in zip(obj.parts, self.cell.surfaces[name], strict=True):
+            box = (X_WO @ part.X_PG, part.shape.size) if isinstance(part.shape, Box) else (X_WO, obj.size)
             if self.camera_view.hides(*box, points_W):
                 found.append(surface)
-        if found and self.camera_view.outline(X_WO, thing.size) is None:
+        if found and self.camera_view.outline(X_WO, obj.size) is None:
             return None
         return self.camera_view.silhouette(found, {name: X_WO})
 
@@ -103,25 +103,25 @@ class ExpectedView:
         """The pixels that the robot covers."""
         return self.robot.mask(self.camera_view.shape, (0, 0), np.inf)
 
-    def things_mask(self) -> Mask:
+    def sought_mask(self) -> Mask:
         """The pixels that the objects which are looked for may cover, wherever they may be."""
-        return filled(self.camera_view.shape, (0, 0), self._thing_polygons())
+        return filled(self.camera_view.shape, (0, 0), self._sought_polygons())
 
     def movables_mask(self) -> Mask:
         """The pixels that movable objects cover where they are believed to be."""
         objects = ((self.cell.objects[name], X) for name, X in self.believed.X_WO.items())
-        outlines = (self.camera_view.outline(X, thing.size) for thing, X in objects if not thing.fixed)
+        outlines = (self.camera_view.outline(X, obj.size) for obj, X in objects if not obj.fixed)
         return filled(self.camera_view.shape, (0, 0), [outline.corners for outline in outlines if outline is not None])
 
     def covered(self, margin: int) -> Mask:
         """What the robot and the watched objects may cover, with a margin [pixels]."""
-        return dilated(self.robot.cover(self.camera_view.shape) | self.things_mask(), margin)
+        return dilated(self.robot.cover(self.camera_view.shape) | self.sought_mask(), margin)
 
-    def _thing_polygons(self) -> list[Corners]:
+    def _sought_polygons(self) -> list[Corners]:
         found = []
         for atom, box in self.boxes():
-            thing = self.thing_of(atom, box)
-            outline = self.camera_view.outline(self.pose(box), thing.size if thing else box.size)
+            obj = self.object_of(atom, box)
+            outline = self.camera_view.outline(self.pose(box), obj.size if obj else box.size)
             if outline is not None:
                 found.append(outline.corners)
         return found

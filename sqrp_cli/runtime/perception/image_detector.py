@@ -1,6 +1,6 @@
 """Looks at the images of one camera, one by one.
 
-It says which boxes show their thing, which show the background instead, and which cannot be judged.
+It says which boxes show their object, which show the background instead, and which cannot be judged.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.image import Frame, Pixels
+from sqrp_cli.runtime.image import Frame, ImageArray
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.color_detector import ColorDetector
 from sqrp_cli.runtime.perception.detections import (
@@ -39,7 +39,7 @@ class ImageDetector:
         self._projection = Projection.of(camera)
         self._sought = DetectionTargets({}, {}, {})
         self._background: Background | None = None
-        self._last: Pixels | None = None
+        self._last: ImageArray | None = None
 
     def watch(self, sought: DetectionTargets) -> None:
         """Look for these targets from now on."""
@@ -63,7 +63,7 @@ class ImageDetector:
         """The background, with what this image adds to what is known of it."""
         if self._background is None:
             moving = self._camera.frame != WORLD
-            masks = (view.robot_mask(), view.things_mask(), view.movables_mask())
+            masks = (view.robot_mask(), view.sought_mask(), view.movables_mask())
             self._background = Background(view.image, *masks, moving=moving)
         elif not self._background.is_complete:
             self._background.learn(view.image, view.covered(3))
@@ -74,17 +74,17 @@ def _judged(view: ExpectedView, background: Background) -> tuple[dict[str, tuple
     """What is seen of each box, by atom, and where objects are [m]."""
     boxes: dict[str, list[BoxDetection]] = {atom: [] for atom in view.sought.targets}
     places: dict[str, Array] = {}
-    by_thing: dict[str, list[tuple[str, TargetBox]]] = {}
+    by_object: dict[str, list[tuple[str, TargetBox]]] = {}
     markers = MarkerDetector(view, background)
     for atom, box in view.boxes():
-        thing = view.thing_of(atom, box)
+        obj = view.object_of(atom, box)
         if view.cell.detectors[box.detector].kind == "aruco":
             boxes[atom].append(markers.detect(atom, box))
-        elif thing is None or thing.color is None:
+        elif obj is None or obj.color is None:
             boxes[atom].append(BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE))
         else:
-            by_thing.setdefault(thing.name, []).append((atom, box))
-    for name, asked in by_thing.items():
+            by_object.setdefault(obj.name, []).append((atom, box))
+    for name, asked in by_object.items():
         found, place = ColorDetector(view, background, view.cell.objects[name]).detect([box for _, box in asked])
         for (atom, _), detection in zip(asked, found, strict=True):
             boxes[atom].append(detection)

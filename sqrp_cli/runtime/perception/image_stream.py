@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.runtime.image import Frame
 from sqrp_cli.runtime.perception.detections import BelievedState, Detection, DetectionTargets
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
-from sqrp_cli.runtime.record.publisher import listed
+from sqrp_cli.runtime.record.events import listed
 from sqrp_cli.runtime.record.report import MonitoringLost
 
 OVERDUE_PERIODS = 1.2

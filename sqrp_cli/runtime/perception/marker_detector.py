@@ -10,7 +10,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.detections import NO_OUTLINE, BoxDetection, MissReason
 from sqrp_cli.runtime.perception.expected_view import ExpectedView, extent
-from sqrp_cli.runtime.perception.silhouettes import ProjectedBox
+from sqrp_cli.runtime.perception.projected import ProjectedBox
 from sqrp_cli.runtime.perception.vision import FoundMarker, dilated, filled
 from sqrp_cli.runtime.robot_body import OPEN_SHARE
 
@@ -58,7 +58,7 @@ class MarkerDetector:
     def _on_finger(self, atom: str, box: TargetBox, marker: FoundMarker) -> Truth:
         """What a marker on a finger says: where it is between open and closed, if the atom is about the fingers."""
         robot, sought = self._view.cell.robot, self._view.sought
-        about_object = any(self._view.thing_of(atom, other) is not None for other in sought.targets[atom].boxes)
+        about_object = any(self._view.object_of(atom, other) is not None for other in sought.targets[atom].boxes)
         if about_object or robot.fingers is None:
             return Truth.TRUE
         ends = []
@@ -86,9 +86,9 @@ class MarkerDetector:
 
     def _wanted(self, atom: str, box: TargetBox) -> int | None:
         """The id of the marker that a box is for."""
-        thing, markers = self._view.thing_of(atom, box), self._view.cell.markers
+        obj, markers = self._view.object_of(atom, box), self._view.cell.markers
         on_links = [markers[name].id for name in (*box.encloses, box.frame) if name in markers]
-        return next(iter(on_links), thing.marker if thing else None)
+        return next(iter(on_links), obj.marker if obj else None)
 
 
 def _center(marker: FoundMarker) -> Array:

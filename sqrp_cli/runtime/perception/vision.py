@@ -12,11 +12,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.runtime.image import COLORS, Pixels
-
-Mask = NDArray[np.bool_]
+from sqrp_cli.runtime.image import COLORS, ImageArray
 
 HUE_TOLERANCE = 12
 """How far a hue may be from that of the paint, in OpenCV's units of two degrees."""
@@ -51,7 +49,7 @@ def hue_of(color: str) -> int | None:
     return None if saturation < 0.3 else round(hue * 180) % 180
 
 
-def color_mask(image: Pixels, color: str) -> Mask:
+def color_mask(image: ImageArray, color: str) -> Mask:
     """Where an image has a colour."""
     hue = hue_of(color)
     if hue is None:
@@ -66,7 +64,7 @@ def color_mask(image: Pixels, color: str) -> Mask:
     return mask
 
 
-def alike(first: Pixels, second: Pixels, tolerance: int) -> Mask:
+def alike(first: ImageArray, second: ImageArray, tolerance: int) -> Mask:
     """Where two images of the same size differ by at most a tolerance in every channel."""
     same: Mask = cv2.inRange(cv2.absdiff(first, second), (0, 0, 0), (tolerance,) * 3) > 0
     return same
@@ -132,9 +130,9 @@ def dilated(mask: Mask, pixels: int) -> Mask:
     return grown
 
 
-def inpainted(image: Pixels, missing: Mask) -> Pixels:
+def inpainted(image: ImageArray, missing: Mask) -> ImageArray:
     """The image with a guess, from what is around, at its missing pixels."""
-    restored: Pixels = cv2.inpaint(image, missing.astype(np.uint8), 3, cv2.INPAINT_TELEA)
+    restored: ImageArray = cv2.inpaint(image, missing.astype(np.uint8), 3, cv2.INPAINT_TELEA)
     return restored
 
 
@@ -145,7 +143,7 @@ def blobs(mask: Mask) -> list[Blob]:
     return sorted(found, key=lambda blob: (-blob.area, *blob.center.tolist()))
 
 
-def find_markers(image: Pixels) -> list[FoundMarker]:
+def find_markers(image: ImageArray) -> list[FoundMarker]:
     """The ArUco markers in an image, by id."""
     corners, ids, _ = _marker_detector().detectMarkers(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     if ids is None:

@@ -14,8 +14,8 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.platform.paths_as_text import is_utf8
-from sqrp_cli.runtime.image import Frame, Pixels
-from sqrp_cli.runtime.record.frames import FrameFolder
+from sqrp_cli.runtime.image import Frame, ImageArray
+from sqrp_cli.runtime.record.frame_folder import FrameFolder
 
 _TILE = (320, 240)
 """Width and height of a camera in a film [pixels]."""
@@ -30,7 +30,7 @@ Outlines = Iterable[tuple[Array, Truth]]
 
 
 class Film:
-    """A film of all cameras side by side, boxes drawn in: green the thing is seen, blue background, red neither."""
+    """A film of all cameras side by side, boxes drawn in: green the object is seen, blue background, red neither."""
 
     def __init__(self, path: Path, cameras: Sequence[str], rate: float) -> None:
         """rate: images per second of the fastest camera. Raises InputError for a path that is not UTF-8."""
@@ -39,7 +39,7 @@ class Film:
             raise InputError(Problem("cannot-write", message, Place(path)))
         self._path = path
         self._video = _Video(path, rate)
-        self._tiles: dict[str, Pixels] = {name: np.zeros((_TILE[1], _TILE[0], 3), np.uint8) for name in cameras}
+        self._tiles: dict[str, ImageArray] = {name: np.zeros((_TILE[1], _TILE[0], 3), np.uint8) for name in cameras}
         self._time: float | None = None
 
     def add(self, frame: Frame, outlines: Outlines, caption: str) -> None:
@@ -57,7 +57,7 @@ class Film:
             message = "this film could not be written, or not as a whole; is the disk full?"
             raise InputError(Problem("cannot-write", message, Place(self._path)))
 
-    def _mosaic(self) -> Pixels:
+    def _mosaic(self) -> ImageArray:
         tiles = list(self._tiles.values())
         columns = int(np.ceil(len(tiles) ** 0.5))
         tiles += [np.zeros_like(tiles[0])] * (-len(tiles) % columns)
@@ -93,7 +93,7 @@ class ImageRecorder:
                     closing.callback(sink.close)
 
 
-def _drawn(image: Pixels, outlines: Outlines, text: str) -> Pixels:
+def _drawn(image: ImageArray, outlines: Outlines, text: str) -> ImageArray:
     """A copy of an image with outlines in their colours, and a line of text."""
     canvas = image.copy()
     for polygon, truth in outlines:
@@ -114,7 +114,7 @@ class _Video:
         self._writer: Any = None
         self._count = 0
 
-    def add(self, image: Pixels) -> None:
+    def add(self, image: ImageArray) -> None:
         """Append an image; all have the same size."""
         if self._writer is None:
             size = (image.shape[1], image.shape[0])

@@ -136,7 +136,7 @@ def _report(line: _Line, place: Place) -> RunReport:
 
 
 def _first_words(error: ValidationError) -> str:
-    """The first thing that is wrong, with the field."""
+    """The first that is wrong, with the field."""
     first = error.errors()[0]
     place, message = json_name(first["loc"]), first["msg"]
     return f"`{place}`: {message[0].lower()}{message[1:]}"

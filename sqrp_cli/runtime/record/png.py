@@ -16,7 +16,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.input_file import read_input
-from sqrp_cli.runtime.image import Pixels
+from sqrp_cli.runtime.image import ImageArray
 
 _HEADER = struct.Struct(">IIBBBBB")
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -44,13 +44,13 @@ class ImageSize:
         return f"{self.width}x{self.height}"
 
 
-def png_of(image: Pixels) -> bytes:
+def png_of(image: ImageArray) -> bytes:
     """An image as a PNG file."""
     _, content = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return bytes(content)
 
 
-def decoded(content: bytes) -> Pixels | None:
+def decoded(content: bytes) -> ImageArray | None:
     """The image of an image file's content, in eight bits and without transparency; None if it is damaged."""
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     image = cv2.imdecode(np.frombuffer(content, np.uint8), flags)

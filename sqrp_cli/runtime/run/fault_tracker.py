@@ -9,8 +9,7 @@ from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.prediction_check import predicted_delay
 from sqrp_cli.runtime.monitor.step_monitor import Alarm
 from sqrp_cli.runtime.perception.image_stream import ImageStreams
-from sqrp_cli.runtime.record.events import FaultHappened, FaultInjected, FaultSeen
-from sqrp_cli.runtime.record.publisher import EventPublisher
+from sqrp_cli.runtime.record.events import EventPublisher, FaultHappened, FaultInjected, FaultSeen
 from sqrp_cli.runtime.record.report import FaultRecord, MonitoringLost
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 

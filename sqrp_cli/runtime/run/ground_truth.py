@@ -15,12 +15,11 @@ from sqrp_cli.runtime.cell.interface import ArmReference
 from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.nominal_step import Situation, holds
-from sqrp_cli.runtime.record.events import AskedBox, Event, State, WholeState
-from sqrp_cli.runtime.record.publisher import EventPublisher
+from sqrp_cli.runtime.record.events import AskedBox, Event, EventPublisher, State, WholeState
 from sqrp_cli.runtime.robot_body import OPEN_SHARE, RobotBody
 
 RATE = 25.0
-"""States per second of the cell's clock; a thing that falls freely is within 2 mm of the line between two of them."""
+"""States per second of the cell's clock; an object that falls freely is within 2 mm of the line between two of them."""
 
 DIGITS = 5
 """Decimals of positions [m or rad] and of quaternions: 10 micrometres, and as much at a distance of 1 m."""

@@ -9,12 +9,11 @@ from typing import Literal
 
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.perception.evidence_buffer import Evidence
-from sqrp_cli.runtime.record.events import Stopping
-from sqrp_cli.runtime.record.publisher import EventPublisher
+from sqrp_cli.runtime.record.events import EventPublisher, Stopping
 from sqrp_cli.runtime.run.commanded_robot import CommandedRobot
+from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector
 from sqrp_cli.runtime.run.fault_tracker import TRUTH_SPACING, FaultTracker
 from sqrp_cli.runtime.run.ground_truth import GroundTruth
-from sqrp_cli.runtime.run.observer import Observer
 
 
 @dataclass(frozen=True)
@@ -35,12 +34,12 @@ class Lockstep:
     def __init__(
         self,
         robot: CommandedRobot,
-        observer: Observer,
+        collector: EvidenceCollector,
         faults: FaultTracker,
         truth: GroundTruth,
         publisher: EventPublisher,
     ) -> None:
-        self.robot, self.observer, self.faults, self.publisher = robot, observer, faults, publisher
+        self.robot, self.collector, self.faults, self.publisher = robot, collector, faults, publisher
         self._truth = truth
         self._due: list[Due] = []
         self.now = 0.0
@@ -77,15 +76,15 @@ class Lockstep:
             self.robot.advance(self.now)
         if self.faults.is_pending and self.attempt is not None:
             self.faults.look(self.now, self.tau(), self.attempt, self._truth.atoms(self.attempt))
-        arrived = self.observer.collect(self.now)
+        arrived = self.collector.collect(self.now)
         while self._due and self._due[0].t <= self.now + 1e-9:
             self._due.pop(0).do()
-        if self.observer.streams.next_exposure <= self.now + 1e-9 and self.attempt is not None:
+        if self.collector.streams.next_exposure <= self.now + 1e-9 and self.attempt is not None:
             truths = self._truth.atoms(self.attempt)
-            self.observer.expose(self.now, self.tau(), truths, holding=self.robot.holding)
-        if (failure := self.observer.streams.failure(self.now)) is not None:
+            self.collector.expose(self.now, self.tau(), truths, holding=self.robot.holding)
+        if (failure := self.collector.streams.failure(self.now)) is not None:
             raise failure
-        return self.observer.take_notice(arrived, self.now)
+        return self.collector.take_notice(arrived, self.now)
 
     def stop(self, reason: str) -> None:
         """Bring the arm to rest along its path, looking on."""
@@ -111,7 +110,7 @@ class Lockstep:
     def _next(self, end: float) -> float:
         """When the next event is [s]."""
         t = min(
-            self.observer.streams.next_exposure, self.observer.streams.next_arrival, self.observer.streams.next_check
+            self.collector.streams.next_exposure, self.collector.streams.next_arrival, self.collector.streams.next_check
         )
         if self._due:
             t = min(t, self._due[0].t)

@@ -14,7 +14,7 @@ from sqrp_cli.runtime.record.events import VERSION, ProgramStep, RunBegan
 from sqrp_cli.runtime.record.report import FaultRecord, RunReport, tolerance
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
-from sqrp_cli.runtime.run.run import Recording, Run, Workcell
+from sqrp_cli.runtime.run.program_run import Recording, Run, Workcell
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sqrp_cli.runtime.image import Pixels
+from sqrp_cli.geometry import Mask
+from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.perception.background import Background
-from sqrp_cli.runtime.perception.vision import Mask
 
 GREY, WHITE, RED, BLUE = (60, 60, 66), (200, 200, 200), (200, 30, 30), (30, 30, 200)
 EVERYWHERE = (slice(0, 60), slice(0, 80))
@@ -26,7 +26,7 @@ ROBOT, WATCHED, OTHER = (
 )
 
 
-def painted() -> Pixels:
+def painted() -> ImageArray:
     """A grey robot before a white wall; before the robot a red thing, which is watched, and a blue one."""
     image = np.empty((60, 80, 3), dtype=np.uint8)
     for mask, color in ((~ROBOT, WHITE), (ROBOT, GREY), (WATCHED, RED), (OTHER, BLUE)):

@@ -23,7 +23,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.perception.detections import BelievedState, BoxDetection, DetectionTargets, MissReason
 from sqrp_cli.runtime.perception.image_detector import ImageDetector
-from sqrp_cli.runtime.perception.silhouettes import CameraView, ProjectedObject
+from sqrp_cli.runtime.perception.projected import CameraView, ProjectedObject
 from sqrp_cli.runtime.perception.vision import color_mask, dilated
 from sqrp_cli.runtime.surface import Surface
 from sqrp_cli.shapes import Box, Mesh, Part

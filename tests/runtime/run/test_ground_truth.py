@@ -12,8 +12,7 @@ import pytest
 from sqrp_cli.geometry import axis_rotation, pose, quaternion_to_matrix
 from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.program.record import ProgramTarget
-from sqrp_cli.runtime.record.events import Event, PrimitiveBegan
-from sqrp_cli.runtime.record.publisher import EventPublisher
+from sqrp_cli.runtime.record.events import Event, EventPublisher, PrimitiveBegan
 from sqrp_cli.runtime.run.ground_truth import StateRecorder, Track, asked_boxes
 from tests.runtime.steps import box, step
 

@@ -18,9 +18,8 @@ from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck, predicted
 from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
 from sqrp_cli.runtime.perception.detections import BoxDetection, Detection
 from sqrp_cli.runtime.perception.image_stream import ImageStreams
-from sqrp_cli.runtime.record.events import EvidenceSeen
-from sqrp_cli.runtime.record.publisher import EventPublisher
-from sqrp_cli.runtime.run.observer import Observer
+from sqrp_cli.runtime.record.events import EventPublisher, EvidenceSeen
+from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector
 from tests.runtime.steps import FixedNominalStep, formula, step
 
 TOTAL, START = 2.0, 0.5
@@ -76,14 +75,14 @@ def watched(cameras, vote: Vote, needed: int = 1, formulas=(SLIP,), seen=None, e
     looker = Looker(vote)
     eyes = ImageStreams(known, looker)
     listeners = [] if events is None else [events.append]
-    lookout = Observer(looker, eyes, EventPublisher(listeners))
-    lookout.watch(attempt, 1, 0.0)
+    collector = EvidenceCollector(looker, eyes, EventPublisher(listeners))
+    collector.watch(attempt, 1, 0.0)
     while (now := min(eyes.next_exposure, eyes.next_arrival)) < TOTAL + 0.5:
-        arrived = lookout.collect(now)
+        arrived = collector.collect(now)
         if eyes.next_exposure <= now + 1e-9:
             looker.t = now
-            lookout.expose(now, min(now, TOTAL), {"held": True}, holding=True)
-        for alarm in attempt.alarms(lookout.take_notice(arrived, now)):
+            collector.expose(now, min(now, TOTAL), {"held": True}, holding=True)
+        for alarm in attempt.alarms(collector.take_notice(arrived, now)):
             yield now, alarm
 
 

@@ -16,7 +16,7 @@ from sqrp_cli.runtime.monitor.step_monitor import Alarm
 from sqrp_cli.runtime.record.events import MovingOn
 from sqrp_cli.runtime.record.report import Stopped
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
-from sqrp_cli.runtime.run.recovery import LOOK_AGAIN, Recovery
+from sqrp_cli.runtime.run.retry_planner import LOOK_AGAIN, RetryPlanner
 from tests.runtime.steps import FixedNominalStep, played, step
 
 PERIOD = 0.1
@@ -49,7 +49,7 @@ class Trial:
     def cell(self) -> Trial:
         return self
 
-    robot = observer = streams = faults = publisher = cell
+    robot = collector = streams = faults = publisher = cell
 
     def pass_time(self, end: float) -> None:
         self.now = min(end, round((np.floor(self.now / PERIOD + 1e-6) + 1) * PERIOD, 9))
@@ -103,7 +103,7 @@ class Trial:
     def run(self, t: float = 2.0) -> None:
         """A fault is seen at a time of the motion."""
         self.now = t
-        assert Recovery(self, self).prepare(self.attempt, ALARM) is self.planned
+        assert RetryPlanner(self, self).prepare(self.attempt, ALARM) is self.planned
 
     def when(self, what: str) -> float:
         return next(entry[1] for entry in self.done if entry[0] == what)

@@ -1,21 +1,47 @@
-"""Formulas that a step contradicts though all goes as planned: monitors could only be silent about them, or wrong."""
+"""The formulas of a program: reading them, the conditions of retries, and those that the plan itself contradicts."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
+from sqrp_cli.errors import Place
 from sqrp_cli.logic.evaluation import Trace, TraceSample, evaluate
+from sqrp_cli.logic.formula import Formula, Predicate, children, with_children
 from sqrp_cli.logic.formula_time import GroundOperator, ground_operators
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Program
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep
-from sqrp_cli.runtime.monitor.step_monitor import read_formula
 from sqrp_cli.runtime.robot_body import RobotBody
 
 
+def read_formula(text: str) -> Formula:
+    """A formula of a program, whose predicates have all their arguments."""
+    return _grounded(parse_formula(text, Place(Path("program"))))
+
+
+def condition_value(text: str, values: Mapping[str, Truth]) -> Truth:
+    """The value of a formula without temporal operators, such as the condition of a retry."""
+    known = {Atom.of(name): value for name, value in values.items()}
+    return evaluate(read_formula(text), Trace((TraceSample(0.0, known),), 0.0, 0.0)).truth
+
+
+def condition_atoms(text: str) -> tuple[str, ...]:
+    """The atoms of a formula without temporal operators."""
+    found: dict[str, None] = {}
+    waiting = [read_formula(text)]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, Predicate):
+            found[str(Atom(part.name, tuple(map(str, part.arguments or ()))))] = None
+        waiting += children(part)
+    return tuple(found)
+
+
 def contradictions(program: Program, robot: RobotBody) -> Iterator[str]:
-    """What is wrong with the formulas of a program, in words."""
+    """Formulas that the plan contradicts, in words: monitors could only be silent about them, or wrong."""
     for number, step in enumerate(program.steps, 1):
         for text in against_the_plan(NominalStep(step, program.joints, robot)):
             yield f"step {number} (`{step.short_task}`): {text}"
@@ -51,3 +77,9 @@ def _settled(nominal: NominalStep, operators: tuple[GroundOperator, ...], t: flo
         for atom, value in values.items()
         if nominal.held_throughout(str(atom), value, t, ends[atom])
     }
+
+
+def _grounded(formula: Formula) -> Formula:
+    if isinstance(formula, Predicate):
+        return Predicate(formula.name, formula.arguments or ())
+    return with_children(formula, tuple(_grounded(part) for part in children(formula)))

@@ -15,18 +15,17 @@ from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool
 from sqrp_cli.runtime.perception.image_stream import ImageStreams
-from sqrp_cli.runtime.record.events import Listener, Retrying, RunEnded, StepBegan
+from sqrp_cli.runtime.record.events import EventPublisher, Listener, Retrying, RunEnded, StepBegan
 from sqrp_cli.runtime.record.film import ImageRecorder
-from sqrp_cli.runtime.record.publisher import EventPublisher
 from sqrp_cli.runtime.record.report import MonitoringLost, RunReport, StepRecord, Stopped
 from sqrp_cli.runtime.robot_body import RobotBody
 from sqrp_cli.runtime.run.commanded_robot import CommandedRobot
+from sqrp_cli.runtime.run.evidence_collector import EvidenceCollector
 from sqrp_cli.runtime.run.fault_tracker import FaultTracker
 from sqrp_cli.runtime.run.ground_truth import GroundTruth, StateRecorder, asked_boxes
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 from sqrp_cli.runtime.run.lockstep import Due, Lockstep
-from sqrp_cli.runtime.run.observer import Observer
-from sqrp_cli.runtime.run.recovery import Recovery
+from sqrp_cli.runtime.run.retry_planner import RetryPlanner
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,11 +68,11 @@ class Run:
         self._states = StateRecorder(cell, self._publisher) if recording.states else None
         self._robot = CommandedRobot.at_the_start(program, workspace.robot, cell, self._states)
         self._streams = ImageStreams(workspace.cameras, workcell.detectors)
-        self._observer = Observer(cell, self._streams, self._publisher, recording.images)
+        self._collector = EvidenceCollector(cell, self._streams, self._publisher, recording.images)
         self._tracker = FaultTracker(cell, self._streams, self._publisher)
         truth = GroundTruth(cell, workcell.body)
-        self._lockstep = Lockstep(self._robot, self._observer, self._tracker, truth, self._publisher)
-        self._recovery = Recovery(self._lockstep, replanner)
+        self._lockstep = Lockstep(self._robot, self._collector, self._tracker, truth, self._publisher)
+        self._retry_planner = RetryPlanner(self._lockstep, replanner)
         self._report = RunReport()
 
     def run(self) -> RunReport:
@@ -89,7 +88,7 @@ class Run:
         if self._states is not None:
             self._states.finish()
         report.time = round(lockstep.now, 6)
-        report.faults, report.conflicts = self._tracker.records, self._observer.conflicts
+        report.faults, report.conflicts = self._tracker.records, self._collector.conflicts
         report.stop_told, report.stop_done = lockstep.stop_told, lockstep.standing_since
         report.tracking, report.images = self._cell.tracking_error(), self._streams.images
         self._publisher.publish(RunEnded(t=lockstep.now, event=report.outcome, reason=report.reason))
@@ -116,7 +115,7 @@ class Run:
         check = PredictionCheck(index, nominal, list(self._streams.cameras))
         attempt = Attempt(step, nominal, StepMonitor(nominal, self._streams.period), check, undisturbed=first)
         lockstep.attempt = attempt
-        self._observer.watch(attempt, number, lockstep.now)
+        self._collector.watch(attempt, number, lockstep.now)
         self._publisher.publish(_step_began(step, number, lockstep.now))
         try:
             wrong = self._look(attempt, 0.0)
@@ -141,7 +140,7 @@ class Run:
                 if alarm.response.action != "continue":
                     return alarm
                 self._tracker.seen(alarm, lockstep.now)
-        self._observer.forget(lockstep.now)
+        self._collector.forget(lockstep.now)
         return self._look(attempt, attempt.step.time)
 
     def _look(self, attempt: Attempt, tau: float) -> Alarm | None:
@@ -168,7 +167,7 @@ class Run:
         if response.action != "retry" or retries >= response.retries:
             after = f" after {retries} {'retry' if retries == 1 else 'retries'}" if retries else ""
             raise Stopped(f"{alarm.text}{after}")
-        step = self._recovery.prepare(attempt, alarm)
+        step = self._retry_planner.prepare(attempt, alarm)
         record.attempts += 1
         self._tracker.acted(lockstep.now)
         time = round(step.time, 6)

@@ -13,12 +13,11 @@ from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.perception.detections import BelievedState, Detection
 from sqrp_cli.runtime.perception.evidence_buffer import Evidence, EvidenceBuffer, Exposure, FusedTruth
 from sqrp_cli.runtime.perception.image_stream import ImageStreams
-from sqrp_cli.runtime.record.events import EvidenceSeen, ShownAtom
+from sqrp_cli.runtime.record.events import EventPublisher, EvidenceSeen, ShownAtom
 from sqrp_cli.runtime.record.film import ImageRecorder
-from sqrp_cli.runtime.record.publisher import EventPublisher
 
 
-class Observer:
+class EvidenceCollector:
     """What all cameras together show of the attempt that is watched."""
 
     def __init__(

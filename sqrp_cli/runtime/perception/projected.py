@@ -1,4 +1,8 @@
-"""Where boxes, things and the robot are in an image, by the robot's encoders and the camera's calibration."""
+"""Where boxes, objects and the robot are in an image, by the robot's encoders and the camera's calibration.
+
+What a part of an object leaves empty of its box, such as the hole of a ring, shows what is behind whether the part is
+there or not: it is evidence of neither.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, box_corners, inverse, transform
+from sqrp_cli.geometry import Array, Mask, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.runtime.perception.vision import Corners, Mask, area_of, convex_outline, corners_of, filled, middle
+from sqrp_cli.runtime.perception.vision import Corners, area_of, convex_outline, corners_of, filled, middle
 from sqrp_cli.runtime.surface import Surface
 
 LEAST_DEPTH = 0.02
@@ -18,16 +22,16 @@ LEAST_DEPTH = 0.02
 
 @dataclass(frozen=True, eq=False)
 class ProjectedBox:
-    """A box in an image.
-
-    polygon: its outline (n, 2) and area: of that [pixels], also beyond the image's edges. center: image of its centre,
-    (2,). depth: of its centre [m].
-    """
+    """A box in an image."""
 
     polygon: Array
+    """Its outline, (n, 2) [pixels], also beyond the image's edges."""
     area: float
+    """Of that [pixels]."""
     center: Array
+    """Image of its centre, (2,) [pixels]."""
     depth: float
+    """Of its centre [m]."""
 
     @property
     def corners(self) -> Corners:
@@ -36,7 +40,7 @@ class ProjectedBox:
 
 
 @dataclass(frozen=True, eq=False)
-class Silhouette:
+class ProjectedParts:
     """Solid parts in an image, as convex pieces: those of the robot, or of an object."""
 
     parts: tuple[_ProjectedPart, ...]
@@ -74,18 +78,19 @@ class Silhouette:
 
 @dataclass(frozen=True, eq=False)
 class _ProjectedPart:
-    """A part of a link or an object as p convex pieces.
-
-    corners: of the pieces, (p, n, 2). depths: of their middles [m]. low, high: of the rectangles around them [pixels],
-    (p, 2). hull: around all of them.
-    """
+    """A part of a link or an object as p convex pieces."""
 
     parent: str
     corners: Corners
+    """Of the pieces, (p, n, 2)."""
     depths: Array
+    """Of their middles [m], (p,)."""
     low: Array
+    """Upper left corners of the rectangles around them [pixels], (p, 2)."""
     high: Array
+    """Lower right corners of those, (p, 2)."""
     hull: Corners
+    """Around all of them."""
 
     @classmethod
     def of(cls, parent: str, polygons: Array, depths: Array) -> _ProjectedPart:
@@ -114,7 +119,9 @@ class CameraView:
         polygon = convex_outline(pixels)
         return ProjectedBox(polygon, area_of(polygon), self.projection.pixels(center[None])[0][0], float(center[2]))
 
-    def silhouette(self, surfaces: Iterable[Surface], X_WP: Mapping[str, Array], *, beyond: bool = False) -> Silhouette:
+    def silhouette(
+        self, surfaces: Iterable[Surface], X_WP: Mapping[str, Array], *, beyond: bool = False
+    ) -> ProjectedParts:
         """Parts whose links or objects have given poses; pieces that reach behind the camera are left out.
 
         beyond: with the parts that lie beyond the image's edges.
@@ -136,7 +143,7 @@ class CameraView:
                 polygons, depths = pixels[whole], points[whole, 2].mean(axis=1)
             if len(polygons):
                 parts.append(_ProjectedPart.of(surface.parent, polygons, depths))
-        return Silhouette(tuple(parts))
+        return ProjectedParts(tuple(parts))
 
     def _reaches_image(self, pixels: Array) -> bool:
         """Whether the rectangle around pixels (n, 2) meets the image."""
@@ -157,26 +164,25 @@ class CameraView:
 
 
 FINEST = 512.0
-"""Pixels along the longer side of the picture in which a figure is measured, at most."""
+"""Pixels along the longer side of the picture in which an object is measured, at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class ProjectedObject:
-    """A thing at a pose in an image.
-
-    box: the outline of its box. parts: the silhouette of its parts. area: that the parts cover of the outline [pixels],
-    also beyond the image's edges. offset: from the middle of the outline to that of the parts, (2,) [pixels]; 0 for a
-    thing that is a box.
-    """
+    """An object at a pose in an image."""
 
     box: ProjectedBox
-    parts: Silhouette
+    """The outline of its box."""
+    parts: ProjectedParts
+    """The silhouette of its parts."""
     area: float
+    """That the parts cover of the outline [pixels], also beyond the image's edges."""
     offset: Array
+    """From the middle of the outline to that of the parts, (2,) [pixels]; 0 for an object that is a box."""
 
     @classmethod
-    def of(cls, box: ProjectedBox, parts: Silhouette) -> ProjectedObject:
-        """The figure of a thing whose box and parts are there."""
+    def of(cls, box: ProjectedBox, parts: ProjectedParts) -> ProjectedObject:
+        """An object whose box and parts are there."""
         first, extent = corners_of(box.polygon.min(axis=0)), np.ptp(box.polygon, axis=0)
         scale = min(1.0, FINEST / float(extent.max()))
         width, height = (np.ceil(extent * scale).astype(int) + 1).tolist()

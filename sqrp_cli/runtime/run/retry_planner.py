@@ -12,9 +12,9 @@ from sqrp_cli.logic.literal import Atom
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import Replanner, Step
 from sqrp_cli.runtime.monitor.attempt import Attempt
-from sqrp_cli.runtime.monitor.step_monitor import Alarm, condition_atoms, condition_value
-from sqrp_cli.runtime.record.events import MovingOn
-from sqrp_cli.runtime.record.publisher import listed
+from sqrp_cli.runtime.monitor.program_formulas import condition_atoms, condition_value
+from sqrp_cli.runtime.monitor.step_monitor import Alarm
+from sqrp_cli.runtime.record.events import MovingOn, listed
 from sqrp_cli.runtime.record.report import Stopped
 from sqrp_cli.runtime.run.lockstep import Lockstep
 
@@ -40,12 +40,12 @@ class Viewpoint:
         return f"where {listed(self.cameras)} should see it" if self.cameras else "at the end of the motion"
 
 
-class Recovery:
+class RetryPlanner:
     """Brings the robot from a fault to a plan of the same step from where it then is."""
 
     def __init__(self, lockstep: Lockstep, replanner: Replanner) -> None:
         self._lockstep, self._replanner = lockstep, replanner
-        self._robot, self._observer = lockstep.robot, lockstep.observer
+        self._robot, self._collector = lockstep.robot, lockstep.collector
 
     def prepare(self, attempt: Attempt, alarm: Alarm) -> Step:
         """The step of an attempt that failed again, from where the arm stands then, in the world that is seen then.
@@ -61,7 +61,7 @@ class Recovery:
             self._move_on(when, viewpoint)
         self._lockstep.stop(alarm.text)
         self._robot.let_go()
-        self._observer.forget(self._lockstep.now)
+        self._collector.forget(self._lockstep.now)
         if when is not None:
             self._await(when, viewpoint)
         planned = self._replanner.replan(attempt.step, self._world_seen(attempt.step))
@@ -81,23 +81,23 @@ class Recovery:
         self._lockstep.faults.moved_on(self._lockstep.now - began)
 
     def _await(self, when: str, viewpoint: Viewpoint | None) -> None:
-        """Stand until the condition is seen, and all cameras have told where things are. Raises Stopped if not soon."""
+        """Stand until the condition is seen, and all cameras have said where objects are. Raises Stopped if not."""
         until = self._lockstep.now + LOOK_AGAIN
-        while not (self._observer.caught_up and self._is_seen(when)):
+        while not (self._collector.caught_up and self._is_seen(when)):
             if self._lockstep.now >= until - 1e-9:
                 where = f" {viewpoint}" if viewpoint is not None else ""
                 raise Stopped(f"`{when}` was not seen within {LOOK_AGAIN:g} s of standing{where}, so there is no retry")
             self._lockstep.pass_time(until)
 
     def _is_seen(self, when: str) -> bool:
-        return condition_value(when, self._observer.values) == Truth.TRUE
+        return condition_value(when, self._collector.values) == Truth.TRUE
 
     def _viewpoint(self, attempt: Attempt, when: str) -> Viewpoint:
         """The next place along the motion from which all that a condition asks about is predicted to be seen."""
         atoms, end = condition_atoms(when), attempt.step.time
         for begin in np.arange(min(self._tau(), end), end, SPACING).tolist():
             stands = self._robot.motion.standing_time(begin)
-            margin = min(self._observer.streams.period, stands, end - stands)
+            margin = min(self._collector.streams.period, stands, end - stands)
             if self._is_predicted(attempt, atoms, stands, margin):
                 cameras = {name for atom in atoms for name in attempt.nominal.covering(atom, stands, margin)}
                 return Viewpoint(begin, tuple(sorted(cameras)))
@@ -114,10 +114,10 @@ class Recovery:
         """The world as the images show it: objects where they were located, facts by evidence."""
         before = step.before
         X_WO = dict(before.X_WO)
-        for name, place in self._observer.places.items():
+        for name, place in self._collector.places.items():
             X_WO[name] = X_WO[name].copy()
             X_WO[name][:3, 3] = place
-        known = {Atom.of(atom): value for atom, value in self._observer.values.items()}
+        known = {Atom.of(atom): value for atom, value in self._collector.values.items()}
         seen = {atom for atom, value in known.items() if value == Truth.TRUE}
         refuted = {atom for atom, value in known.items() if value == Truth.FALSE}
         measured = self._robot.cell.measured_joints()
