@@ -45,7 +45,7 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     for predicate, target in skill.targets.items():
         for index, box in enumerate(target.boxes):
             detector = workspace.detectors[box.detector]
-            looks = list(product(workspace.cameras.values(), objects_meant(workspace, skill, box)))
+            looks = list(product(workspace.cameras.values(), _objects_meant(workspace, skill, box)))
             # Mostly one of the first is large enough, and then the others do not matter.
             if looks and all(_largest_in_image(workspace, box, *look) < detector.min_pixels for look in looks):
                 largest = max(_largest_in_image(workspace, box, *look) for look in looks)
@@ -62,7 +62,7 @@ def empty_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     """Boxes of which a negative margin leaves nothing."""
     for predicate, target in skill.targets.items():
         for index, box in enumerate(target.boxes):
-            objects = [item for item in objects_meant(workspace, skill, box) if item is not None]
+            objects = [item for item in _objects_meant(workspace, skill, box) if item is not None]
             item = min(objects, key=lambda item: min(item.size), default=None)
             if item is None or box.size is not None or min(item.size) + 2 * box.margin > 0:
                 continue
@@ -96,7 +96,7 @@ def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
                 yield Problem("box-moves-with-lost-object", message, place, mend=mend)
 
 
-def objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
+def _objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
     """The objects that a box may belong to; only None for a box of its own in a frame without an object."""
     name = box.fits or box.frame.owner
     if name in workspace.objects:

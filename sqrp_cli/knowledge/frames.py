@@ -80,7 +80,7 @@ class Stay(NamedTuple):
     """Where it rests while it is not."""
 
 
-def object_poses(X_WT: Array, stays: Iterable[Stay]) -> Array:
+def carried_poses(X_WT: Array, stays: Iterable[Stay]) -> Array:
     """World poses of an object that moves with the tool while it is held and rests otherwise, shape (m, 4, 4).
 
     X_WT: poses of the tool frame, shape (m, 4, 4). stays: which cover all m samples; each is taken before the next is

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.frames import Stay, frame_poses, object_poses
+from sqrp_cli.knowledge.frames import Stay, carried_poses, frame_poses
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
@@ -64,7 +64,7 @@ class Stage:
         links = {name: X[:1] if name in self.model.still_links else X for name, X in X_WL.items()}
         starts = {name: fixed_frame(X_start) for name, X_start in self._X_WO.items()}
         X_WT = X_WL[self.model.tool_frame]
-        carried = {name: object_poses(X_WT, self._stays(name, samples)) for name in self._carried}
+        carried = {name: carried_poses(X_WT, self._stays(name, samples)) for name in self._carried}
         return SceneStates(len(samples), frame_poses(links, {**starts, **carried}, starts, fixed_frame()))
 
     def _stays(self, name: str, samples: Samples) -> Iterator[Stay]:

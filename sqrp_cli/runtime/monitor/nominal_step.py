@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, inverse
-from sqrp_cli.knowledge.frames import Stay, frame_poses, object_poses
+from sqrp_cli.knowledge.frames import Stay, carried_poses, frame_poses
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.program.record import ProgramTarget, Step
@@ -118,7 +118,7 @@ class NominalStep:
         starts = step.before.X_WO
         X_WO: dict[str, Array] = {name: X[None] for name, X in starts.items()}
         for name in dict.fromkeys(primitive.held for primitive in step.primitives if primitive.held is not None):
-            X_WO[name] = object_poses(X_WT, _stays(name, step, primitive_of, X_WT))
+            X_WO[name] = carried_poses(X_WT, _stays(name, step, primitive_of, X_WT))
         held = [step.primitives[index].held for index in primitive_of.tolist()]
         when_open = values_when_open(step)
         values = {atom: np.zeros(len(self._t), dtype=bool) for atom in step.targets}
