@@ -59,6 +59,11 @@ class Problem:
         """Shorten what the message quotes: names and values may be as long as a file."""
         object.__setattr__(self, "message", _LONG_QUOTE.sub(r"\1\3\2\4...\1\3", self.message))
 
+    @property
+    def position(self) -> tuple[int, int]:
+        """Line and column of its place, 0 where there is none, so that problems of a file can be sorted."""
+        return (self.place.line or 0, self.place.column or 0) if self.place else (0, 0)
+
     def __str__(self) -> str:
         return f"{self.place}: {self.message}" if self.place else self.message
 

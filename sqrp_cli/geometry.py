@@ -47,7 +47,7 @@ def pose(rotation: ArrayLike | None = None, position: ArrayLike | None = None) -
 def check_poses(what: str, *poses: Array | None) -> None:
     """Raises ValueError unless all of them (..., 4, 4) are poses: finite, with axes of length 1 at right angles.
 
-    what: names the thing whose poses they are. None, for a pose that is not known, passes.
+    what: names what has these poses. None, for a pose that is not known, passes.
     """
     for X in poses:
         if X is not None and not _are_poses(X):

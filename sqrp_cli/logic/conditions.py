@@ -149,7 +149,7 @@ def ground_condition(condition: Condition, binding: Binding, objects: Objects, d
 
 
 def literal_count(condition: Condition, objects: Objects, domain: Domain) -> int:
-    """How many literals and equalities `ground_condition` makes of a condition, told without making them.
+    """How many literals and equalities `ground_condition` makes of a condition, without making them.
 
     A quantifier multiplies its body by the product of its variables' domain sizes.
     """

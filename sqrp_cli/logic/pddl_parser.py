@@ -102,7 +102,7 @@ class _Reader:
     def stop_at_problems(self) -> None:
         """Raises the problems found so far, if there are any."""
         if self.problems:
-            raise InputError(*sorted(self.problems, key=lambda problem: _position(problem.place)))
+            raise InputError(*sorted(self.problems, key=lambda problem: problem.position))
 
     def attempt(self, read: Callable[[WordList], None], section: WordList) -> None:
         """Reads a section; a failure in it is noted."""
@@ -402,7 +402,3 @@ class _Reader:
 
     def unknown(self, kind: str, name: str, valid: Iterable[str]) -> str:
         return f"{kind} `{name}` is not declared; {expected_names(name, valid)}"
-
-
-def _position(place: Place | None) -> tuple[int, int]:
-    return (place.line or 0, place.column or 0) if place else (0, 0)

@@ -57,7 +57,7 @@ class GaveUp:
     """How much was looked at, such as `20,000 states`."""
 
     why: str = field(default="", compare=False)
-    """What makes that too little, where it can be told, and what would change that."""
+    """What makes that too little, where that is known, and what would change it."""
 
 
 _PLATEAU = 500

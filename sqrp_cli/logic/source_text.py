@@ -16,7 +16,7 @@ LONGEST = 160
 
 
 _UNSEEN = ("Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp", "Zs")
-"""Unicode's categories of characters that cannot be seen, or not be told from others."""
+"""Unicode's categories of characters that cannot be seen, or not be distinguished from others."""
 
 
 def is_unseen(character: str) -> bool:

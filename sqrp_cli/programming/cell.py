@@ -42,7 +42,7 @@ class Cell:
         model = RobotModel.load(robot)
         _check_size(workspace, model)
         objects = [t for t in workspace.objects.values() if t.X_WO is not None or t.X_TO is not None]
-        parts = [*model.parts, *(part for thing in objects for part in thing.parts)]
+        parts = [*model.parts, *(part for obj in objects for part in obj.parts)]
         contacts = find_self_contacts(model, seed) if robot.srdf is None else None
         unchecked = robot.disabled_pairs if contacts is None else contacts.unchecked
         solids = tuple(load_solid(part, _name(part, model)) for part in parts)
@@ -102,7 +102,7 @@ def _check_size(workspace: Workspace, model: RobotModel) -> None:
 
     Likewise for a joint further than that from the one that carries it, and for more than `MOST_SHAPES`.
     """
-    shapes = len(model.parts) + sum(len(thing.parts) for thing in workspace.objects.values())
+    shapes = len(model.parts) + sum(len(obj.parts) for obj in workspace.objects.values())
     if shapes > MOST_SHAPES:
         message = f"robot and objects have {shapes:,} shapes, expected at most {MOST_SHAPES:,}"
         raise InputError(Problem("too-many-shapes", message, Place(workspace.path), mend="join them into meshes"))

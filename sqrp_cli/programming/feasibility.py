@@ -38,7 +38,7 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:
     """Sentences about what of the candidate's precondition does not hold in a world; empty if it holds."""
-    objects = {name: frozenset(thing.types) for name, thing in cell.workspace.objects.items()}
+    objects = {name: frozenset(obj.types) for name, obj in cell.workspace.objects.items()}
     skill = candidate.skill
     failing = failing_literals(skill.action, candidate.binding, world.facts, objects, skill.domain)
     return tuple(f"`{skill.name}` needs `{literal}`, which does not hold" for literal in failing)

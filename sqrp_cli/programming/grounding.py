@@ -103,8 +103,8 @@ class TargetGrounder:
 
     def _box(self, spec: BoxSpec, binding: Mapping[str, str]) -> SoughtBox:
         name = self.model.tool_frame if spec.frame == TOOL else spec.frame.owner
-        thing = binding.get(name, name)
-        frame = FrameName.at_start_of(thing) if spec.frame.at_start else thing
+        owner = binding.get(name, name)
+        frame = FrameName.at_start_of(owner) if spec.frame.at_start else owner
         size, X_FB = spec.size, spec.X_FB
         if spec.fits is not None:
             fitted = binding.get(spec.fits, spec.fits)
@@ -123,7 +123,7 @@ class TargetGrounder:
             size=size,
             X_FB=X_FB,
             normal=spec.normal,
-            encloses=self._enclosed(spec, thing, binding),
+            encloses=self._enclosed(spec, owner, binding),
         )
 
     def _pose_in(self, frame: str, name: str, waypoint: str, binding: Mapping[str, str]) -> Array:
@@ -156,9 +156,9 @@ class TargetGrounder:
     def _tool_parts(self) -> tuple[str, ...]:
         return tuple(part.name for part in self.model.parts if part.parent in self.model.hand_links)
 
-    def _enclosed(self, spec: BoxSpec, thing: str, binding: Mapping[str, str]) -> tuple[str, ...]:
+    def _enclosed(self, spec: BoxSpec, owner: str, binding: Mapping[str, str]) -> tuple[str, ...]:
         if spec.encloses is None:
-            return (thing,) if thing in self.objects else ()
+            return (owner,) if owner in self.objects else ()
         links = self.model.links
         named = [link_called(binding.get(name, name), links) for name in spec.encloses if name != TOOL]
         return tuple(sorted({*named, *(self._tool_parts if TOOL in spec.encloses else ())}))

@@ -118,7 +118,7 @@ class Suggester:
     def _plan(self, candidate: Candidate) -> PlanningResult:
         key = (candidate.skill.name, *candidate.binding.values())
         if key not in self._plans:
-            objects = {name: frozenset(thing.types) for name, thing in self.cell.workspace.objects.items()}
+            objects = {name: frozenset(obj.types) for name, obj in self.cell.workspace.objects.items()}
             goal = candidate.skill.action.precondition
             self._plans[key] = self._planner(self._domain, objects, self.world.facts, goal, candidate.binding)
         return self._plans[key]

@@ -170,7 +170,7 @@ def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:
 
 def _unit_hint(words: Sequence[str], skill: Skill, workspace: Workspace) -> str | None:
     """What mends a task in which a blank stands between a number and its unit, or before the number."""
-    known = {word for thing in workspace.objects.values() for word in _words_for(thing)}
+    known = {word for obj in workspace.objects.values() for word in _words_for(obj)}
     kinds = {parameter.name: parameter.kinds for parameter in skill.motion_parameters}
     for setting, word in pairwise(words):
         name, _, values = setting.partition("=")
@@ -212,7 +212,7 @@ def _object_choices(
     """The objects that each parameter of the skill may stand for, in the order of the parameters."""
     parameters = skill.action.parameters
     fitting = {
-        parameter.name: [name for name, thing in workspace.objects.items() if _is_of_type(thing, parameter, skill)]
+        parameter.name: [name for name, obj in workspace.objects.items() if _is_of_type(obj, parameter, skill)]
         for parameter in parameters
     }
     for name, value in settings.items():
@@ -262,13 +262,13 @@ def _matching(workspace: Workspace, names: Sequence[str], words: Sequence[str]) 
     return [name for name in names if all(word.lower() in _words_for(workspace.objects[name]) for word in words)]
 
 
-def _words_for(thing: SceneObject) -> set[str]:
-    words = {thing.name, thing.type, *thing.attributes, *([thing.color] if thing.color else [])}
+def _words_for(obj: SceneObject) -> set[str]:
+    words = {obj.name, obj.type, *obj.attributes, *([obj.color] if obj.color else [])}
     return {word.lower() for word in words}
 
 
-def _is_of_type(thing: SceneObject, parameter: Parameter, skill: Skill) -> bool:
-    return skill.domain.fits(thing.types, parameter.type)
+def _is_of_type(obj: SceneObject, parameter: Parameter, skill: Skill) -> bool:
+    return skill.domain.fits(obj.types, parameter.type)
 
 
 def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence[str]], filters: Sequence[str]) -> str:

@@ -171,7 +171,7 @@ def _text(token: str) -> str:
 
 
 def _unfit(path: Path, text: str, line: int) -> Problem:
-    """What the first thing is that is not accepted."""
+    """The first key or value that is not accepted."""
     seen: set[KeyPath] = set()
     for token in _tokens(path, text, line):
         if len(token.path) >= MAX_DEPTH and token.text in "[{":

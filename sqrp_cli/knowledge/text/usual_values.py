@@ -155,12 +155,12 @@ HAND_EYE = tuple(
 
 def unusual_values(document: SourceDocument, usual: Sequence[Usual]) -> Iterator[Problem]:
     """Warnings about the numbers of a file that are out of the usual ranges, one for each list."""
-    told: set[KeyPath] = set()
+    warned: set[KeyPath] = set()
     for path, value, row in rows_that_apply(document, usual):
         owner = path[:-1] if isinstance(path[-1], int) else path
         doubt = _doubt(document, path, value, row)
-        if doubt is not None and owner not in told:
-            told.add(owner)
+        if doubt is not None and owner not in warned:
+            warned.add(owner)
             yield doubt
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from difflib import SequenceMatcher
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -57,50 +57,45 @@ def validate(document: SourceDocument, model: type[Model]) -> Model:
 def problems_of(document: SourceDocument, error: ValidationError) -> list[Problem]:
     """What Pydantic says is wrong with a document, as `validate` tells it, in order of place."""
     problems = [problem for details in error.errors() for problem in _problems(document, details)]
-    return sorted(problems, key=_position)
-
-
-def _position(problem: Problem) -> tuple[int, int]:
-    place = problem.place
-    return (place.line or 0, place.column or 0) if place else (0, 0)
+    return sorted(problems, key=lambda problem: problem.position)
 
 
 def _problems(document: SourceDocument, details: ErrorDetails) -> list[Problem]:
     path, absent = _path_in(document.data, details["loc"])
-    context: dict[str, Any] = details.get("ctx", {})
-    kind = details["type"]
+    given, context, kind = details["input"], details.get("ctx", {}), details["type"]
+    or_mapping = " or a mapping" if "<else>" in details["loc"] else ""
     if kind == "unknown-key":
-        return [
-            Problem(
-                kind, f"`{document.name((*path, key))}` is no known key; {expected}", document.key_place((*path, key))
-            )
-            for key, expected in context["keys"].items()
-        ]
+        return [_unknown_key(document, (*path, key), expected) for key, expected in context["keys"].items()]
     if kind == "missing":
         owner = f"`{document.name(path)}`" if path else "the file"
         lack = f"the key `{absent}`" if absent else f"entry {details['loc'][-1]} (the first is 0)"
         return [Problem("missing-key", f"{owner} lacks {lack}", document.key_place(path))]
-    found = describe(details["input"])
     if kind == "no-mapping":
         keys = ", ".join(f"`{key}`" for key in context["keys"])
-        return [document.problem("wrong-type", path, f"found {found}, expected a mapping with {keys}")]
-    if kind == "too_long":
-        found = f"{len(details['input']):,} entries"
-    or_mapping = " or a mapping" if "<else>" in details["loc"] else ""
+        return [document.problem("wrong-type", path, f"found {describe(given)}, expected a mapping with {keys}")]
     if kind == "literal_error":
-        message = _wrong_word(details["input"], str(context["expected"]))
+        message = _wrong_word(given, str(context["expected"]))
         return [document.problem("wrong-value", path, message + or_mapping)]
     if kind in _EXPECTED:
-        code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
-        expected = _EXPECTED[kind].format(**context) + or_mapping
-        problem = document.problem(code, path, f"found {found}, expected {expected}")
-        # Pydantic marks what is wrong with a key, which stands elsewhere than its value.
-        return [replace(problem, place=document.key_place(path)) if details["loc"][-1:] == ("[key]",) else problem]
-    if kind == "ambiguous-entry" and isinstance(details["input"], dict):
-        message = details["msg"] + _found_instead(list(details["input"]), details["msg"])
-        return [document.problem(kind, path, message)]
+        return [_unexpected(document, path, details, _EXPECTED[kind].format(**context) + or_mapping)]
+    if kind == "ambiguous-entry" and isinstance(given, dict):
+        return [document.problem(kind, path, details["msg"] + _found_instead(list(given), details["msg"]))]
     code = "wrong-value" if kind == "value_error" else kind.replace("_", "-")
     return [document.problem(code, path, details["msg"].removeprefix("Value error, "))]
+
+
+def _unknown_key(document: SourceDocument, path: KeyPath, expected: str) -> Problem:
+    return Problem("unknown-key", f"`{document.name(path)}` is no known key; {expected}", document.key_place(path))
+
+
+def _unexpected(document: SourceDocument, path: KeyPath, details: ErrorDetails, expected: str) -> Problem:
+    """A value of another type or range than expected."""
+    kind, given = details["type"], details["input"]
+    code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
+    found = f"{len(given):,} entries" if kind == "too_long" else describe(given)
+    problem = document.problem(code, path, f"found {found}, expected {expected}")
+    # Pydantic marks what is wrong with a key, which stands elsewhere than its value.
+    return replace(problem, place=document.key_place(path)) if details["loc"][-1:] == ("[key]",) else problem
 
 
 def _found_instead(found: list[str], message: str) -> str:

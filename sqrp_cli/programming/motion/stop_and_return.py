@@ -18,7 +18,7 @@ INSTANTS = 65
 
 @dataclass(frozen=True, eq=False)
 class Recovery:
-    """Time to stop and move back to the start, by the instant at which the robot is told to stop."""
+    """Time to stop and move back to the start, by the instant at which the robot is to stop."""
 
     t: Array
     duration: Array

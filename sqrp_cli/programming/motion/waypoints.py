@@ -69,9 +69,11 @@ class WaypointGrounder:
             return self.X_WH
         match self.waypoints[name]:
             case GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
-                thing = self.binding[parameter]
-                X_OS = side_pose(self.objects[thing].size, str(setting_value(side, self.values)))
-                return self.X_WO[thing] @ X_OS @ pose(axis_rotation(2, self._number(yaw)), (0, 0, self._number(depth)))
+                grasped = self.binding[parameter]
+                X_OS = side_pose(self.objects[grasped].size, str(setting_value(side, self.values)))
+                return (
+                    self.X_WO[grasped] @ X_OS @ pose(axis_rotation(2, self._number(yaw)), (0, 0, self._number(depth)))
+                )
             case PutWaypoint(object=parameter, on=surface) as put:
                 held, carrier = self.binding[parameter], self.binding[surface]
                 settings = (self._number(setting) for setting in (put.along, put.across, put.yaw))

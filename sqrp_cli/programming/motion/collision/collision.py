@@ -54,7 +54,7 @@ class CollisionScene:
         self.bound = MotionBound(model)
         objects = tuple(objects)
         self.bodies = tuple(Body.of(load_solid(part)) for part in model.parts)
-        self.object_bodies = {thing.name: tuple(Body.of(load_solid(part)) for part in thing.parts) for thing in objects}
+        self.object_bodies = {obj.name: tuple(Body.of(load_solid(part)) for part in obj.parts) for obj in objects}
         skipped = {pair(*names) for names in (*disabled_pairs, *model.adjacent_pairs)}
         depth = self.bound.depth
         self.self_pairs = tuple(
@@ -64,7 +64,7 @@ class CollisionScene:
             if depth[a.name] != depth[b.name] and pair(a.name, b.name) not in skipped
         )
         self._low = LowBodies(model, self.bound, self.bodies)
-        self._clearance = {thing.name: CLEARANCE + (padding if thing.fixed else 0.0) for thing in objects}
+        self._clearance = {obj.name: CLEARANCE + (padding if obj.fixed else 0.0) for obj in objects}
         self._placed: WeakKeyDictionary[World, PlacedScene] = WeakKeyDictionary()
         self._contacts: WeakKeyDictionary[World, Contact | None] = WeakKeyDictionary()
 

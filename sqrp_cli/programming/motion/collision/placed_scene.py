@@ -71,9 +71,9 @@ class PlacedScene:
         return tuple(map(frozenset, found))
 
     def is_free(self, path: JointPath, spare: float = RESOLUTION) -> bool:
-        """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are told sooner.
+        """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are found sooner.
 
-        spare: what the proof may ask for beyond the clearance [m]; more is told sooner.
+        spare: what the proof may ask for beyond the clearance [m]; more is found sooner.
         """
         samples = np.linspace(0.0, 1.0, FIRST_LOOK)
         touching = next(self._near(self._still(path.positions(samples), samples)), None)
@@ -130,7 +130,7 @@ class PlacedScene:
     ) -> Iterator[_Near]:
         """The combinations that are not proven apart over their stretch, in order or backwards.
 
-        known: stretches of which no more need be told, once they are in it.
+        known: stretches of which no more is wanted, once they are in it.
         """
         X_WF = self._model.frame_poses(self._model.with_fingers(stretches.q, self._fingers))
         close, bound = self._close(stretches, X_WF, resolution)
