@@ -167,28 +167,19 @@ def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], argum
     for inherited in list(_pipes):  # as long as somebody has one open, its reader does not see the end of it
         inherited.close()
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    try:
-        answer = prepare(*arguments)
-    except Exception as error:
-        answer = _failing(error)
+    answer = _tried(prepare, *arguments)
     with suppress(EOFError, ConnectionError):
         while True:
-            pipe.send(_answer(answer, pipe.recv()))
+            message = pipe.recv()
+            pipe.send(answer if isinstance(answer, _Raised) else _tried(answer, message))
 
 
-def _answer(answer: Callable[[Any], Any], message: object) -> object:
+def _tried(work: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 # what it results in, or what it raised
     try:
-        return answer(message)
+        return work(*arguments)
     except Exception as error:
         error.add_note(traceback.format_exc())
         return _Raised(error)
-
-
-def _failing(failure: Exception) -> Callable[[object], object]:
-    def fail(_: object) -> object:
-        raise failure
-
-    return fail
 
 
 def _end_with_parent() -> None:

@@ -1,4 +1,4 @@
-"""Scores as a JUnit file, which CI servers show as test results."""
+"""Scores for CI servers: a JUnit file, shown as test results, and Markdown, for the summary page of a job."""
 
 from __future__ import annotations
 
@@ -12,14 +12,19 @@ from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.scoring.scorecard import ComparedScore, Scorecard, listed
 from sqrp_cli.shown import one_line
 
+_HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
 
-def write_junit(findings: Scorecard, path: Path) -> None:
+_SIGNS = re.compile(r"[\\`*_|<>\[\]&~$]|:(?=//)|(?<=www)\.", re.IGNORECASE)
+"""What means something in Markdown within a line, besides in addresses that GitHub would make links of."""
+
+
+def write_junit(scorecard: Scorecard, path: Path) -> None:
     """A test suite per workspace, a test case per task. Raises InputError where the file cannot be written.
 
     A task that is not good enough, or worse than its baseline, is a `failure`; what cannot be scored is an `error`.
     """
-    root = Xml.Element("testsuites", {"name": "sqrp score", **_counts(findings.results)})
-    for workspace, group in groupby(findings.results, key=lambda result: result.score.workspace):
+    root = Xml.Element("testsuites", {"name": "sqrp score", **_counts(scorecard.results)})
+    for workspace, group in groupby(scorecard.results, key=lambda result: result.score.workspace):
         results = list(group)
         suite = Xml.SubElement(root, "testsuite", {"name": one_line(workspace), **_counts(results)})
         for result in results:
@@ -28,7 +33,35 @@ def write_junit(findings: Scorecard, path: Path) -> None:
     write_atomically(path, Xml.tostring(root, encoding="unicode", xml_declaration=False).join((_HEAD, "\n")))
 
 
-_HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
+def write_summary(scorecard: Scorecard, path: Path) -> None:
+    """What needs attention first, then the table of all tasks. Raises InputError where the file cannot be written."""
+    named = (("passed", "passed"), ("failed", "failed"), ("error", "could not be scored"))
+    counts = ", ".join(f"{scorecard.count(status)} {words}" for status, words in named if scorecard.count(status))
+    lines = [
+        f"## SQRP: {'passed' if scorecard.passed else 'not passed'}",
+        "",
+        f"{len(scorecard.results)} task{'s' if len(scorecard.results) != 1 else ''}: {counts}",
+        "",
+    ]
+    for result in scorecard.results:
+        lines += [f"- **{result.score.status}** {_name(result)}: {_text(reason)}" for reason in result.score.reasons]
+    lines += [f"- **vanished** {_text(workspace)}, {_text(task)}" for workspace, task in scorecard.vanished]
+    for result in scorecard.results:
+        comparison = result.comparison
+        if comparison is not None and comparison.verdict == "new":
+            lines.append(f"- **new** {_name(result)}")
+        ways = comparison.ways if comparison is not None else ()
+        lines += [f"- **improved** {_name(result)} for {_text(str(way))}" for way in ways if not way.worse]
+    lines += [
+        f"- changed in {_text(name)}: {_text(listed(changes))}"
+        for name, changes in scorecard.changes.items()
+        if changes
+    ]
+    lines += [""] if lines[-1] else []
+    lines += ["| workspace | task | best | Q_eoi % | Q_avg % | time s | seen after s | result |"]
+    lines += ["|---|---|---|---:|---:|---:|---:|---|"]
+    lines += [_row(result) for result in scorecard.results]
+    write_atomically(path, "\n".join(lines) + "\n")
 
 
 def _counts(results: Sequence[ComparedScore]) -> dict[str, str]:
@@ -52,35 +85,6 @@ def _case(suite: Xml.Element, result: ComparedScore) -> None:
         lines = [f"{label}: {100 * quality:.1f} %" for label, quality in qualities if quality is not None]
         lines = [f"best: {best.candidate.name}", *lines, f"time: {best.time:.2f} s"]
         Xml.SubElement(case, "system-out").text = "\n".join(map(one_line, lines))
-
-
-def write_summary(findings: Scorecard, path: Path) -> None:
-    """What needs attention first, then the table of all tasks. Raises InputError where the file cannot be written."""
-    named = (("passed", "passed"), ("failed", "failed"), ("error", "could not be scored"))
-    counts = ", ".join(f"{findings.count(status)} {words}" for status, words in named if findings.count(status))
-    lines = [
-        f"## SQRP: {'passed' if findings.passed else 'not passed'}",
-        "",
-        f"{len(findings.results)} task{'s' if len(findings.results) != 1 else ''}: {counts}",
-        "",
-    ]
-    for result in findings.results:
-        lines += [f"- **{result.score.status}** {_name(result)}: {_text(reason)}" for reason in result.score.reasons]
-    lines += [f"- **vanished** {_text(workspace)}, {_text(task)}" for workspace, task in findings.vanished]
-    for result in findings.results:
-        comparison = result.comparison
-        if comparison is not None and comparison.verdict == "new":
-            lines.append(f"- **new** {_name(result)}")
-        ways = comparison.ways if comparison is not None else ()
-        lines += [f"- **improved** {_name(result)} for {_text(str(way))}" for way in ways if not way.worse]
-    lines += [
-        f"- changed in {_text(name)}: {_text(listed(changes))}" for name, changes in findings.changes.items() if changes
-    ]
-    lines += [""] if lines[-1] else []
-    lines += ["| workspace | task | best | Q_eoi % | Q_avg % | time s | seen after s | result |"]
-    lines += ["|---|---|---|---:|---:|---:|---:|---|"]
-    lines += [_row(result) for result in findings.results]
-    write_atomically(path, "\n".join(lines) + "\n")
 
 
 def _row(result: ComparedScore) -> str:
@@ -107,7 +111,3 @@ def _name(result: ComparedScore) -> str:
 def _text(text: str) -> str:
     """Text that Markdown shows as it is, addresses too; runs of blanks are one."""
     return _SIGNS.sub(r"\\\g<0>", " ".join(one_line(text).split()))
-
-
-_SIGNS = re.compile(r"[\\`*_|<>\[\]&~$]|:(?=//)|(?<=www)\.", re.IGNORECASE)
-"""What means something in Markdown within a line, besides in addresses that GitHub would make links of."""

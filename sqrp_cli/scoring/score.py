@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 from sqrp_cli.errors import Problem
@@ -20,20 +20,20 @@ Status = Literal["passed", "failed", "error"]
 
 @dataclass(frozen=True, eq=False)
 class TaskScore:
-    """How a task fares in a workspace.
-
-    task: None where the workspace itself cannot be used. best: the first in the ranking, None if none is feasible.
-    ways: the best candidate for every choice of objects, by `way_name`; infeasible where none of them is feasible.
-    reasons: one sentence each: what is not good enough, or what the error is. content: digest of the workspace.
-    """
+    """How a task fares in a workspace."""
 
     workspace: str
     task: str | None
+    """None where the workspace itself cannot be used."""
     status: Status
-    best: Ranked | None
-    ways: Mapping[str, Ranked]
     reasons: tuple[str, ...]
+    """One sentence each: what is not good enough, or what the error is."""
+    best: Ranked | None = None
+    """The first in the ranking; None if none is feasible."""
+    ways: Mapping[str, Ranked] = field(default_factory=dict)
+    """The best candidate for every choice of objects, by `way_name`; infeasible where none of them is feasible."""
     content: str = ""
+    """Digest of the workspace, see `identity.content_digest`."""
 
 
 def wanted_of(cell: ScoredCell) -> tuple[Wanted, ...]:
@@ -59,7 +59,7 @@ def score(cells: Sequence[ScoredCell], computer: Computer, advance: Callable[[in
 def scores_of(cell: ScoredCell, computer: Computer) -> Iterator[TaskScore]:
     """The scores of a workspace's tasks of which every candidate is computed, or cannot be."""
     if cell.workspace is None:
-        yield TaskScore(cell.name, None, "error", None, {}, _sentences(cell.problems))
+        yield TaskScore(cell.name, None, "error", _sentences(cell.problems))
     for task in cell.tasks:
         result = _task_score(cell, task, computer)
         if result is not None:
@@ -73,12 +73,12 @@ def way_name(candidate: Candidate) -> str:
 
 def _task_score(cell: ScoredCell, task: ScoredTask, computer: Computer) -> TaskScore | None:
     if task.task is None:
-        return TaskScore(cell.name, task.text, "error", None, {}, _sentences(task.problems))
+        return TaskScore(cell.name, task.text, "error", _sentences(task.problems))
     assessments = []
     for want in _wanted(cell, task):
         problems = computer.why_not(want)
         if problems:
-            return TaskScore(cell.name, task.text, "error", None, {}, _sentences(problems))
+            return TaskScore(cell.name, task.text, "error", _sentences(problems))
         outcome = computer.outcome(want)
         if outcome is None:
             return None
@@ -91,7 +91,15 @@ def _task_score(cell: ScoredCell, task: ScoredTask, computer: Computer) -> TaskS
     first = ranking[0].assessment
     why_none = f"{first.candidate.name}: {first.reasons[0]}" if best is None else ""
     reasons = shortcomings(None if best is None else best.assessment, task.expected, why_none)
-    return TaskScore(cell.name, task.text, "failed" if reasons else "passed", best, ways, reasons, content=task.content)
+    return TaskScore(
+        workspace=cell.name,
+        task=task.text,
+        status="failed" if reasons else "passed",
+        reasons=reasons,
+        best=best,
+        ways=ways,
+        content=task.content,
+    )
 
 
 def _sentences(problems: Sequence[Problem]) -> tuple[str, ...]:

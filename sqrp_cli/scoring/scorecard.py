@@ -1,4 +1,4 @@
-"""The whole of a scoring run: scores, what they are compared with, and what is wrong, in one record."""
+"""A scoring run: the scores of all tasks, compared with a baseline or with another version of the workspace."""
 
 from __future__ import annotations
 
@@ -94,14 +94,14 @@ class CoverageLookup:
 
 
 def compare_with(
-    findings: Scorecard,
+    scorecard: Scorecard,
     cells: Sequence[ScoredCell],
     baseline: Baseline,
     allowance: float,
     lookup: CoverageLookup,
     progress: Progress,
 ) -> Scorecard:
-    """The findings with every task compared with its baseline; a task that got worse has failed.
+    """The same with every task compared with its baseline; a task that got worse has failed.
 
     allowance: see `compare`. Raises InputError where results cannot be kept.
     """
@@ -115,7 +115,7 @@ def compare_with(
         for cell in cells
         if cell.workspace is not None and cell.name in baseline.workspaces
     }
-    scores = [result.score for result in findings.results]
+    scores = [result.score for result in scorecard.results]
     pairs = [(one, records.get((one.workspace, one.task or ""))) for one in scores]
     lookup.prepare(
         [
@@ -131,25 +131,7 @@ def compare_with(
     names = {cell.name: [task.text for task in cell.tasks] for cell in cells if cell.workspace is not None}
     unreadable = {cell.name for cell in cells if cell.workspace is None}
     gone = tuple(task for task in vanished(baseline, names) if task.workspace not in unreadable)
-    return replace(findings, results=tuple(results), changes=changes, vanished=gone)
-
-
-def _compared(
-    result: TaskScore,
-    record: TaskRecord | None,
-    allowance: float,
-    lookup: CoverageLookup,
-    changes: Sequence[Change],
-) -> ComparedScore:
-    if result.status == "error":
-        return ComparedScore(result, None)
-    comparison = compare(record, result, allowance, lookup)
-    worse = [change for change in comparison.ways if change.worse]
-    if not worse:
-        return ComparedScore(result, comparison)
-    since = f"; since the baseline {listed(changes)}" if changes else ""
-    reasons = tuple(f"{result.task} got worse for {change}{since}" for change in worse)
-    return ComparedScore(replace(result, status="failed", reasons=(*result.reasons, *reasons)), comparison)
+    return replace(scorecard, results=tuple(results), changes=changes, vanished=gone)
 
 
 def listed(changes: Sequence[Change]) -> str:
@@ -167,15 +149,6 @@ def read_versions(before: Path, after: Path) -> tuple[ScoredCell, ScoredCell]:
     old, new = _read_version(before), _read_version(after)
     name = "workspace" if new.workspace is None else new.workspace.name
     return replace(old, name=name), replace(new, name=name)
-
-
-def _read_version(path: Path) -> ScoredCell:
-    cell = read_cell(workspace_file(path), "workspace")
-    problems = [problem for problem in cell.problems if problem.severity == "error"]
-    problems += [problem for task in cell.tasks for problem in task.problems]
-    if problems:
-        raise InputError(*problems)
-    return cell
 
 
 def difference(
@@ -203,6 +176,33 @@ def difference(
     results_now = (replace(result, score=_expecting_nothing(result.score)) for result in second.results)
     second = replace(second, results=tuple(results_now))
     return compare_with(second, [after], baseline, allowance, CoverageLookup([after], computer), progress)
+
+
+def _compared(
+    result: TaskScore,
+    record: TaskRecord | None,
+    allowance: float,
+    lookup: CoverageLookup,
+    changes: Sequence[Change],
+) -> ComparedScore:
+    if result.status == "error":
+        return ComparedScore(result, None)
+    comparison = compare(record, result, allowance, lookup)
+    worse = [change for change in comparison.ways if change.worse]
+    if not worse:
+        return ComparedScore(result, comparison)
+    since = f"; since the baseline {listed(changes)}" if changes else ""
+    reasons = tuple(f"{result.task} got worse for {change}{since}" for change in worse)
+    return ComparedScore(replace(result, status="failed", reasons=(*result.reasons, *reasons)), comparison)
+
+
+def _read_version(path: Path) -> ScoredCell:
+    cell = read_cell(workspace_file(path), "workspace")
+    problems = [problem for problem in cell.problems if problem.severity == "error"]
+    problems += [problem for task in cell.tasks for problem in task.problems]
+    if problems:
+        raise InputError(*problems)
+    return cell
 
 
 def _expecting_nothing(score: TaskScore) -> TaskScore:

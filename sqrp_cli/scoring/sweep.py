@@ -34,34 +34,38 @@ _DELAY_STEP = 0.01
 
 @dataclass(frozen=True, eq=False)
 class Variant:
-    """A workspace with other values.
-
-    values: none for the workspace as it is. content: of its file. cell: what it reads as.
-    """
+    """A workspace with other values."""
 
     values: Values
+    """None for the workspace as it is."""
     content: bytes
+    """Of its file."""
     cell: ScoredCell
+    """What it reads as."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredVariant:
     """A variant with its scores.
 
-    choices: of objects, of every task. feasible: how many of them can be done. q_eoi, q_avg: means over those that can
-    be done, each by its best candidate, in 0..1; None where a variant cannot be scored, or a quality is undefined for
-    all. time: their mean duration [s]. delay: mean of the longest time that a fault may remain unnoticed in them [s];
-    None without faults. passed: tasks that pass.
+    Figures are means over the choices of objects that can be done, each by its best candidate; None where a variant
+    cannot be scored, or a figure is undefined for all.
     """
 
     variant: Variant
     findings: Scorecard
     choices: int = 0
+    """Of objects, of every task."""
     feasible: int = 0
+    """How many of them can be done."""
     q_eoi: float | None = None
+    """In 0..1."""
     q_avg: float | None = None
+    """In 0..1."""
     time: float | None = None
+    """Duration [s]."""
     delay: float | None = None
+    """The longest time that a fault may remain unnoticed [s]."""
 
     @property
     def passed(self) -> int:
@@ -82,12 +86,13 @@ class Sweep:
     """The variants of a workspace, the best first. The workspace as it is is one of them.
 
     Of several that are best it is the workspace as it is, if it is one of them, else the one of most margin, see
-    `margin`; others that are equal are in the order of their values. equals: how many variants are best.
+    `most_margin`; others that are equal are in the order of their values.
     """
 
     document: SourceDocument
     variants: tuple[ScoredVariant, ...]
     equals: int = 1
+    """How many variants are best."""
     interrupted: bool = False
 
     @property
@@ -152,7 +157,7 @@ def sweep(
 
 
 def most_margin(equal: Sequence[bool], values: Sequence[Values], shape: tuple[int, ...] | None) -> int:
-    """The index of the variant of most margin among equals, on a grid of a shape or among draws; see `margin`."""
+    """The index of the variant of most margin among equals, on a grid of a shape or among draws."""
     marked = np.array(equal)
     return middle_of_draws(marked, shares(values)) if shape is None else middle_of_grid(marked.reshape(shape))
 

@@ -25,16 +25,16 @@ Values = tuple[tuple[str, str], ...]
 
 @dataclass(frozen=True)
 class Variation:
-    """A value of a workspace file and where it goes: from `start` to `end` in its unit, in `count` steps of a grid.
-
-    path: dotted, such as `cameras.cam1.pose.position.0`. unit: as both ends have it; empty for SI units.
-    """
+    """A value of a workspace file and where it goes: from `start` to `end`."""
 
     path: str
+    """Dotted, such as `cameras.cam1.pose.position.0`."""
     start: float
     end: float
     unit: str
+    """As both ends have it; empty for SI units."""
     count: int | None
+    """Steps of a grid; None where values are drawn."""
 
     def text(self, value: float) -> str:
         """A value as YAML text; what is nothing beside the ends is 0."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -35,33 +37,34 @@ MOST_PROBLEMS = 10
 _Share = Annotated[float, Field(ge=0, le=1)]
 
 
+_SAMPLINGS: dict[str, Callable[[str], Sampling]] = {
+    "Adaptive(tolerance": lambda number: Adaptive(float(number)),
+    "FixedCount(samples": lambda number: FixedCount(int(number)),
+    "FixedStep(dt": lambda number: FixedStep(float(number)),
+}
+"""How a sampling is made of its number, by how its text begins."""
+
+
 def _sampling(value: object) -> Sampling:
     """What `_sampling_text` wrote; a sampling stays as it is."""
     if isinstance(value, Adaptive | FixedCount | FixedStep):
         return value
     kind, _, number = str(value).removesuffix(")").partition("=")
-    try:
-        match kind:
-            case "Adaptive(tolerance":
-                return Adaptive(float(number))
-            case "FixedCount(samples":
-                return FixedCount(int(number))
-            case "FixedStep(dt":
-                return FixedStep(float(number))
-    except ValueError:
-        pass
+    with suppress(ValueError, KeyError):
+        return _SAMPLINGS[kind](number)
     message = f"found {describe(value)}, expected how motions were sampled, such as `{_sampling_text(Adaptive())}`"
     raise PydanticCustomError("wrong-value", "{message}", {"message": message})
 
 
 def _sampling_text(sampling: Sampling) -> str:
     match sampling:
-        case Adaptive():
-            return f"Adaptive(tolerance={sampling.tolerance!r})"
-        case FixedCount():
-            return f"FixedCount(samples={sampling.samples!r})"
-        case FixedStep():
-            return f"FixedStep(dt={sampling.dt!r})"
+        case Adaptive(number):
+            kind = "Adaptive(tolerance"
+        case FixedCount(number):
+            kind = "FixedCount(samples"
+        case FixedStep(number):
+            kind = "FixedStep(dt"
+    return f"{kind}={json.dumps(number)})"
 
 
 def _scalar(value: object) -> LeafValue:
@@ -71,7 +74,7 @@ def _scalar(value: object) -> LeafValue:
 
 
 class WayRecord(Entry):
-    """The best candidate for a choice of objects. delay: the longest time that a fault may remain unnoticed [s]."""
+    """The best candidate for a choice of objects."""
 
     candidate: str
     feasible: bool
@@ -80,6 +83,7 @@ class WayRecord(Entry):
     q_avg: _Share | None = None
     q_eoi: _Share | None = None
     delay: Seconds | None = None
+    """The longest time that a fault may remain unnoticed [s]."""
     coverage: CoverageRecord | None = None
 
     @property
@@ -104,27 +108,31 @@ class WayRecord(Entry):
 
 
 class TaskRecord(Entry):
-    """A task: how its best candidate is called (None: none is feasible), and every way of doing it."""
+    """A task with every way of doing it."""
 
     best: str | None
+    """Name of the best candidate; None: none is feasible."""
     ways: dict[str, WayRecord]
 
 
 class WorkspaceRecord(Entry):
-    """A workspace: its digest, the digest of each of its files by role, and its tasks."""
+    """A workspace with its tasks by their text."""
 
     digest: str
     files: dict[str, str]
+    """The digest of each file by its role."""
     tasks: dict[str, TaskRecord]
 
 
 class Baseline(Entry):
-    """Scores of workspaces by name. sampling: how motions were sampled. fields: what files say, by their digest."""
+    """Scores of workspaces by name."""
 
     format: Literal["sqrp baseline 1"] = "sqrp baseline 1"
     sampling: Annotated[Any, PlainValidator(_sampling), PlainSerializer(_sampling_text)]
+    """How motions were sampled, such as `Adaptive(tolerance=0.001)`."""
     workspaces: dict[str, WorkspaceRecord]
     fields: dict[str, dict[str, Annotated[Any, PlainValidator(_scalar)]]] = Field(default={})
+    """What files say, by their digest."""
 
 
 def baseline_of(

@@ -22,15 +22,14 @@ Verdict = Literal["regressed", "improved", "unchanged", "new"]
 
 @dataclass(frozen=True)
 class Loss:
-    """A stretch of time in which a literal was covered and no longer is, though a camera used to see it.
-
-    stretch: of the motion as it is now. why: the commonest cause in a few words.
-    """
+    """A stretch of time in which a literal was covered and no longer is, though a camera used to see it."""
 
     literal: str
     camera: str
     stretch: Stretch
+    """Of the motion as it is now."""
     why: str
+    """The commonest cause in a few words."""
 
     def __str__(self) -> str:
         start, end = self.stretch.start, self.stretch.end
@@ -69,17 +68,18 @@ class Shift:
 
 @dataclass(frozen=True)
 class WayChange:
-    """How the best candidate for a choice of objects changed.
-
-    before, now: names of the candidates. losses: the longest first. reason: why it cannot be done any more.
-    """
+    """How the best candidate for a choice of objects changed."""
 
     way: str
     before: str
+    """Name of the candidate, then."""
     now: str
+    """Name of the candidate, now."""
     shifts: tuple[Shift, ...]
     losses: tuple[Loss, ...] = ()
+    """The longest first."""
     reason: str = ""
+    """Why it cannot be done any more."""
 
     @property
     def worse(self) -> bool:
@@ -107,11 +107,13 @@ class WayChange:
 
 @dataclass(frozen=True)
 class Comparison:
-    """How a task compares with its baseline. gone: ways of doing it that are no longer there."""
+    """How a task compares with its baseline."""
 
     verdict: Verdict
     ways: tuple[WayChange, ...] = ()
+    """That changed, the worst change first."""
     gone: tuple[str, ...] = ()
+    """Ways of doing it that are no longer there."""
 
 
 def changed_ways(before: TaskRecord, now: TaskScore, allowance: float) -> tuple[WayChange, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from dataclasses import asdict
 from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
@@ -72,7 +73,18 @@ def says_something(path: str) -> bool:
 def candidate_key(content: str, candidate: Candidate, sampling: Sampling, seed: int, *, coverage: bool) -> str:
     """Names what is computed of one candidate; content: see `content_digest`. coverage: its `Coverage`, too."""
     parameters = list(candidate.parameters.items())
-    return _digest([program_digest(), content, candidate.skill.name, parameters, repr(sampling), seed, coverage])
+    return _digest(
+        [
+            program_digest(),
+            content,
+            candidate.skill.name,
+            parameters,
+            type(sampling).__name__,
+            asdict(sampling),
+            seed,
+            coverage,
+        ]
+    )
 
 
 def _digest(value: object) -> str:
