@@ -127,12 +127,6 @@ class Robot:
         return {**self.home, **(self.fingers.open if self.fingers else {})}
 
 
-PerJoint = Annotated[
-    Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[AnyQuantity, Tag("<else>")], mapping_or_else()
-]
-"""A limit of joints by name, or of all of them."""
-
-
 class ToolBoxEntry(Entry):
     """A box of a tool."""
 
@@ -199,6 +193,12 @@ class LimitKind:
 _Velocity = LimitKind(units.ANGULAR_SPEED, units.SPEED, assumed=1.0)
 _Acceleration = LimitKind(units.ANGULAR_ACCELERATION, units.ACCELERATION, assumed=5.0)
 _Jerk = LimitKind(units.ANGULAR_JERK, units.JERK, assumed=50.0)
+
+
+PerJoint = Annotated[
+    Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[AnyQuantity, Tag("<else>")], mapping_or_else()
+]
+"""A limit of joints by name, or of all of them."""
 
 
 class LimitsEntry(Entry):
