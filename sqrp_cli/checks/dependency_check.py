@@ -15,22 +15,22 @@ from sqrp_cli.programming.suggestion import SuggestedStep, Suggester, Suggestion
 from sqrp_cli.programming.task import Candidate
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Feasibility:
-    """Whether a candidate can be done.
-
-    reasons: why not, most useful first. time: of its motion [s], None if infeasible. ways_around: what goes around
-    what, such as `a1 goes around wall`, where the direct move is blocked. suggestion: how to establish its
-    precondition. outside: the temporal operators that are never looked at, see `grounding.formulas_outside`.
-    """
+    """Whether a candidate can be done."""
 
     candidate: Candidate
     feasible: bool
-    reasons: tuple[str, ...]
-    time: float | None
+    reasons: tuple[str, ...] = ()
+    """Why not, most useful first."""
+    time: float | None = None
+    """Of its motion [s]; None if infeasible."""
     suggestion: Suggestion
+    """How to establish its precondition."""
     ways_around: tuple[str, ...] = ()
+    """What goes around what where the direct move is blocked, such as `a1 goes around wall`."""
     outside: tuple[tuple[int, int], ...] = ()
+    """The temporal operators that are never looked at, see `grounding.formulas_outside`."""
 
 
 def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
@@ -38,9 +38,15 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     suggestion = suggester.suggest(candidate)
     motion = feasible_motion(suggester.cell, candidate, suggester.world)
     if isinstance(motion, Infeasible):
-        return Feasibility(candidate, feasible=False, reasons=motion.reasons, time=None, suggestion=suggestion)
-    outside = formulas_outside(candidate, motion)
-    return Feasibility(candidate, True, (), motion.time, suggestion, motion.ways_around, outside)
+        return Feasibility(candidate=candidate, feasible=False, reasons=motion.reasons, suggestion=suggestion)
+    return Feasibility(
+        candidate=candidate,
+        feasible=True,
+        time=motion.time,
+        suggestion=suggestion,
+        ways_around=motion.ways_around,
+        outside=formulas_outside(candidate, motion),
+    )
 
 
 def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[SuggestedStep, ...]:
