@@ -1,4 +1,4 @@
-"""What can go wrong, as values: exit codes, problems found in the input, and the error that carries them."""
+"""What can go wrong, as values: exit codes, problems of the input, the error that carries them, what cannot be done."""
 
 from __future__ import annotations
 
@@ -12,6 +12,12 @@ from typing import Literal
 
 _LONG_QUOTE = re.compile(r'(`)(?!sqrp )([^`]{60})[^`]{200,}`|(")([^`"]{60})[^`"]{200,}"')
 """A quoted name or value of more than a few lines; a command is for typing, and stays whole."""
+
+MOST_PROBLEMS = 20
+"""Problems that an error carries: a file may have one in each line."""
+
+MOST_NAMES = 20
+"""Names that a message lists."""
 
 
 class ExitCode(IntEnum):
@@ -39,21 +45,24 @@ class Place:
 
 @dataclass(frozen=True)
 class Problem:
-    """One finding in the input.
-
-    code: stable kebab-case name of the kind of finding, such as `unknown-key`.
-    message: what was found and what was expected, in one sentence.
-    place: where; None for the command line itself.
-    mend: what the user can type or change to mend it, if one thing is known to.
-    excerpt: the offending line with a caret under it, for inputs that are written in a grammar.
-    """
+    """One finding in the input."""
 
     code: str
+    """Stable kebab-case name of the kind of finding, such as `unknown-key`."""
+
     message: str
+    """What was found and what was expected, in one sentence."""
+
     place: Place | None = None
+    """Where; None for the command line itself."""
+
     severity: Literal["error", "warning"] = "error"
+
     mend: str | None = None
+    """What the user can type or change to mend it, if one thing is known to."""
+
     excerpt: str | None = None
+    """The offending line with a caret under it, for inputs that are written in a grammar."""
 
     def __post_init__(self) -> None:
         """Shorten what the message quotes: names and values may be as long as a file."""
@@ -72,10 +81,6 @@ class SqrpError(Exception):
     """Root of every error that SQRP raises on purpose."""
 
 
-MOST_PROBLEMS = 20
-"""Problems that an error carries: a file may have one in each line."""
-
-
 class InputError(SqrpError):
     """The input cannot be used; carries the problems that were found, most important first."""
 
@@ -87,8 +92,11 @@ class InputError(SqrpError):
         self.problems = problems
 
 
-MOST_NAMES = 20
-"""Names that a message lists."""
+@dataclass(frozen=True)
+class Infeasible:
+    """Why something cannot be done: sentences with figures, the most useful first."""
+
+    reasons: tuple[str, ...]
 
 
 def counted(count: int) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import Infeasible, InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.program.check import flaws
@@ -16,7 +16,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.robustness import Calibration
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked

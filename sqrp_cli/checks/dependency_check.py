@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import formulas_outside
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.suggestion import SuggestedStep, Suggester, Suggestion

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sqrp_cli.errors import InputError
+from sqrp_cli.errors import Infeasible, InputError
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import failing_literals
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion
 from sqrp_cli.programming.task import Candidate, read_task

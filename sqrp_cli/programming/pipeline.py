@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
@@ -12,7 +13,6 @@ from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
 

@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Mask
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import apply_effect
@@ -20,7 +21,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.targets import Target

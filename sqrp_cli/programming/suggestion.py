@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.logic.planner import (
@@ -21,7 +22,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import feasible_motion, unmet_preconditions
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import rank

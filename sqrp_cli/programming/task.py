@@ -68,16 +68,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
     are for the parameters in order, each for one. Raises InputError where nothing matches.
     """
     words = text.split()
-    if not words:
-        skills = ", ".join(f"`{name}`" for name in workspace.skills)
-        raise InputError(
-            Problem("empty-task", f"the task is empty; expected a skill ({skills}) and what to do it with")
-        )
-    skill = workspace.skills.get(words[0])
-    if skill is None:
-        known = expected_names(words[0], workspace.skills)
-        message = f"there is no skill `{words[0]}` under `skills` in {workspace.path}; {known}"
-        raise InputError(Problem("unknown-skill", message))
+    skill = _skill(words, workspace)
     settings = _settings([word for word in words[1:] if "=" in word], skill)
     filters = [word for word in words[1:] if "=" not in word]
     try:
@@ -87,13 +78,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
             *(replace(problem, mend=problem.mend or _unit_hint(words, skill, workspace)) for problem in error.problems)
         ) from error
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
-    names = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
-    counts = dict(zip(names, map(len, [*choices, *motion]), strict=True))
-    count, most = prod(counts.values()), max(counts, key=lambda name: counts[name], default="")
-    if count > MAX_CANDIDATES:
-        message = f"the task has {counted(count)} candidates, the limit is {MAX_CANDIDATES:,}"
-        message += f"; name fewer objects or values, most of all for `{most}` of `{skill.name}`, with {counts[most]:,}"
-        raise InputError(Problem("too-many-candidates", message))
+    _check_count(skill, list(map(len, [*choices, *motion])))
     return Task(text, skill, tuple(_candidates(skill, choices, motion)))
 
 
@@ -132,6 +117,30 @@ def in_words(skill: Skill, parameters: Mapping[str, MotionValue]) -> dict[str, s
         return f"{value:.6g}"
 
     return {name: in_units(name, value) for name, value in parameters.items()}
+
+
+def _skill(words: Sequence[str], workspace: Workspace) -> Skill:
+    """The skill that the first word of a task names."""
+    if not words:
+        skills = ", ".join(f"`{name}`" for name in workspace.skills)
+        message = f"the task is empty; expected a skill ({skills}) and what to do it with"
+        raise InputError(Problem("empty-task", message))
+    skill = workspace.skills.get(words[0])
+    if skill is None:
+        known = expected_names(words[0], workspace.skills)
+        message = f"there is no skill `{words[0]}` under `skills` in {workspace.path}; {known}"
+        raise InputError(Problem("unknown-skill", message))
+    return skill
+
+
+def _check_count(skill: Skill, counts: Sequence[int]) -> None:
+    """Refuse too many candidates; counts: the choices for each parameter of the skill, objects first."""
+    names = [*(p.name for p in skill.action.parameters), *(p.name for p in skill.motion_parameters)]
+    if prod(counts) > MAX_CANDIDATES:
+        most = max(range(len(counts)), key=counts.__getitem__)
+        message = f"the task has {counted(prod(counts))} candidates, the limit is {MAX_CANDIDATES:,}"
+        message += f"; name fewer objects or values, most of all for `{names[most]}` of `{skill.name}`"
+        raise InputError(Problem("too-many-candidates", f"{message}, with {counts[most]:,}"))
 
 
 def _candidates(

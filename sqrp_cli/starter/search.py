@@ -8,6 +8,7 @@ from math import pi
 
 import numpy as np
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, cross, pose, transform
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
@@ -15,7 +16,6 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.pose_search import spread_starts
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.sensing.solids import load_solids
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter.layout import TASK, Cube, Position, View

@@ -16,12 +16,12 @@ import pinocchio as pin
 import pytest
 import yaml
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose, rpy_to_matrix
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.sampling import FixedCount
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion import plan_motion
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, pair
 from sqrp_cli.programming.motion.plan_motion import Motion

@@ -4,10 +4,10 @@ import dataclasses
 
 import pytest
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion, unmet_preconditions
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.task import Candidate, read_task
 
 

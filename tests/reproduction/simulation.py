@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.frames import FrameName
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, Sampling
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame

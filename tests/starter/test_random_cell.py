@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from sqrp_cli.checks.lint import lint
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.random_cell import Crowd

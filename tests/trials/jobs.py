@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli.api.program import LazyReplanner
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.program.file import load_program, new_program, save_program
 from sqrp_cli.program.record import Step
@@ -21,7 +22,6 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.task import read_task

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.geometry import check_finite
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch, merge
@@ -18,7 +18,6 @@ from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import TargetGrounder, formulas_outside, ground_formulas
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import Recovery, recovery_over
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time

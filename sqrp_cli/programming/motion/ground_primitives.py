@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import MotionValue
@@ -14,7 +15,6 @@ from sqrp_cli.knowledge.skill.skill import HOME, Grasp, JointMove, PrimitiveActi
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.branches import BranchChoice
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.collision.collision_body import NamePairs, pair
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers

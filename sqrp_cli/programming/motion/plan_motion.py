@@ -8,11 +8,11 @@ from functools import cache
 
 import numpy as np
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDANCY_SAMPLES, REDUNDANCY_SAMPLES
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.fingers import with_fingers
 from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import Infeasible, InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
@@ -25,7 +25,6 @@ from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.blind_spans import coverage_of
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.work.identity import program_digest

@@ -10,13 +10,13 @@ import numpy as np
 import pinocchio as pin
 from pydantic import TypeAdapter
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.skill import Skill, Waypoint
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.collision.collision_body import pair
 from sqrp_cli.programming.motion.ground_primitives import SkillUse

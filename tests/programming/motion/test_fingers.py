@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import axis_rotation, pose
 from sqrp_cli.knowledge.skill.skill import Release
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.arm.kinematics import FingerModel
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.fingers import closed_on, move_fingers
 from sqrp_cli.programming.motion.ground_primitives import SkillUse
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_motion

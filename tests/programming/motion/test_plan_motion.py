@@ -10,12 +10,12 @@ from itertools import product
 import numpy as np
 import pytest
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose
 from sqrp_cli.knowledge.skill.skill import HOME, JointMove, Release, Skill, StraightMove, Wait
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, pair
 from sqrp_cli.programming.motion.paths.straight_line import ToolLine, straight_line
 from sqrp_cli.programming.motion.plan_motion import Motion

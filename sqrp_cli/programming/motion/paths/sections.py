@@ -9,12 +9,12 @@ from math import prod
 
 import numpy as np
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Indices, Mask
 from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
 from sqrp_cli.programming.arm.branches import chosen_branches
 from sqrp_cli.programming.arm.inverse_kinematics import known_solutions
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
 from sqrp_cli.programming.motion.paths.branch_search import Station

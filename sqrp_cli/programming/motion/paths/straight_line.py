@@ -8,11 +8,11 @@ from functools import cache, cached_property
 
 import numpy as np
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.programming.arm.kinematics import RobotModel, ToolMotion
 from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, newton, pose_errors
 from sqrp_cli.programming.arm.reach import PastLimit
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.trajectory import JointPath
 

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion import plan_motion
 from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.programming.motion.paths.straight_line import ToolLine, follow, straight_line

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
-from sqrp_cli.programming.infeasible import Infeasible
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE
 from sqrp_cli.programming.motion.paths import joint_moves
 from sqrp_cli.programming.motion.paths.way_around import blended_path
