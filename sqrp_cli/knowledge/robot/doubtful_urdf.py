@@ -66,9 +66,8 @@ def _doubtful_inertias(model: UrdfModel) -> Iterator[Problem]:
     products of inertia break that now and then, so that it is no error. Links fixed to each other make one body.
     """
     stated = [(link, link.inertial) for link in model.links.values() if link.inertial is not None]
-    heavy = {model.body_of[link.name] for link, inertial in stated if inertial.mass > 0.0}
-    light = [link for link, _ in stated if model.body_of[link.name] not in {model.root, *heavy}]
-    weightless = [link for link in light if link.collision]
+    sound = {model.root, *(model.body_of[link.name] for link, inertial in stated if inertial.mass > 0.0)}
+    weightless = [link for link, _ in stated if link.collision and model.body_of[link.name] not in sound]
     impossible = [link for link, inertial in stated if _breaks_triangle_rule(inertial)]
     told = "a mass of 0 kg in spite of moving and being solid, simulated as 500 kg/m^3"
     yield from _warning("no-mass", "link", weightless, told, "state the mass, usually 0.01 kg to 1000 kg")
