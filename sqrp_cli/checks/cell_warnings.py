@@ -10,7 +10,7 @@ from sqrp_cli.checks.shape_overlaps import overlapping_shapes
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, inverse, transform
 from sqrp_cli.knowledge.frames import WORLD, frame_poses
-from sqrp_cli.knowledge.mesh.mesh_unit import mesh_unit
+from sqrp_cli.knowledge.mesh.mesh_file import mesh_unit
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference
 from sqrp_cli.knowledge.skill.skill import Skill, StraightMove

@@ -1,19 +1,30 @@
-"""A look at mesh files before they are loaded: whether they are whole and consistent, and how many triangles they have.
+"""A look at mesh files before they are loaded: whether they are whole and consistent, how large, and in which unit.
 
 The loaders behind collision geometry and pictures take damaged files for smaller meshes, do not stop at large ones, and
 allocate whatever a number in a file tells them to. What has passed here neither surprises them nor takes them long.
+
+None of them heeds the unit that a COLLADA file (DAE) states, so it is made part of the mesh's scale, once for all of
+them. They do not turn a mesh by its `<up_axis>` either: its axes are those of the link or part that it belongs to, as
+for RViz, which heeds the unit likewise.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
+from xml.parsers import expat
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.mesh.collada import check_dae
 from sqrp_cli.knowledge.mesh.limits import MAX_BYTES, MAX_TEXT_BYTES, check_bytes, check_triangles
 from sqrp_cli.knowledge.mesh.obj import check_obj
 from sqrp_cli.knowledge.mesh.stl import check_stl
+from sqrp_cli.knowledge.text.bounds import LARGEST
+from sqrp_cli.knowledge.text.input_file import open_input
+from sqrp_cli.shapes import Mesh
+
+_CHUNK = 65_536
+"""Bytes of a COLLADA file that are read at once until its unit is known."""
 
 
 def check_mesh(path: Path) -> None:
@@ -23,6 +34,37 @@ def check_mesh(path: Path) -> None:
     """
     stat = path.stat()
     _check(path, stat.st_size, stat.st_mtime_ns)
+
+
+def mesh_of(path: Path, scale: tuple[float, float, float]) -> Mesh:
+    """The mesh in a file, in metres: a COLLADA file's unit is in its scale. Raises InputError for a wrong unit."""
+    unit, (x, y, z) = mesh_unit(path), scale
+    return Mesh(path, (unit * x, unit * y, unit * z))
+
+
+def mesh_unit(path: Path) -> float:
+    """Length of the unit of a mesh file [m]: what a COLLADA file states, otherwise 1.
+
+    A file that cannot be read or is no XML has none; whoever loads it will say so. Raises InputError for a unit that is
+    no length, with its line.
+    """
+    if path.suffix.lower() != ".dae":
+        return 1.0
+    reader = _UnitReader()
+    try:
+        with open_input(path) as file:
+            while not reader.done and (chunk := file.read(_CHUNK)):
+                reader.parser.Parse(chunk)
+    except (InputError, expat.ExpatError):
+        return 1.0
+    try:
+        unit = float(reader.meter)
+    except ValueError:
+        unit = 0.0
+    if not 1 / LARGEST <= unit <= LARGEST:
+        message = f'found `<unit meter="{reader.meter[:60]}">`, expected the length of the unit in metres'
+        raise InputError(Problem("wrong-value", message, Place(path, reader.line), mend="export it again"))
+    return unit
 
 
 @lru_cache(maxsize=4096)
@@ -42,3 +84,19 @@ def _check(path: Path, size: int, _time: int) -> None:
             mend = "export it as one of these"
             raise InputError(Problem("unknown-mesh", message, Place(path), mend=mend))
     check_triangles(path, count)
+
+
+class _UnitReader:
+    """Reads a COLLADA file up to the end of its own `<asset>`, which is the first one: parts of it have some too."""
+
+    def __init__(self) -> None:
+        self.meter, self.line, self.done = "1", 1, False
+        self.parser = expat.ParserCreate()
+        self.parser.StartElementHandler, self.parser.EndElementHandler = self._start, self._end
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        if tag.split(":")[-1] == "unit" and not self.done:
+            self.meter, self.line = attributes.get("meter", "1"), self.parser.CurrentLineNumber
+
+    def _end(self, tag: str) -> None:
+        self.done = self.done or tag.split(":")[-1] == "asset"

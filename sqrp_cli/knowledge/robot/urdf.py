@@ -17,7 +17,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
+from sqrp_cli.knowledge.mesh.mesh_file import mesh_of
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
 
 JointType = Literal["fixed", "revolute", "continuous", "prismatic"]

@@ -14,8 +14,7 @@ from sqrp_cli.knowledge.camera.calibration import check_distortion, doubtful_pro
 from sqrp_cli.knowledge.camera.camera import Camera, CameraEntry
 from sqrp_cli.knowledge.camera.hand_eye import HandEye, read_hand_eye
 from sqrp_cli.knowledge.frames import TOOL, WORLD, link_called
-from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
-from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of
+from sqrp_cli.knowledge.mesh.mesh_file import check_mesh, mesh_of
 from sqrp_cli.knowledge.scene import Held, ObjectEntry, SceneObject
 from sqrp_cli.knowledge.text import packages
 from sqrp_cli.knowledge.text.entries import completed

@@ -12,7 +12,7 @@ import pytest
 from sqrp_cli.checks.cell_warnings import doubtful_meshes
 from sqrp_cli.errors import InputError, Place
 from sqrp_cli.geometry import Array, pose, read_only
-from sqrp_cli.knowledge.mesh.mesh_unit import mesh_of, mesh_unit
+from sqrp_cli.knowledge.mesh.mesh_file import mesh_of, mesh_unit
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
