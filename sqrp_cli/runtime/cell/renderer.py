@@ -134,18 +134,21 @@ _BAND = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class Optics:
-    """How to draw the image of a camera.
-
-    low, high: the window of the plane z = 1 that is drawn, (x, y) of its upper left and lower right corner. width,
-    height: of the picture of that window [pixels]. maps: for each pixel of the image where it is in the picture, x and
-    y, shape (height, width) of the image; None where the picture is the image.
-    """
+    """How to draw the image of a camera."""
 
     low: tuple[float, float]
+    """Upper left corner of the window of the plane z = 1 that is drawn, (x, y)."""
     high: tuple[float, float]
+    """Its lower right corner."""
     width: int
+    """Of the picture of that window [pixels]."""
     height: int
+    """Of the picture of that window [pixels]."""
     maps: tuple[NDArray[np.float32], NDArray[np.float32]] | None
+    """For each pixel of the image where it is in the picture, x and y, shape (height, width) of the image.
+
+    None where the picture is the image.
+    """
 
     @classmethod
     def of(cls, camera: Camera) -> Optics:

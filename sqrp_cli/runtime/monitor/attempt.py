@@ -18,21 +18,20 @@ from sqrp_cli.runtime.perception.evidence_buffer import Evidence
 
 @dataclass(eq=False)
 class Attempt:
-    """One attempt at a step.
-
-    start: of its motion on the cell's clock [s], None before it. undisturbed: whether all goes as the program planned,
-    so that its images count in the check of predictions. failed: whether a fault was seen, so that objects are believed
-    to be where they were before. last_shown: when the last image was taken that showed an atom's value [s].
-    """
+    """One attempt at a step."""
 
     step: Step
     nominal: NominalStep
     monitor: StepMonitor
     check: PredictionCheck
     undisturbed: bool
+    """Whether all goes as the program planned, so that its images count in the check of predictions."""
     start: float | None = None
+    """Of its motion on the cell's clock [s], None before it."""
     failed: bool = False
+    """Whether a fault was seen, so that objects are believed to be where they were before."""
     last_shown: dict[str, float] = field(default_factory=dict)
+    """When the last image was taken that showed an atom's value [s]."""
 
     @property
     def end(self) -> float:

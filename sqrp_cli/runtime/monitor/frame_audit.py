@@ -25,17 +25,16 @@ from sqrp_cli.runtime.robot_body import RobotBody
 
 @dataclass(frozen=True)
 class AuditReport:
-    """What recorded frames say about a program's predictions.
-
-    images: that were compared; skipped: of times at which the step did not go as planned; repeated: that were the very
-    image before them.
-    """
+    """What recorded frames say about a program's predictions."""
 
     prediction: tuple[Prediction, ...]
     disagreements: tuple[Disagreement, ...]
     images: int
+    """How many were compared."""
     skipped: int
+    """How many were of times at which the step did not go as planned."""
     repeated: int
+    """How many were the very image before them."""
 
     @property
     def total(self) -> Confusion:

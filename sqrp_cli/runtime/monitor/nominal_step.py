@@ -23,17 +23,18 @@ SPACING = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """Where everything is at one moment.
-
-    X_WL: pose of each link, X_WO: of each object, starts: of each object when the step began, (4, 4) each.
-    held: the object in the tool. open: whether the fingers of a gripper are open.
-    """
+    """Where everything is at one moment."""
 
     X_WL: Mapping[str, Array]
+    """Pose of each link, (4, 4)."""
     X_WO: Mapping[str, Array]
+    """Of each object."""
     starts: Mapping[str, Array]
+    """Of each object when the step began."""
     held: str | None
+    """The object in the tool."""
     open: bool
+    """Whether the fingers of a gripper are open."""
 
 
 def holds(atom: str, target: ProgramTarget, situation: Situation, *, when_open: bool) -> bool:

@@ -23,14 +23,12 @@ _SAME = 1e-9
 
 @dataclass(frozen=True)
 class Alarm:
-    """Something that calls for a response.
-
-    kind: a fault was seen, a formula is violated, or evidence that was predicted is missing. name: of the fault, or
-    the formula or atom.
-    """
+    """Something that calls for a response."""
 
     kind: OneOf["fault", "violation", "blindness"]
+    """A fault was seen, a formula is violated, or evidence that was predicted is missing."""
     name: str
+    """Of the fault, or the formula or atom."""
     text: str
     response: ProgramResponse
 

@@ -23,32 +23,30 @@ from sqrp_cli.runtime.surface import Surface
 
 
 class MissReason(StrEnum):
-    """Why an image does not show what it was predicted to show.
-
-    MASK: the outlines of robot and objects, which are a little too wide, leave too little of it. BACKGROUND: what is
-    behind it has its colour, so that the image would look the same without it. LIGHTING: what is seen has the colour
-    neither of the object nor of the background. DETECTOR: the image shows it, if not to the detector.
-    """
+    """Why an image does not show what it was predicted to show."""
 
     MASK = "mask border"
+    """The outlines of robot and objects, which are a little too wide, leave too little of it."""
     BACKGROUND = "same colour behind"
+    """What is behind it has its colour, so that the image would look the same without it."""
     LIGHTING = "lighting"
+    """What is seen has the colour neither of the object nor of the background."""
     DETECTOR = "detector limit"
+    """The image shows it, if not to the detector."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellModel:
-    """What perception knows of the cell beforehand.
-
-    surfaces: of each object, one for each of its parts. markers: on links, by the link's name.
-    """
+    """What perception knows of the cell beforehand."""
 
     cameras: Mapping[str, Camera]
     detectors: Mapping[str, Detector]
     objects: Mapping[str, SceneObject]
     surfaces: Mapping[str, tuple[Surface, ...]]
+    """Of each object, one for each of its parts."""
     robot: RobotBody
     markers: Mapping[str, Marker]
+    """On links, by the link's name."""
 
     @classmethod
     def of(cls, workspace: Workspace, robot: RobotBody) -> CellModel:
@@ -60,28 +58,26 @@ class CellModel:
 
 @dataclass(frozen=True, eq=False)
 class DetectionTargets:
-    """What to look for during a step.
-
-    targets: by atom. starts: pose of each object when the step began, (4, 4). when_open: the value of each atom while
-    the fingers of a gripper are open, for atoms that are about them.
-    """
+    """What to look for during a step."""
 
     targets: Mapping[str, ProgramTarget]
+    """What decides each atom."""
     starts: Mapping[str, Array]
+    """Pose of each object when the step began, (4, 4)."""
     when_open: Mapping[str, bool]
+    """The value of each atom while the fingers of a gripper are open, for atoms that are about them."""
 
 
 @dataclass(frozen=True, eq=False)
 class BelievedState:
-    """What the robot knows of itself at the time of an image.
-
-    joints: positions by its encoders [rad or m]. holding: whether the tool was told to hold. X_WO: where objects are
-    believed to be, (4, 4).
-    """
+    """What the robot knows of itself at the time of an image."""
 
     joints: Mapping[str, float]
+    """Positions by its encoders [rad or m]."""
     holding: bool
+    """Whether the tool was commanded to hold."""
     X_WO: Mapping[str, Array]
+    """Where objects are believed to be, (4, 4)."""
 
 
 NO_OUTLINE: Array = np.zeros((0, 2))
@@ -90,34 +86,33 @@ NO_OUTLINE: Array = np.zeros((0, 2))
 
 @dataclass(frozen=True, eq=False)
 class BoxDetection:
-    """What one image shows of one box.
-
-    evidence: whether the image shows the object in it, the background where the object would be, or neither for sure.
-    share: of the object's silhouette, or of a marker's outline, that could be judged, in 0..1. outline: of the box in
-    the image, shape (n, 2) [pixels]. because: why it is blind, if it is.
-    """
+    """What one image shows of one box."""
 
     name: str
     evidence: Truth
+    """Whether the image shows the object in it, the background where the object would be, or neither for sure."""
     share: float
+    """Of the object's silhouette, or of a marker's outline, that could be judged, in 0..1."""
     outline: Array
+    """Of the box in the image, shape (n, 2) [pixels]."""
     because: MissReason = MissReason.DETECTOR
+    """Why it is blind, if it is."""
 
 
 @dataclass(frozen=True, eq=False)
 class Detection:
-    """What one image shows.
-
-    frozen: whether it is the very image before it, which no real camera delivers twice. boxes: by atom.
-    places: position [m] of each object that was located, shape (3,). seconds: of work that it took.
-    """
+    """What one image shows."""
 
     camera: str
     t: float
     frozen: bool
+    """Whether it is the very image before it, which no real camera delivers twice."""
     boxes: Mapping[str, tuple[BoxDetection, ...]] = field(default_factory=dict)
+    """By atom."""
     places: Mapping[str, Array] = field(default_factory=dict)
+    """Position [m] of each object that was located, shape (3,)."""
     seconds: float = 0.0
+    """Of work that it took."""
 
     def truth(self, atom: str) -> Truth:
         """Whether the atom holds by this image alone: every box must show its object, one without it refutes it."""

@@ -35,12 +35,13 @@ LONGEST_NAME = 60
 
 @dataclass(frozen=True)
 class FrameEntry:
-    """A row of a folder's index; t: of the step [s], None where it did not go as planned."""
+    """A row of a folder's index."""
 
     camera: str
     file: Path
     step: int
     t: float | None
+    """Of the step [s], None where it did not go as planned."""
 
 
 class FrameFolder:

@@ -94,11 +94,12 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 @dataclass(frozen=True)
 class _Line:
-    """A line of a log; fields: with its time [s] and kind."""
+    """A line of a log."""
 
     t: float
     kind: str
     fields: Mapping[str, object]
+    """With its time [s] and kind."""
 
 
 def _line(text: str, place: Place) -> _Line:

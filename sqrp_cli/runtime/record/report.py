@@ -6,6 +6,8 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from pydantic import ConfigDict
+
 PROCESSING = 0.02
 """What it may take to look at an image [s]: measured, 15 ms for one of 640x480 pixels."""
 
@@ -30,27 +32,34 @@ class MonitoringLost(Stopped):
         self.fault, self.cameras = fault, cameras
 
 
-@dataclass
-class FaultRecord:
-    """A fault with its times on the run's clock [s]; None for what never came.
+class _Recorded:
+    """Of a report, whose fields the JSON Schema describes as they are described here."""
 
-    name: as the skill calls it, or what was injected. injected: when it was made to happen. happened: when the fault's
-    formula became true in the cell. detected: when the images showed it. acted: when the robot began to do something
-    about it: to try again, or to stop. recovered: when the step was done after all.
-    predicted_delay: from `happened` to `detected` as the program predicts it [s]. moved_on: for how long the robot went
-    on with its motion after `detected`, to where the condition of a retry can be seen [s]; None if it did not.
-    camera: that it befell, None for a fault of the step.
-    """
+    __pydantic_config__ = ConfigDict(use_attribute_docstrings=True)
+
+
+@dataclass
+class FaultRecord(_Recorded):
+    """A fault with its times on the run's clock [s]; None for what never came."""
 
     name: str
+    """As the skill calls it, or what was injected."""
     injected: float | None = None
+    """When it was made to happen."""
     happened: float | None = None
+    """When the fault's formula became true in the cell."""
     detected: float | None = None
+    """When the images showed it."""
     acted: float | None = None
+    """When the robot began to do something about it: to try again, or to stop."""
     recovered: float | None = None
+    """When the step was done after all."""
     predicted_delay: float | None = None
+    """From `happened` to `detected` as the program predicts it [s]."""
     moved_on: float | None = None
+    """For how long the robot moved on after that, to where the condition of a retry can be seen [s]; None if not."""
     camera: str | None = None
+    """Which it befell, None for a fault of the step."""
 
     @property
     def label(self) -> str:
@@ -66,24 +75,22 @@ class FaultRecord:
 
 
 @dataclass
-class StepRecord:
-    """A step as it was run; start and end on the run's clock [s].
-
-    label: the skill with its objects. unseen: the atoms about which formulas ask at the end of the motion, and of which
-    no image from then on showed anything, with when the last one that did was taken [s]; None if there was none.
-    """
+class StepRecord(_Recorded):
+    """A step as it was run; start and end on the run's clock [s]."""
 
     skill: str
     parameters: Mapping[str, float | str]
     label: str
+    """The skill with its objects."""
     start: float
     end: float | None = None
     attempts: int = 1
     unseen: Mapping[str, float | None] = field(default_factory=dict)
+    """What formulas ask about at the end of the motion and no image from then on showed: when one last did [s]."""
 
 
 @dataclass
-class Confusion:
+class Confusion(_Recorded):
     """How often a camera was predicted to see an atom (positive) and did (true), over its images."""
 
     tp: int = 0
@@ -109,23 +116,23 @@ class Confusion:
 
 
 @dataclass(frozen=True)
-class Disagreement:
-    """An image in which a prediction was wrong.
-
-    t: of the step [s]. predicted: whether the camera was predicted to see the atom. seen: what the image gave, true the
-    value. share: of the boxes that could be judged in the image. because: why it was not seen if it was predicted to
-    be: mask border, same colour behind, lighting or detector limit (see `perception.detection.MissReason`).
-    """
+class Disagreement(_Recorded):
+    """An image in which a prediction was wrong."""
 
     step: int
     t: float
+    """Of the step [s]."""
     atom: str
     camera: str
     predicted: bool
+    """Whether the camera was predicted to see the atom."""
     seen: str
+    """What the image gave: `true`, `false` or `blind`."""
     true: bool
     share: float
+    """Of the boxes that could be judged in the image."""
     because: str
+    """Why it was not seen if it was predicted to be: mask border, same colour behind, lighting or detector limit."""
 
 
 Prediction = dict[str, dict[str, Confusion]]
@@ -133,26 +140,27 @@ Prediction = dict[str, dict[str, Confusion]]
 
 
 @dataclass
-class RunReport:
-    """A whole run.
-
-    reason: why it stopped, None if it is done. time: simulated [s]. tracking: rms distance of the tool from where it
-    should have been [m]. stop_told, stop_done: when the robot was last told to stop, and stood [s].
-    """
+class RunReport(_Recorded):
+    """A whole run."""
 
     outcome: Literal["done", "stopped"] = "done"
     reason: str | None = None
+    """Why it stopped, None if it is done."""
     time: float = 0.0
+    """Simulated [s]."""
     steps: list[StepRecord] = field(default_factory=list)
     faults: list[FaultRecord] = field(default_factory=list)
     prediction: list[Prediction] = field(default_factory=list)
     disagreements: list[Disagreement] = field(default_factory=list)
     conflicts: int = 0
     tracking: float | None = None
+    """Distance of the tool from where it should have been [m], root mean square."""
     images: int = 0
     wall: dict[str, float] = field(default_factory=dict)
     stop_told: float | None = None
+    """When the robot was last commanded to stop [s]."""
     stop_done: float | None = None
+    """When it stood after that [s]."""
 
     def label_of(self, fault: FaultRecord) -> str:
         """What people read of one of the faults: where there are several steps, with the number of its step."""

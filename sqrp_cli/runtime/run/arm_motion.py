@@ -171,19 +171,17 @@ class ArmMotion:
 
 @dataclass(frozen=True, eq=False)
 class PathStop:
-    """A stop that begins at a time t [s], when the step's own clock shows tau [s], and lasts for a duration [s].
-
-    law: the clock, less tau, over the time since t, both as shares of the duration. last: what the clock never passes
-    [s].
-    protective: whether it may go to the limits of a protective stop.
-    """
+    """A stop that begins at a time t [s], when the step's own clock shows tau [s], and lasts for a duration [s]."""
 
     t: float
     tau: float
     duration: float
     last: float
+    """What the clock never passes [s]."""
     law: PiecewiseCubic
+    """The clock, less tau, over the time since t, both as shares of the duration."""
     protective: bool
+    """Whether it may go to the limits of a protective stop."""
 
     @classmethod
     def at_the_end(cls, t: float, tau: float, last: float, *, protective: bool) -> PathStop:

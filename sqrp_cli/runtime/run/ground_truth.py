@@ -81,18 +81,21 @@ class StateRecorder:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Where everything was during a run.
-
-    t: n times on the run's clock [s], shape (n,). joints: names of j joints. q: their positions, shape (n, j) [rad or
-    m]. held: what the tool held, n of them. poses: of each object in the world, as pairs of the index of a time and
-    the pose from then on (x, y, z [m] and a quaternion x, y, z, w).
-    """
+    """Where everything was during a run."""
 
     t: Array
+    """Times on the run's clock [s], shape (n,)."""
     joints: tuple[str, ...]
+    """Names of the j joints."""
     q: Array
+    """Their positions, shape (n, j) [rad or m]."""
     held: tuple[str | None, ...]
+    """What the tool held at each of the n times."""
     poses: Mapping[str, tuple[tuple[int, tuple[float, ...]], ...]]
+    """Of each object in the world, as pairs of the index of a time and the pose from then on.
+
+    A pose is x, y, z [m] and a quaternion x, y, z, w.
+    """
 
     @classmethod
     def of(cls, events: Iterable[Event]) -> Track | None:

@@ -1,4 +1,4 @@
-"""Faults that a run is told to suffer, as the command line writes them."""
+"""Faults that a run is to suffer, as the command line writes them."""
 
 from __future__ import annotations
 
@@ -35,26 +35,28 @@ _CAMERA_BY = re.compile(r"(?P<camera>[^@=]+)=(?P<delay>.+)")
 
 @dataclass(frozen=True)
 class InjectedFault:
-    """A fault that happens to a run.
-
-    t: when [s], from the start of its step's motion; None for one that waits for an event (a grasp, the start). step:
-    its number, from 1. camera: which one, for faults of cameras. delay: by how much its images are late [s].
-    """
+    """A fault that happens to a run."""
 
     kind: FaultKind
     text: str
     t: float | None = None
+    """When [s], from the start of its step's motion; None for one that waits for an event (a grasp, the start)."""
     camera: str | None = None
+    """Which one, for faults of cameras."""
     delay: float = 0.0
+    """By how much its images are late [s]."""
     step: int = 1
+    """Its number, from 1."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepPlace:
-    """A step of a program, where a fault may happen. number: from 1. steps: all of the program."""
+    """A step of a program, where a fault may happen."""
 
     number: int
+    """From 1."""
     steps: Sequence[Step]
+    """All of the program."""
 
     @property
     def primitives(self) -> Sequence[ProgramPrimitive]:
@@ -88,12 +90,14 @@ class StepPlace:
 
 
 @dataclass(frozen=True)
-class _Told:
-    """A fault as it was told, for messages. option: such as `--fault`. bare: the text without the number of a step."""
+class _FaultText:
+    """A fault as it was written, for messages."""
 
     option: str
+    """Such as `--fault`."""
     text: str
     bare: str
+    """The text without the number of a step."""
 
     def refused(self, message: str, mend: str | None = None) -> InputError:
         """mend: by default, the forms of a fault of this kind."""
@@ -111,101 +115,101 @@ def parse_fault(text: str, steps: Sequence[Step], cameras: Collection[str], rng:
     first is meant, or the first in which it can happen if the text names a primitive or a grasp. rng: of random
     instants.
     """
-    told, places = _read_step("--fault", text, steps)
-    head = _kind(told.bare)
+    written, places = _read_step("--fault", text, steps)
+    head = _kind(written.bare)
     if head not in _FORMS:
         if any(head == entry.fault for step in steps for entry in step.formulas):
-            raise told.refused(f"`{head}` is what monitors look for, and cannot be made to happen as such")
-        raise told.refused(f"there is no fault `{head}`; {expected_names(head, _FORMS)}")
-    rest, number = told.bare[len(head) :], places[0].number
+            raise written.refused(f"`{head}` is what monitors look for, and cannot be made to happen as such")
+        raise written.refused(f"there is no fault `{head}`; {expected_names(head, _FORMS)}")
+    rest, number = written.bare[len(head) :], places[0].number
     match head:
         case "slip":
-            return _slip(told, rest, places, rng)
+            return _slip(written, rest, places, rng)
         case "miss-pick":
             if rest:
-                raise told.refused(f"expected just `{head}`")
-            return InjectedFault("miss-pick", text, step=_grasping(told, places).number)
+                raise written.refused(f"expected just `{head}`")
+            return InjectedFault("miss-pick", text, step=_grasping(written, places).number)
         case "latency":
             found = _CAMERA_BY.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
             if found is None:
-                raise told.refused("expected the camera and by how much it is late")
-            camera = _camera(told, found["camera"], cameras)
-            return InjectedFault("latency", text, 0.0, camera, _time(told, found["delay"]), number)
+                raise written.refused("expected the camera and by how much it is late")
+            camera = _camera(written, found["camera"], cameras)
+            return InjectedFault("latency", text, 0.0, camera, _time(written, found["delay"]), number)
     found = _CAMERA_AT.fullmatch(rest.removeprefix(":")) if rest.startswith(":") else None
     if found is None:
-        raise told.refused("expected the camera and when it happens")
+        raise written.refused("expected the camera and when it happens")
     kind: FaultKind = "camera-loss" if head == "camera-loss" else "frozen" if head == "frozen" else "perception-crash"
-    camera = _camera(told, found["camera"], cameras)
-    return InjectedFault(kind, text, _time(told, found["time"]), camera, step=number)
+    camera = _camera(written, found["camera"], cameras)
+    return InjectedFault(kind, text, _time(written, found["time"]), camera, step=number)
 
 
 def parse_sweep(text: str, steps: Sequence[Step]) -> tuple[StepPlace, ProgramPrimitive]:
     """Where a sweep such as `slip@a4` or `2:slip@a4` is. Raises InputError for a fault that cannot be swept."""
-    told, places = _read_step("--sweep", text, steps)
-    kind, _, name = told.bare.partition("@")
+    written, places = _read_step("--sweep", text, steps)
+    kind, _, name = written.bare.partition("@")
     if kind not in SWEPT:
-        raise told.refused("expected `slip@` and a primitive of the program", _slip_instead(places))
+        raise written.refused("expected `slip@` and a primitive of the program", _slip_instead(places))
     found = _meant(name, places, 0.0)
     if found is None:
         whose = "the program" if len(places) == len(steps) else places[0].label
         message = f"expected `slip@` and a primitive of {whose}; {expected_names(name, _names(places))}"
-        raise told.refused(message, _in_another_step(told, name, steps) or _slip_instead(places))
-    _check_can_slip(told, found[0], [name])
+        raise written.refused(message, _in_another_step(written, name, steps) or _slip_instead(places))
+    _check_can_slip(written, found[0], [name])
     return found
 
 
-def _read_step(option: str, text: str, steps: Sequence[Step]) -> tuple[_Told, list[StepPlace]]:
-    """What was told, and the steps in which it may happen: all, or the one with whose number it begins."""
+def _read_step(option: str, text: str, steps: Sequence[Step]) -> tuple[_FaultText, list[StepPlace]]:
+    """What was written, and the steps in which it may happen: all, or the one with whose number it begins."""
     places = _places(steps)
     found = _STEP.fullmatch(text)
     if found is None:
-        return _Told(option, text, text), places
-    told, number = _Told(option, text, found["bare"]), int(found["number"])
+        return _FaultText(option, text, text), places
+    written, number = _FaultText(option, text, found["bare"]), int(found["number"])
     if 1 <= number <= len(places):
-        return told, [places[number - 1]]
+        return written, [places[number - 1]]
     names = ", ".join(place.named for place in places[:MOST_NAMES])
     more = f" and {len(places) - MOST_NAMES} more" if len(places) > MOST_NAMES else ""
     message = f"there is no step {number}; expected {'one of ' if len(places) > 1 else ''}{names}{more}"
-    raise told.refused(message, f"write {len(places) if number else 1}:{told.bare}")
+    raise written.refused(message, f"write {len(places) if number else 1}:{written.bare}")
 
 
 def _places(steps: Sequence[Step]) -> list[StepPlace]:
     return [StepPlace(number, steps) for number in range(1, len(steps) + 1)]
 
 
-def _slip(told: _Told, rest: str, places: Sequence[StepPlace], rng: np.random.Generator) -> InjectedFault:
+def _slip(written: _FaultText, rest: str, places: Sequence[StepPlace], rng: np.random.Generator) -> InjectedFault:
     found = _SLIP.fullmatch(rest.removeprefix("@")) if rest.startswith("@") else None
     if found is None:
-        raise told.refused("expected when it slips")
+        raise written.refused("expected when it slips")
     if found["time"]:
-        return _slip_at(told, _time(told, found["time"]), places[0])
-    name, offset = found["primitive"], _time(told, found["offset"] or "0")
+        return _slip_at(written, _time(written, found["time"]), places[0])
+    name, offset = found["primitive"], _time(written, found["offset"] or "0")
     meant = _meant(name, places, offset)
     if meant is None:
         whose = "the program" if len(places) == len(places[0].steps) else places[0].label
         message = f"{whose} has no primitive `{name}`; {expected_names(name, _names(places))}"
-        raise told.refused(message, _in_another_step(told, name, places[0].steps))
+        raise written.refused(message, _in_another_step(written, name, places[0].steps))
     place, primitive = meant
-    _check_can_slip(told, place, [name])
+    _check_can_slip(written, place, [name])
     if found["random"]:
         t = float(rng.uniform(primitive.start, primitive.end))
     else:
         t = primitive.start + offset
         if t > primitive.end:
             whose = f"`{name}`" if len(place.steps) == 1 else f"`{name}` of {place.label}"
-            raise told.refused(f"{whose} lasts only {primitive.end - primitive.start:.2f} s")
-    return InjectedFault("slip", told.text, t, step=place.number)
+            raise written.refused(f"{whose} lasts only {primitive.end - primitive.start:.2f} s")
+    return InjectedFault("slip", written.text, t, step=place.number)
 
 
-def _slip_at(told: _Told, t: float, place: StepPlace) -> InjectedFault:
+def _slip_at(written: _FaultText, t: float, place: StepPlace) -> InjectedFault:
     """A slip at a time of a step [s]."""
     last = place.primitives[-1].end
     if t > last:
         mend = None if len(place.steps) == 1 else "write N:slip@T for T seconds from the start of step N"
-        raise told.refused(f"{place.label} lasts only {last:.2f} s", mend)
+        raise written.refused(f"{place.label} lasts only {last:.2f} s", mend)
     during = [one.name for one in place.primitives if one.start - SAME_TIME <= t <= one.end + SAME_TIME]
-    _check_can_slip(told, place, during)
-    return InjectedFault("slip", told.text, t, step=place.number)
+    _check_can_slip(written, place, during)
+    return InjectedFault("slip", written.text, t, step=place.number)
 
 
 def _meant(name: str, places: Sequence[StepPlace], offset: float) -> tuple[StepPlace, ProgramPrimitive] | None:
@@ -220,13 +224,13 @@ def _names(places: Sequence[StepPlace]) -> set[str]:
     return {primitive.name for place in places for primitive in place.primitives}
 
 
-def _in_another_step(told: _Told, name: str, steps: Sequence[Step]) -> str | None:
-    """What to write instead if a primitive of some name is in another step than the one that was told."""
+def _in_another_step(written: _FaultText, name: str, steps: Sequence[Step]) -> str | None:
+    """What to write instead if a primitive of some name is in another step than the one that was written."""
     found = _meant(name, _places(steps), 0.0)
-    return None if found is None else f"write {found[0].prefix}{told.bare}"
+    return None if found is None else f"write {found[0].prefix}{written.bare}"
 
 
-def _grasping(told: _Told, places: Sequence[StepPlace]) -> StepPlace:
+def _grasping(written: _FaultText, places: Sequence[StepPlace]) -> StepPlace:
     """The first of some steps in which something is grasped."""
     if (found := next((place for place in places if place.grasps), None)) is not None:
         return found
@@ -234,10 +238,10 @@ def _grasping(told: _Told, places: Sequence[StepPlace]) -> StepPlace:
     whose = "this program" if len(places) == len(steps) else places[0].label
     everywhere = _places(steps)
     other = next((f"write {place.prefix}miss-pick" for place in everywhere if place.grasps), None)
-    raise told.refused(f"no primitive of {whose} grasps", other or _slip_instead(everywhere))
+    raise written.refused(f"no primitive of {whose} grasps", other or _slip_instead(everywhere))
 
 
-def _check_can_slip(told: _Told, place: StepPlace, during: Sequence[str]) -> None:
+def _check_can_slip(written: _FaultText, place: StepPlace, during: Sequence[str]) -> None:
     """Raises InputError where the tool holds nothing in any of some primitives, so that nothing can slip.
 
     during: names of primitives, at least one.
@@ -251,7 +255,7 @@ def _check_can_slip(told: _Told, place: StepPlace, during: Sequence[str]) -> Non
     where = f"`{during[0]}`" if len(place.steps) == 1 else f"`{during[0]}` of {place.label}"
     everywhere = _places(place.steps)
     mend = f"write {place.prefix}slip@{closest}" if closest is not None else _slip_instead(everywhere)
-    raise told.refused(f"the tool grasps or holds nothing in {where}, {expected}", mend)
+    raise written.refused(f"the tool grasps or holds nothing in {where}, {expected}", mend)
 
 
 def _slip_instead(places: Sequence[StepPlace]) -> str:
@@ -260,18 +264,18 @@ def _slip_instead(places: Sequence[StepPlace]) -> str:
     return able[0] if able else "let a camera fail, such as camera-loss:CAMERA@1.0"
 
 
-def _time(told: _Told, words: str) -> float:
+def _time(written: _FaultText, words: str) -> float:
     """A time [s], read from a plain number or one with a unit."""
     found = read_quantity(words)
     if found is None or found.dimension not in (None, TIME) or found.value < 0:
-        raise told.refused(f"expected {expected_quantity(TIME)}, 0 or more, found `{words}`")
+        raise written.refused(f"expected {expected_quantity(TIME)}, 0 or more, found `{words}`")
     return found.value
 
 
-def _camera(told: _Told, name: str, cameras: Collection[str]) -> str:
+def _camera(written: _FaultText, name: str, cameras: Collection[str]) -> str:
     if name not in cameras:
-        instead = told.text.replace(name, nearest(name, cameras) or min(cameras, default="CAMERA"))
-        raise told.refused(f"there is no camera `{name}`; {expected_names(name, cameras)}", f"write {instead}")
+        instead = written.text.replace(name, nearest(name, cameras) or min(cameras, default="CAMERA"))
+        raise written.refused(f"there is no camera `{name}`; {expected_names(name, cameras)}", f"write {instead}")
     return name
 
 

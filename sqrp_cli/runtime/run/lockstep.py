@@ -18,13 +18,11 @@ from sqrp_cli.runtime.run.ground_truth import GroundTruth
 
 @dataclass(frozen=True)
 class Due:
-    """Something to do at a time [s] of the cell's clock.
-
-    kind: a command to the tool, the beginning of a primitive, or a fault to inject.
-    """
+    """Something to do at a time [s] of the cell's clock."""
 
     t: float
     kind: Literal["tool", "primitive", "fault"]
+    """A command to the tool, the beginning of a primitive, or a fault to inject."""
     do: Callable[[], None]
 
 

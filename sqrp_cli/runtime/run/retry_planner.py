@@ -27,14 +27,12 @@ SPACING = 0.05
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where to stand and look.
-
-    stop_at: the time of the step at which to begin to stop [s]. cameras: that are predicted to see something from
-    there; none at the end of a motion from which nothing is predicted to be seen.
-    """
+    """Where to stand and look."""
 
     stop_at: float
+    """The time of the step at which to begin to stop [s]."""
     cameras: tuple[str, ...]
+    """That are predicted to see something from there; empty at the end of a motion from which nothing is."""
 
     def __str__(self) -> str:
         return f"where {listed(self.cameras)} should see it" if self.cameras else "at the end of the motion"

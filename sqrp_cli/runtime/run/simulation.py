@@ -64,16 +64,18 @@ class SweepSummary:
     """How the delays of a sweep compare with their predictions.
 
     A delay is as predicted if it is within `tolerance` [s] of the prediction: one frame period plus what it takes to
-    look at an image. predictable: runs whose fault came true and that the prediction says is seen. lateness: of each of
-    those that were seen, measured delay minus predicted [s]. delays: measured, of the same [s]. ends: when steps were
-    done after all [s].
+    look at an image.
     """
 
     tolerance: float
     predictable: int
+    """Runs whose fault came true and that the prediction says is seen."""
     lateness: tuple[float, ...]
+    """Of each of those that were seen, measured delay minus predicted [s]."""
     delays: tuple[float, ...]
+    """Measured, of the same [s]."""
     ends: tuple[float, ...]
+    """When steps were done after all [s]."""
 
     @classmethod
     def of(cls, runs: Iterable[SweepRun], period: float) -> SweepSummary:
