@@ -22,7 +22,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.motion.plan_motion import Motion
-from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.sensing.observer import sees_all
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate
 
@@ -107,7 +107,7 @@ def _formulas(study: Study) -> tuple[ProgramFormula, ...]:
 def _target(study: Study, column: int, cameras: tuple[str, ...]) -> ProgramTarget:
     target: Target = study.targets[column]
     observation = study.timeline.observation
-    sees = np.all([box.cause == Cause.NONE for box in observation.full_matrix[column]], axis=0)
+    sees = sees_all(observation.full_matrix[column])
     sees &= observation.required[:, column, None]
     return ProgramTarget(
         cameras=target.cameras,

@@ -47,8 +47,10 @@ class WatchedMotion:
     faults: Mapping[str, tuple[int, ...]]
 
     def timeline(self, sampling: Sampling, *, full: bool = False) -> Timeline:
-        times = monitored_time(self.formulas), interesting_time(self.formulas)
-        return observe(self.stage, self.observer, self.targets, self.faults, sampling, times, full=full)
+        T, T_eoi = monitored_time(self.formulas), interesting_time(self.formulas)
+        return observe(
+            self.stage, self.observer, self.targets, sampling, faults=self.faults, T=T, T_eoi=T_eoi, full=full
+        )
 
 
 def always(start: float, end: float, *literals: Literal) -> GroundFormula:

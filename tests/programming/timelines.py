@@ -49,13 +49,20 @@ def make_story(
     operator = formulas[-1].operator
     columns = tuple(ATOMS.index(literal.atom) for literal in operator.literals)
     timeline = Timeline(
-        pieces,
-        samples,
-        ATOMS,
-        Observation(np.ones(len(required), dtype=bool), required, required, covered, response, None),
-        {"slip": columns},
-        monitored_time(formulas),
-        interesting_time(formulas),
+        pieces=pieces,
+        samples=samples,
+        atoms=ATOMS,
+        observation=Observation(
+            looked=np.ones(len(required), dtype=bool),
+            required=required,
+            known=required,
+            covered=covered,
+            response=response,
+            matrix=None,
+        ),
+        faults={"slip": columns},
+        T=monitored_time(formulas),
+        T_eoi=interesting_time(formulas),
     )
     return Story(timeline, formulas, operator.stretch, float(ends[-1]))
 

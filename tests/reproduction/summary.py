@@ -41,9 +41,17 @@ def feasible_study(cell: Cell, candidate: Candidate, sampling: Sampling, *, full
 
 def seen_again(found: Study, cell: Cell, sampling: Sampling, *, full: bool = False) -> Study:
     """The same candidate and motion, before the cameras of a cell."""
-    timeline = found.timeline
-    times = (timeline.T, timeline.T_eoi)
-    seen = observe(found.stage, cell.observer, found.targets, timeline.faults, sampling, times, full=full)
+    known = found.timeline
+    seen = observe(
+        found.stage,
+        cell.observer,
+        found.targets,
+        sampling,
+        faults=known.faults,
+        T=known.T,
+        T_eoi=known.T_eoi,
+        full=full,
+    )
     return replace(found, timeline=seen)
 
 

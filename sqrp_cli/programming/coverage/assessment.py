@@ -27,33 +27,38 @@ from sqrp_cli.programming.task import Candidate
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What is reported of one candidate; all figures are None, and `faults` empty, where it is infeasible.
-
-    reasons: why it is infeasible, most useful first. time: of the whole motion [s]. q_avg, q_eoi: in 0..1. t_total,
-    t_eoi: T and T_eoi [s].
-    states: number of samples that hold literals. error: bound on the error of Q from bisection. largest_gap: between
-    samples [s].
-    ways_around: what goes around what, such as `a1 goes around wall`, where the direct move is blocked.
-    outside: the temporal operators that are never looked at, see `grounding.formulas_outside`.
-    verdict: one or two sentences. recalibrated: the qualities with camera poses drawn anew, if that was asked for.
-    """
+    """What is reported of one candidate; all figures are None, and `faults` empty, where it is infeasible."""
 
     candidate: Candidate
     feasible: bool
     reasons: tuple[str, ...] = ()
+    """Why it is infeasible, most useful first."""
     time: float | None = None
+    """Duration of the whole motion [s]."""
     q_avg: float | None = None
+    """Q_avg in 0..1; None where no formula applies."""
     q_eoi: float | None = None
+    """Q_eoi in 0..1; None where there is no event of interest."""
     t_total: float | None = None
+    """T [s]."""
     t_eoi: float | None = None
+    """T_eoi [s]."""
     faults: Mapping[str, FaultMetrics] = field(default_factory=dict)
+    """By the fault's name."""
     states: int | None = None
+    """Number of samples that hold literals."""
     error: float | None = None
+    """Bound on the error of Q from bisection, in 0..1."""
     largest_gap: float | None = None
+    """Between samples [s]."""
     ways_around: tuple[str, ...] = ()
+    """What goes around what, such as `a1 goes around wall`, where the direct move is blocked."""
     outside: tuple[tuple[int, int], ...] = ()
+    """The temporal operators that are never looked at, see `grounding.formulas_outside`."""
     verdict: str = ""
+    """One or two sentences."""
     recalibrated: tuple[Qualities, ...] = ()
+    """The qualities with camera poses drawn anew, if that was asked for."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if a figure is not finite."""
@@ -131,8 +136,16 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
     )
     targets = grounder.targets(formulas)
     stage = Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO)
-    times = (monitored_time(formulas), interesting_time(formulas))
-    timeline = observe(stage, cell.observer, targets, _fault_columns(formulas, targets), sampling, times, full=full)
+    timeline = observe(
+        stage,
+        cell.observer,
+        targets,
+        sampling,
+        faults=_fault_columns(formulas, targets),
+        T=monitored_time(formulas),
+        T_eoi=interesting_time(formulas),
+        full=full,
+    )
     start = min((fault_intervals(formulas, fault)[0].start for fault in timeline.faults), default=motion.time)
     return Study(
         candidate=candidate,

@@ -1,4 +1,7 @@
-"""When which camera sees which literal in a candidate, and what keeps it from seeing: a record to keep and compare."""
+"""What keeps which camera from seeing which target: at a sample, in total, and when.
+
+`Coverage` is a record of it to keep and compare.
+"""
 
 from __future__ import annotations
 
@@ -21,14 +24,14 @@ from sqrp_cli.programming.sensing.observer import BoxVerdicts
 
 @dataclass(frozen=True)
 class Failure:
-    """The first limit that fails for a target in one sample and camera; cause NONE where it is seen.
-
-    by: as in `BoxVerdicts`. figure: by how much the limit is missed.
-    """
+    """The first limit that fails for a target in one sample and camera."""
 
     cause: Cause
+    """NONE where the camera sees the target."""
     by: int
+    """As in `BoxVerdicts`."""
     figure: float
+    """By how much the limit is missed, in the limit's unit."""
 
 
 SEEN = Failure(Cause.NONE, -1, 0.0)
@@ -38,16 +41,16 @@ _CAUSES = {int(cause): cause for cause in Cause}
 
 @dataclass(frozen=True)
 class CauseTotal:
-    """How long [s] a camera does not see the boxes of an atom's target for one cause, while it must be observable.
-
-    by: the occluder, or the side of the image; None otherwise.
-    """
+    """How long a camera does not see an atom's target for one cause, while it must be observable."""
 
     atom: Atom
     camera: str
+    """Its name."""
     cause: Cause
     by: str | None
+    """The occluder, or the side of the image; None otherwise."""
     duration: float
+    """[s]."""
 
 
 def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
@@ -66,7 +69,13 @@ def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
                 if failure.cause is not Cause.NONE:
                     sums[camera, failure.cause, failure.by] += float(weights[row])
         found = [
-            CauseTotal(target.atom, cell.observer.cameras[camera].name, cause, by_name(cell, cause, by), duration)
+            CauseTotal(
+                atom=target.atom,
+                camera=cell.observer.cameras[camera].name,
+                cause=cause,
+                by=by_name(cell, cause, by),
+                duration=duration,
+            )
             for (camera, cause, by), duration in sums.items()
             if duration > 0
         ]
@@ -111,14 +120,12 @@ def sample_weights(study: Study) -> Array:
 
 @dataclass(frozen=True)
 class BlindSpan:
-    """A stretch of time in which a camera does not see a target, always for the same cause.
-
-    by: the occluder, or the side of the image; None otherwise.
-    """
+    """A stretch of time in which a camera does not see a target, always for the same cause."""
 
     stretch: Stretch
     cause: Cause
     by: str | None
+    """The occluder, or the side of the image; None otherwise."""
 
     @property
     def words(self) -> str:
@@ -129,15 +136,14 @@ class BlindSpan:
 
 @dataclass(frozen=True)
 class TargetCoverage:
-    """How the target of an atom is seen.
-
-    needed: cameras that must see it. required: when it must be observable. blind: per camera, in order of time and
-    without overlap, when it does not see it while it is required.
-    """
+    """How the target of an atom is seen."""
 
     needed: int
+    """Cameras that must see it."""
     required: tuple[Stretch, ...]
+    """When it must be observable."""
     blind: Mapping[str, tuple[BlindSpan, ...]]
+    """Per camera, in order of time and without overlap, when it does not see the target while it is required."""
 
     def seen_by(self, camera: str) -> tuple[Stretch, ...]:
         """When a camera sees it; never if there is no such camera."""
@@ -160,10 +166,12 @@ class TargetCoverage:
 
 @dataclass(frozen=True)
 class Coverage:
-    """The coverage of a candidate over time [s]. primitives: when each ends, by name. targets: by atom."""
+    """The coverage of a candidate over time."""
 
     primitives: Mapping[str, float]
+    """When each ends, by name [s]."""
     targets: Mapping[str, TargetCoverage]
+    """By atom."""
 
 
 def coverage_of(cell: Cell, study: Study) -> Coverage:

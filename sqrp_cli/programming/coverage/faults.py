@@ -40,17 +40,20 @@ def fault_metrics(
 
 @dataclass(frozen=True)
 class _Range:
-    """A range of x in which the delay falls linearly (slope -1) while blind, or stays constant while seen.
-
-    seen: whether the fault is visible. noticed: when a fault of this range is noticed [s] if blind. response: [s].
-    """
+    """A range of x in which the delay falls linearly (slope -1) while blind, or stays constant while seen."""
 
     start: float
+    """[s]."""
     end: float
+    """[s]."""
     seen: bool
-    noticed: float
-    response: float
+    """Whether a fault is visible at once."""
+    noticed: float = 0.0
+    """When a fault of this range is noticed if it is not [s]."""
+    response: float = 0.0
+    """From when it is visible until images show it [s]."""
     ever: bool = True
+    """Whether it is noticed before the end."""
 
 
 def interval_metrics(
@@ -100,11 +103,11 @@ def _ranges(timeline: Timeline, fault: str, interval: Stretch, total: float) -> 
             yield _Range(x, min(start, interval.end), seen=False, noticed=start + delay, response=delay)
             x = start
         if x <= interval.end:
-            yield _Range(x, min(end, interval.end), seen=True, noticed=0.0, response=delay)
+            yield _Range(x, min(end, interval.end), seen=True, response=delay)
             x = end
         found = True
     if x < interval.end or not found:
-        yield _Range(x, interval.end, seen=False, noticed=total, response=0.0, ever=False)
+        yield _Range(x, interval.end, seen=False, noticed=total, ever=False)
 
 
 def _stretches(together: Mask, response: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:

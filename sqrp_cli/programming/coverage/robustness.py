@@ -12,8 +12,7 @@ from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import observe
-from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.sensing.observer import Observer, sees_all
 
 DRAWS = 20
 """Sets of camera poses that are drawn to see what an inexact calibration does."""
@@ -21,15 +20,14 @@ DRAWS = 20
 
 @dataclass(frozen=True)
 class Calibration:
-    """How exactly the cameras are calibrated.
-
-    position, rotation: standard deviations of the error of each camera's optical frame along [m] and about [rad] each
-    of its axes. seed: of the errors that are drawn.
-    """
+    """How exactly the cameras are calibrated."""
 
     position: float
+    """Standard deviation of the error of each camera's optical frame along each of its axes [m]."""
     rotation: float
+    """The same about each of its axes [rad]."""
     seed: int
+    """Of the errors that are drawn."""
 
 
 def without_each_camera(cell: Cell, study: Study) -> dict[str, Qualities]:
@@ -39,8 +37,7 @@ def without_each_camera(cell: Cell, study: Study) -> dict[str, Qualities]:
     for index, camera in enumerate(cell.observer.cameras):
         covered = observation.covered.copy()
         for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
-            sees = np.all([box.cause == Cause.NONE for box in boxes], axis=0)
-            enough = np.delete(sees, index, axis=1).sum(axis=1) >= target.cameras
+            enough = np.delete(sees_all(boxes), index, axis=1).sum(axis=1) >= target.cameras
             covered[:, column] = observation.required[:, column] & enough
         timeline = replace(study.timeline, observation=replace(observation, covered=covered))
         qualities[camera.name] = Qualities.of(timeline)
@@ -52,13 +49,20 @@ def under_calibration_errors(
 ) -> tuple[Qualities, ...]:
     """The qualities of a candidate for `DRAWS` draws of camera poses; draw i is the same for every candidate."""
     timeline = study.timeline
-    found = []
-    for draw in range(DRAWS):
-        observer = perturbed(cell.observer, calibration, draw)
-        times = (timeline.T, timeline.T_eoi)
-        seen = observe(study.stage, observer, study.targets, timeline.faults, sampling, times, full=False)
-        found.append(Qualities.of(seen))
-    return tuple(found)
+    timelines = (
+        observe(
+            study.stage,
+            perturbed(cell.observer, calibration, draw),
+            study.targets,
+            sampling,
+            faults=timeline.faults,
+            T=timeline.T,
+            T_eoi=timeline.T_eoi,
+            full=False,
+        )
+        for draw in range(DRAWS)
+    )
+    return tuple(map(Qualities.of, timelines))
 
 
 def perturbed(observer: Observer, calibration: Calibration, draw: int) -> Observer:

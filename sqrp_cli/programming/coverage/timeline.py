@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, Mask, ranges
+from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.pieces import Piece
-from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer, sees_all
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.targets import Target
 
@@ -37,21 +36,23 @@ _TOGETHER = 1000
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What the cameras see of `a` targets in m samples.
-
-    looked: whether nothing is taken over from the samples around it, shape (m,). required: whether a state holds the
-    target's atom, shape (m, a). known: where it is required and was asked for, shape (m, a), or the samples around it
-    agree: where only coverage is asked, another atom may already have decided. covered: shape (m, a), False where not
-    known. response: of the cameras that cover it [s], NaN where uncovered, shape (m, a).
-    matrix: per target and box the verdicts of every camera; None where only coverage was asked.
-    """
+    """What the cameras see of `a` targets in m samples."""
 
     looked: Mask
+    """Whether nothing is taken over from the samples around it, shape (m,)."""
     required: Mask
+    """Whether a state holds the target's atom, shape (m, a)."""
     known: Mask
+    """Where it is required and was asked for, or the samples around it agree, shape (m, a).
+
+    Where only coverage is asked, another atom may already have decided.
+    """
     covered: Mask
+    """Whether enough cameras see the target, False where not known, shape (m, a)."""
     response: Array
+    """Of the cameras that cover it, NaN where uncovered, shape (m, a) [s]."""
     matrix: tuple[tuple[BoxVerdicts, ...], ...] | None
+    """Per target and box the verdicts of every camera; None where only coverage was asked."""
 
     @property
     def full_matrix(self) -> tuple[tuple[BoxVerdicts, ...], ...]:
@@ -64,19 +65,32 @@ class Observation:
     def unknown(cls, required: Mask) -> Observation:
         """Nothing yet of samples that require targets, shape (m, a)."""
         nothing = np.zeros(required.shape, dtype=bool)
-        looked = np.ones(len(required), dtype=bool)
-        return cls(looked, required, nothing, nothing, np.full(required.shape, np.nan), None)
+        return cls(
+            looked=np.ones(len(required), dtype=bool),
+            required=required,
+            known=nothing,
+            covered=nothing,
+            response=np.full(required.shape, np.nan),
+            matrix=None,
+        )
 
-    def agreed(self, first: NDArray[np.int64], second: NDArray[np.int64]) -> Observation:
+    def agreed(self, first: Indices, second: Indices) -> Observation:
         """What the samples `first` and `second`, by index, agree about, without a matrix."""
         covered, response = self.covered, self.response
         both = self.known[first] & self.known[second]
         seen = both & covered[first] & covered[second] & (response[first] == response[second])
         unseen = both & ~covered[first] & ~covered[second]
-        required, known = self.required[first] & self.required[second], seen | unseen
-        return Observation(~known.any(axis=1), required, known, seen, np.where(seen, response[first], np.nan), None)
+        known = seen | unseen
+        return Observation(
+            looked=~known.any(axis=1),
+            required=self.required[first] & self.required[second],
+            known=known,
+            covered=seen,
+            response=np.where(seen, response[first], np.nan),
+            matrix=None,
+        )
 
-    def joined(self, other: Observation, order: NDArray[np.int64]) -> Observation:
+    def joined(self, other: Observation, order: Indices) -> Observation:
         """The rows of both in the given order."""
 
         def join(first: NDArray[Scalar], second: NDArray[Scalar]) -> NDArray[Scalar]:
@@ -87,38 +101,43 @@ class Observation:
             matrix = tuple(
                 tuple(
                     BoxVerdicts(
-                        join(a.cause, b.cause), join(a.by, b.by), join(a.figure, b.figure), join(a.visible, b.visible)
+                        cause=join(box.cause, more.cause),
+                        by=join(box.by, more.by),
+                        figure=join(box.figure, more.figure),
+                        visible=join(box.visible, more.visible),
                     )
-                    for a, b in zip(boxes, others, strict=True)
+                    for box, more in zip(boxes, others, strict=True)
                 )
                 for boxes, others in zip(self.matrix, other.matrix, strict=True)
             )
         return Observation(
-            join(self.looked, other.looked),
-            join(self.required, other.required),
-            join(self.known, other.known),
-            join(self.covered, other.covered),
-            join(self.response, other.response),
-            matrix,
+            looked=join(self.looked, other.looked),
+            required=join(self.required, other.required),
+            known=join(self.known, other.known),
+            covered=join(self.covered, other.covered),
+            response=join(self.response, other.response),
+            matrix=matrix,
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """The coverage of a candidate over its motion.
-
-    atoms: in the order of the columns of `observation`. T, T_eoi: see `pieces.monitored_time` and `interesting_time`
-    [s].
-    faults: the columns of the atoms of each fault.
-    """
+    """The coverage of a candidate over its motion, at m samples."""
 
     pieces: tuple[Piece, ...]
+    """Of the motion, in order."""
     samples: Samples
+    """When the cameras were asked."""
     atoms: tuple[Atom, ...]
+    """In the order of the columns of `observation`."""
     observation: Observation
+    """What they see."""
     faults: Mapping[str, tuple[int, ...]]
+    """The columns of the atoms of each fault, by its name."""
     T: float
+    """Duration of the union of all formulas' intervals, see `pieces.monitored_time` [s]."""
     T_eoi: float
+    """Duration of the union of the events of interest, see `pieces.interesting_time` [s]."""
 
     @cached_property
     def monitored(self) -> Mask:
@@ -174,36 +193,48 @@ def observe(
     stage: Stage,
     observer: Observer,
     targets: Sequence[Target],
-    faults: Mapping[str, tuple[int, ...]],
     sampling: Sampling,
-    times: tuple[float, float],
     *,
+    faults: Mapping[str, tuple[int, ...]],
+    T: float,
+    T_eoi: float,
     full: bool,
 ) -> Timeline:
     """Sample a motion and, if the sampling is adaptive, bisect every transition of the coverage.
 
-    faults: columns (indices into `targets`) of each fault's atoms. times: T and T_eoi [s].
-    full: give the verdicts of every camera with causes, and bisect the transitions of each camera as well.
+    faults, T, T_eoi: see `Timeline`; the columns are indices into `targets`. full: give the verdicts of every camera
+    with causes, and bisect the transitions of each camera as well.
     """
+    watch = _MotionWatch(stage=stage, observer=observer, targets=tuple(targets), faults=faults, full=full)
     samples = first_samples(sampling, stage, observer, targets)
-    observation = _look(stage, observer, targets, faults, samples, full=full)
     timeline = Timeline(
-        stage.pieces, samples, tuple(target.atom for target in targets), observation, faults, times[0], times[1]
+        pieces=stage.pieces,
+        samples=samples,
+        atoms=tuple(target.atom for target in targets),
+        observation=watch.observation(samples),
+        faults=faults,
+        T=T,
+        T_eoi=T_eoi,
     )
     while isinstance(sampling, Adaptive) and (finer := _finer(timeline, sampling.tolerance)) is not None:
-        added, begin = finer
-        order = timeline.samples.merge_order(added)
-        agreed = timeline.observation.agreed(begin, begin + 1)
-        found = _look(stage, observer, targets, faults, added, agreed, full=full)
-        observation = timeline.observation.joined(found, order)
-        timeline = replace(timeline, samples=timeline.samples.joined(added, order), observation=observation)
+        order = timeline.samples.merge_order(finer.samples)
+        agreed = timeline.observation.agreed(finer.bracket, finer.bracket + 1)
+        observation = timeline.observation.joined(watch.observation(finer.samples, agreed), order)
+        timeline = replace(timeline, samples=timeline.samples.joined(finer.samples, order), observation=observation)
     return timeline
 
 
-def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, NDArray[np.int64]] | None:
-    """Samples that cut every bracket around a transition that is still too wide; None when none is.
+class _FinerSamples(NamedTuple):
+    """Samples between those of a timeline."""
 
-    With the sample at which the bracket of each begins, by index.
+    samples: Samples
+    """n of them."""
+    bracket: Indices
+    """Index of the timeline's sample before each, shape (n,)."""
+
+
+def _finer(timeline: Timeline, tolerance: float) -> _FinerSamples | None:
+    """Samples that cut every bracket around a transition that is still too wide; None when none is.
 
     Each is cut into equal parts, in as many rounds as cost least in all: many parts at once, or few again and again.
     """
@@ -216,7 +247,7 @@ def _finer(timeline: Timeline, tolerance: float) -> tuple[Samples, NDArray[np.in
     _, parts = min(ways, key=lambda way: way[0] * (_LOOK + int(way[1].sum())))
     bracket, part = ranges(np.ones(len(rows)), parts)
     row = rows[bracket]
-    return Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), row
+    return _FinerSamples(Samples(piece[row], t[row] + (steps[rows] / parts)[bracket] * part), bracket=row)
 
 
 def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
@@ -236,84 +267,82 @@ def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
         changes = (covered[1:] != covered[:-1]) & apart
         allowed[changes] = np.minimum(allowed[changes], error_eoi)
     if timeline.observation.matrix:
-        cameras = np.concatenate(
-            [np.all([box.cause == Cause.NONE for box in boxes], axis=0) for boxes in timeline.observation.matrix],
-            axis=1,
-        )
+        cameras = np.concatenate([sees_all(boxes) for boxes in timeline.observation.matrix], axis=1)
         changes = (cameras[1:] != cameras[:-1]).any(axis=1) & apart
         allowed[changes] = np.minimum(allowed[changes], error)
     return np.maximum(allowed, SHORTEST_BRACKET)
 
 
-def _look(
-    stage: Stage,
-    observer: Observer,
-    targets: Sequence[Target],
-    faults: Mapping[str, tuple[int, ...]],
-    samples: Samples,
-    agreed: Observation | None = None,
-    *,
-    full: bool,
-) -> Observation:
-    """What is seen in the samples; agreed: what those agree about between which each lies."""
-    atoms = [{literal.atom for literal in piece.literals} for piece in stage.pieces]
-    held = np.array([[target.atom in of_piece for target in targets] for of_piece in atoms], dtype=bool)
-    required = held[samples.piece]
-    states = stage.states(samples)
-    if full:
-        return _full_look(observer, targets, states, required)
-    return _quick_look(observer, targets, faults, states, required, agreed or Observation.unknown(required))
+@dataclass(frozen=True, eq=False)
+class _MotionWatch:
+    """What stays the same while samples of a motion are added."""
 
+    stage: Stage
+    observer: Observer
+    targets: tuple[Target, ...]
+    faults: Mapping[str, tuple[int, ...]]
+    """Columns of each fault's atoms: indices into `targets`."""
+    full: bool
+    """Whether to ask for the verdicts of every camera."""
 
-def _full_look(observer: Observer, targets: Sequence[Target], states: SceneStates, required: Mask) -> Observation:
-    matrix = observer.verdicts(targets, states)
-    responses = np.array([camera.response for camera in observer.cameras])
-    covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
-    for column, (target, boxes) in enumerate(zip(targets, matrix, strict=True)):
-        sees = np.all([box.cause == Cause.NONE for box in boxes], axis=0)
-        covered[:, column] = required[:, column] & (sees.sum(axis=1) >= target.cameras)
-        if target.cameras <= len(responses):
-            kth = np.sort(np.where(sees, responses, np.inf), axis=1)[:, target.cameras - 1]
-            response[:, column] = np.where(covered[:, column], kth, np.nan)
-    return Observation(np.ones(len(required), dtype=bool), required, required, covered, response, matrix)
+    def observation(self, samples: Samples, agreed: Observation | None = None) -> Observation:
+        """What is seen in the samples; agreed: what those agree about between which each lies."""
+        atoms = [{literal.atom for literal in piece.literals} for piece in self.stage.pieces]
+        held = np.array([[target.atom in of_piece for target in self.targets] for of_piece in atoms], dtype=bool)
+        required = held[samples.piece]
+        states = self.stage.states(samples)
+        if self.full:
+            return self._full(states, required)
+        return self._coverage_only(states, required, agreed or Observation.unknown(required))
 
+    def _full(self, states: SceneStates, required: Mask) -> Observation:
+        matrix = self.observer.verdicts(self.targets, states)
+        responses = np.array([camera.response for camera in self.observer.cameras])
+        covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
+        for column, (target, boxes) in enumerate(zip(self.targets, matrix, strict=True)):
+            sees = sees_all(boxes)
+            covered[:, column] = required[:, column] & (sees.sum(axis=1) >= target.cameras)
+            if target.cameras <= len(responses):
+                kth = np.sort(np.where(sees, responses, np.inf), axis=1)[:, target.cameras - 1]
+                response[:, column] = np.where(covered[:, column], kth, np.nan)
+        return Observation(
+            looked=np.ones(len(required), dtype=bool),
+            required=required,
+            known=required,
+            covered=covered,
+            response=response,
+            matrix=matrix,
+        )
 
-def _quick_look(
-    observer: Observer,
-    targets: Sequence[Target],
-    faults: Mapping[str, tuple[int, ...]],
-    states: SceneStates,
-    required: Mask,
-    agreed: Observation,
-) -> Observation:
-    """Coverage only.
+    def _coverage_only(self, states: SceneStates, required: Mask, agreed: Observation) -> Observation:
+        """Coverage, without the verdicts of every camera.
 
-    A target is not looked at where the state and every fault that needs it are already known uncovered, nor between
-    samples that agree about it. Where there are few samples, several targets are looked at together all the same.
-    """
-    known, covered, response = agreed.known.copy(), agreed.covered.copy(), agreed.response.copy()
-    lost = known & ~covered
-    state_open = ~lost.any(axis=1)
-    fault_open = {fault: ~lost[:, list(columns)].any(axis=1) for fault, columns in faults.items()}
-    order = sorted(range(len(targets)), key=lambda index: _moving_boxes(targets[index], states))
-    together = max(1, _TOGETHER // len(required))
-    for columns in (order[start : start + together] for start in range(0, len(order), together)):
-        rows = []
-        for column in columns:
-            wanted = np.logical_or.reduce([state_open, *(fault_open[fault] for fault in _faults_of(column, faults))])
-            rows.append(np.flatnonzero(required[:, column] & ~known[:, column] & wanted))
-        found = observer.coverage([targets[column] for column in columns], states, rows)
-        for column, asked, coverage in zip(columns, rows, found, strict=True):
-            known[asked, column] = True
-            covered[asked, column], response[asked, column] = coverage.covered, coverage.response
-            state_open &= covered[:, column] | ~required[:, column]
-            for fault in _faults_of(column, faults):
-                fault_open[fault] &= covered[:, column]
-    return Observation(agreed.looked, required, known, covered, response, None)
+        A target is not looked at where the state and every fault that needs it are already known uncovered, nor between
+        samples that agree about it. Where there are few samples, several targets are looked at together all the same.
+        """
+        targets, faults = self.targets, self.faults
+        known, covered, response = agreed.known.copy(), agreed.covered.copy(), agreed.response.copy()
+        lost = known & ~covered
+        state_open = ~lost.any(axis=1)
+        fault_open = {fault: ~lost[:, list(columns)].any(axis=1) for fault, columns in faults.items()}
+        order = sorted(range(len(targets)), key=lambda index: _moving_boxes(targets[index], states))
+        together = max(1, _TOGETHER // len(required))
+        for columns in (order[start : start + together] for start in range(0, len(order), together)):
+            rows = []
+            for column in columns:
+                wanted = np.logical_or.reduce([state_open, *(fault_open[fault] for fault in self._faults_of(column))])
+                rows.append(np.flatnonzero(required[:, column] & ~known[:, column] & wanted))
+            found = self.observer.coverage([targets[column] for column in columns], states, rows)
+            for column, asked, coverage in zip(columns, rows, found, strict=True):
+                known[asked, column] = True
+                covered[asked, column], response[asked, column] = coverage.covered, coverage.response
+                state_open &= covered[:, column] | ~required[:, column]
+                for fault in self._faults_of(column):
+                    fault_open[fault] &= covered[:, column]
+        return replace(agreed, required=required, known=known, covered=covered, response=response)
 
-
-def _faults_of(column: int, faults: Mapping[str, tuple[int, ...]]) -> list[str]:
-    return [fault for fault, columns in faults.items() if column in columns]
+    def _faults_of(self, column: int) -> list[str]:
+        return [fault for fault, columns in self.faults.items() if column in columns]
 
 
 def _moving_boxes(target: Target, states: SceneStates) -> int:

@@ -18,7 +18,7 @@ from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.coverage.blind_spans import by_name, first_failures
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.programming.sensing.observer import BoxVerdicts
+from sqrp_cli.programming.sensing.observer import BoxVerdicts, sees_all
 
 _LOOKS, _LOOKS_OF_SEVERAL = 5, 25
 """Samples of a blind stretch at which the causes are looked up; where several cameras are needed, each may see at some
@@ -55,19 +55,20 @@ _ADVICE = {
 
 @dataclass(frozen=True)
 class CameraCause:
-    """Why a camera does not see a target over a stretch: its commonest first failing limit.
-
-    by: the occluder, or the side of the image; None otherwise. figure: mean amount by which the limit is missed, in the
-    limit's unit. partly: whether it does see the target for a part of the stretch.
-    """
+    """Why a camera does not see a target over a stretch: its commonest first failing limit."""
 
     camera: str
+    """Its name."""
     cause: Cause
+    """The limit."""
     by: str | None
+    """The occluder, or the side of the image; None otherwise."""
     figure: float
+    """Mean amount by which the limit is missed, in the limit's unit."""
     partly: bool
+    """Whether the camera does see the target for a part of the stretch."""
 
-    def told(self, templates: dict[Cause, str], atom: Atom) -> str:
+    def sentence(self, templates: dict[Cause, str], atom: Atom) -> str:
         """One of the sentences above about this camera."""
         match self.cause:
             case Cause.OBLIQUE:
@@ -87,19 +88,20 @@ class CameraCause:
 
 @dataclass(frozen=True)
 class BlindStretch:
-    """A stretch of time in which a state is not covered.
-
-    start, end: first and last uncovered sample [s]. atom: one whose target is not covered. causes: of every camera that
-    does not see it, the one that comes nearest to seeing it first. seeing: the cameras that do see it. needed: how many
-    must.
-    """
+    """A stretch of time in which a state is not covered."""
 
     start: float
+    """First uncovered sample [s]."""
     end: float
+    """Last uncovered sample [s]."""
     atom: Atom
+    """One whose target is not covered."""
     causes: tuple[CameraCause, ...]
+    """Of every camera that does not see it, the one that comes nearest to seeing it first."""
     seeing: tuple[str, ...]
+    """The cameras that do see it."""
     needed: int
+    """How many must."""
 
     def __str__(self) -> str:
         when = f"from {self.start:.1f} s to {self.end:.1f} s"
@@ -112,7 +114,7 @@ class BlindStretch:
             seen = f"; {', '.join(self.seeing)} {'sees' if len(self.seeing) == 1 else 'see'} it" if self.seeing else ""
             return f"Fewer than {self.needed} cameras see {self.atom} {when} ({_listed(self.causes)}{seen})"
         nearest, *others = self.causes
-        sentence = f"{nearest.told(_SENTENCES, self.atom)} {when}"
+        sentence = f"{nearest.sentence(_SENTENCES, self.atom)} {when}"
         return f"{sentence}, and no other camera makes up for it ({_listed(others)})" if others else sentence
 
     @property
@@ -120,7 +122,7 @@ class BlindStretch:
         """What would help."""
         if not self.causes:
             return "add a camera"
-        return self.causes[0].told(_ADVICE, self.atom)
+        return self.causes[0].sentence(_ADVICE, self.atom)
 
 
 def _listed(causes: Sequence[CameraCause]) -> str:
@@ -173,8 +175,7 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     matrices = cell.observer.verdicts(targets, states)
     lost = np.stack(
         [
-            uncovered[:, column]
-            & (np.all([box.cause == Cause.NONE for box in boxes], axis=0).sum(axis=1) < target.cameras)
+            uncovered[:, column] & (sees_all(boxes).sum(axis=1) < target.cameras)
             for column, target, boxes in zip(columns, targets, matrices, strict=True)
         ]
     )
@@ -206,5 +207,6 @@ def _camera_causes(cell: Cell, boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.
         if figures:
             cause, by = max(figures, key=lambda kind: len(figures[kind]))
             figure, partly = float(np.mean(figures[cause, by])), sum(map(len, figures.values())) < len(rows)
-            found.append(CameraCause(camera.name, cause, by_name(cell, cause, by), figure, partly))
+            name = by_name(cell, cause, by)
+            found.append(CameraCause(camera=camera.name, cause=cause, by=name, figure=figure, partly=partly))
     return sorted(found, key=lambda camera_cause: (camera_cause.partly, -camera_cause.cause))

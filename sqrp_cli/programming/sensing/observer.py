@@ -48,6 +48,12 @@ class BoxVerdicts:
     """Visible share: that of the silhouette that is seen, NaN where an earlier limit failed, shape (m, c)."""
 
 
+def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:
+    """Whether each camera sees all boxes of a target, shape (m, c)."""
+    sees: Mask = np.all([box.cause == Cause.NONE for box in boxes], axis=0)
+    return sees
+
+
 @dataclass(frozen=True, eq=False)
 class CoveredStates:
     """Whether a target is covered in m states, and how soon after an event the images show it."""

@@ -89,9 +89,17 @@ def compare(name: str, adaptive: Timeline, dense: Timeline) -> tuple[Difference,
 
 def again(cell: Cell, studied: Study, sampling: Sampling) -> Timeline:
     """The time line of a candidate with another sampling."""
-    times = studied.timeline.T, studied.timeline.T_eoi
-    faults = studied.timeline.faults
-    return observe(studied.stage, cell.observer, studied.targets, faults, sampling, times, full=False)
+    known = studied.timeline
+    return observe(
+        studied.stage,
+        cell.observer,
+        studied.targets,
+        sampling,
+        faults=known.faults,
+        T=known.T,
+        T_eoi=known.T_eoi,
+        full=False,
+    )
 
 
 def judge(title: str, found: list[Difference]) -> None:
