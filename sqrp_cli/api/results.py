@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 AnyDocument = TypeVar("AnyDocument", bound=Document, covariant=True)
 
 
-class Result(ABC, Generic[AnyDocument]):
+class Answer(ABC, Generic[AnyDocument]):
     """An answer. `print` and a notebook show it as the command of the same name does."""
 
     @property
@@ -67,7 +67,7 @@ class Result(ABC, Generic[AnyDocument]):
 
 
 @dataclass(frozen=True, eq=False)
-class Ranking(Result[RankDocument]):
+class Ranking(Answer[RankDocument]):
     """The candidates of a task, best first.
 
     ranked: the candidates, infeasible ones last. interrupted: whether some are missing because of Ctrl-C.
@@ -131,7 +131,7 @@ class Ranking(Result[RankDocument]):
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation(Result[TaskDocument]):
+class Explanation(Answer[TaskDocument]):
     """Some candidates over time.
 
     task: as it was asked. ranking: of all candidates. explained: those that were asked about, each with its study, None
@@ -174,7 +174,7 @@ class Explanation(Result[TaskDocument]):
 
 
 @dataclass(frozen=True, eq=False)
-class Check(Result[CheckDocument]):
+class Check(Answer[CheckDocument]):
     """The findings about a workspace, and which candidates of a task can be done.
 
     path: of the workspace, as it was given. found: empty without a task. suggested: what has to be done first.
@@ -215,7 +215,7 @@ class Check(Result[CheckDocument]):
 
 
 @dataclass(frozen=True, eq=False)
-class Scene(Result[ShowDocument]):
+class Scene(Answer[ShowDocument]):
     """What was understood of a workspace."""
 
     cell: Cell
@@ -233,7 +233,7 @@ class Scene(Result[ShowDocument]):
 
 
 @dataclass(frozen=True, eq=False)
-class Scores(Result[ScoreDocument]):
+class Scores(Answer[ScoreDocument]):
     """Every task of some workspaces."""
 
     findings: Scorecard
@@ -272,7 +272,7 @@ class Difference(Scores):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SimulatedRun(Result[RunDocument]):
+class SimulatedRun(Answer[RunDocument]):
     """How a run of a program went."""
 
     cell: RunCell
@@ -310,7 +310,7 @@ class SimulatedRun(Result[RunDocument]):
 
 
 @dataclass(frozen=True, eq=False)
-class SlipSweep(Result[SweepDocument]):
+class SlipSweep(Answer[SweepDocument]):
     """Runs of a program with a slip at different instants, and how well the delays were predicted."""
 
     program: Program
@@ -340,7 +340,7 @@ class SlipSweep(Result[SweepDocument]):
 
 
 @dataclass(frozen=True, eq=False)
-class Audit(Result[AuditDocument]):
+class Audit(Answer[AuditDocument]):
     """What recorded frames say about the predictions of a program."""
 
     program: Program
@@ -368,7 +368,7 @@ class Audit(Result[AuditDocument]):
 
 
 @dataclass(frozen=True, eq=False)
-class NewCell(Result[InitDocument]):
+class NewCell(Answer[InitDocument]):
     """A workspace that was just made."""
 
     starter: Starter

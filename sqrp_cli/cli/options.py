@@ -15,7 +15,7 @@ from sqrp_cli.errors import InputError, Problem
 if TYPE_CHECKING:
     from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.api.program import OpenProgram
-    from sqrp_cli.api.results import AnyDocument, Result
+    from sqrp_cli.api.results import Answer, AnyDocument
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
 
@@ -132,7 +132,7 @@ def check_report(path: Path) -> None:
     check_libraries()
 
 
-def answer(result: Result[AnyDocument], *, as_json: bool) -> None:
+def answer(result: Answer[AnyDocument], *, as_json: bool) -> None:
     """Print a result, for people or as a document."""
     from sqrp_cli.terminal.console import say_raw
 

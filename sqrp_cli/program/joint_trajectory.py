@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -29,16 +30,16 @@ _DIGITS = 9
 
 @dataclass(frozen=True)
 class ToolCommand:
-    """What the tool has to do: told at `start`, done at `end` [s from the start of the program].
+    """What the tool has to do, on the clock of the whole program [s]."""
 
-    step: its number, from 1.
-    """
-
-    start: float
-    end: float
     step: int
-    action: str
+    """Its number, from 1."""
+    action: Literal["grasp", "release"]
     object: str
+    start: float
+    """When it is told to."""
+    end: float
+    """When it is done."""
 
     def __str__(self) -> str:
         return f"{self.action} {self.object}"
@@ -70,9 +71,9 @@ def tool_commands(program: Program) -> tuple[ToolCommand, ...]:
         for primitive, after in zip(step.primitives, step.held_after, strict=True):
             span = (begin + primitive.start, begin + primitive.end)
             if primitive.held is not None and primitive.held != after:
-                commands.append(ToolCommand(*span, number, "release", primitive.held))
+                commands.append(ToolCommand(number, "release", primitive.held, *span))
             if after is not None and primitive.held != after:
-                commands.append(ToolCommand(*span, number, "grasp", after))
+                commands.append(ToolCommand(number, "grasp", after, *span))
         begin += step.time
     return tuple(commands)
 

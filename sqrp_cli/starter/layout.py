@@ -35,7 +35,7 @@ class Obstacle:
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """A camera: its name, where it is and the point that it looks at, in the world [m]."""
 
     name: str
@@ -74,7 +74,7 @@ class Layout:
     cube_size: float = 0.04
     cubes: Sequence[Cube] = ()
     obstacles: Sequence[Obstacle] = ()
-    views: Sequence[View] = ()
+    views: Sequence[CameraView] = ()
     tasks: Sequence[str] = (TASK,)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.starter.layout import Cube, Layout, Obstacle, View
+from sqrp_cli.starter.layout import CameraView, Cube, Layout, Obstacle
 
 COLORS = ("green", "red", "blue")
 """Colours of the cubes, in turn; there is a task for each that occurs."""
@@ -98,13 +98,13 @@ class _Ground:
             farthest *= 1.1
 
 
-def _view(rng: np.random.Generator, name: str, base: Array, reach: float) -> View:
+def _view(rng: np.random.Generator, name: str, base: Array, reach: float) -> CameraView:
     """A camera on a dome over the cell that looks at some place of the work."""
     turn, height, distance = rng.uniform(-pi, pi), rng.uniform(0.5, 1.2), rng.uniform(0.9, 1.6) * reach
     around, far = rng.uniform(-pi, pi), rng.uniform(NEAREST, FARTHEST) * reach
     target = np.array([*(base + far * np.array([np.cos(around), np.sin(around)])), 0.05])
     ray = np.array([np.cos(height) * np.cos(turn), np.cos(height) * np.sin(turn), np.sin(height)])
-    return View(name, _triple(target + distance * ray), _triple(target))
+    return CameraView(name, _triple(target + distance * ray), _triple(target))
 
 
 def _triple(values: Array | list[float]) -> tuple[float, float, float]:

@@ -18,7 +18,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.sensing.solids import load_solids
 from sqrp_cli.programming.task import read_task
-from sqrp_cli.starter.layout import TASK, Cube, Position, View
+from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
 
 TOOL_GAP = 0.002
 """How far the suction cup begins beyond whatever the arm carries [m]."""
@@ -148,7 +148,7 @@ def cubes_in_reach(cell: Cell) -> list[Cube]:
     return found
 
 
-def views_of(cubes: Sequence[Cube], direction: float, lift: float) -> tuple[View, ...]:
+def views_of(cubes: Sequence[Cube], direction: float, lift: float) -> tuple[CameraView, ...]:
     """A camera that sees all cubes while the arm is not in its way, and one that sees some of them from the side.
 
     lift: how far the cubes are lifted [m].
@@ -164,12 +164,12 @@ def views_of(cubes: Sequence[Cube], direction: float, lift: float) -> tuple[View
     )
 
 
-def _view(name: str, looks_at: Array, distance: float, turn: float) -> View:
+def _view(name: str, looks_at: Array, distance: float, turn: float) -> CameraView:
     """A camera that stands so far from a point, in a direction [rad]."""
     ray = np.array([*(np.cos(VIEW_HEIGHT) * _heading(turn)), np.sin(VIEW_HEIGHT)])
     x, y, z = (looks_at + distance * ray).round(2).tolist()
     at_x, at_y, at_z = looks_at.round(2).tolist()
-    return View(name, (x, y, z), (at_x, at_y, at_z))
+    return CameraView(name, (x, y, z), (at_x, at_y, at_z))
 
 
 def _heading(turn: float) -> Array:

@@ -302,7 +302,7 @@ def blocks(share: float) -> str:
     return ("█" * full + (" ▏▎▍▌▋▊▉"[rest] if rest else "")).ljust(BAR_WIDTH)
 
 
-class Step(Protocol):
+class Advance(Protocol):
     """Called when more parts of the work are done."""
 
     def __call__(self, count: int = 1) -> None:
@@ -310,7 +310,7 @@ class Step(Protocol):
 
 
 @contextmanager
-def progress(title: str, total: int | None) -> Iterator[Step]:
+def progress(title: str, total: int | None) -> Iterator[Advance]:
     """Progress on stderr with done/total and time left; it vanishes when done, and log files get none.
 
     total: None where it is not known beforehand.

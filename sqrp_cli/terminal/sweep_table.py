@@ -23,7 +23,7 @@ def print_sweep(sweep: Sweep, patch: Path) -> None:
     shown += [
         (rank, scored) for rank, scored in enumerate(sweep.variants, 1) if rank > ROWS and not scored.variant.values
     ]
-    print_table(columns, [_row(rank, scored, paths) for rank, scored in shown])
+    print_table(columns, [_variant_row(rank, scored, paths) for rank, scored in shown])
     for reason, ranks in _reasons(shown).items():
         say(f"{', '.join(f'#{rank}' for rank in ranks)}: {reason}")
     if len(sweep.variants) > len(shown):
@@ -44,7 +44,7 @@ def _conclude(found: Sweep, patch: Path) -> None:
     say_line(f"  patch {shlex.quote(from_here(found.document.path))} < {shlex.quote(str(patch))}")
 
 
-def _row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
+def _variant_row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Styled]:
     values = dict(scored.variant.values)
     cells: list[Styled] = [str(rank), *(values.get(path, "as it is") for path in paths)]
     figures = [_figure(scored.q_eoi, 100, 1), _figure(scored.q_avg, 100, 1), _figure(scored.time, 1, 2)]

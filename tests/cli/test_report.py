@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.report.pages.packing import packed
-from sqrp_cli.report.pages.page import CellScene, Entry, PageContent, page
+from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, page
 from tests.cli.browser import Opened, click_at_random
 from tests.cli.hostile import hostile_cell
 
@@ -431,7 +431,7 @@ def test_names_cannot_break_or_script_the_page(browser, watch_documents, tmp_pat
 
     ranked, scene, model = watch_documents
     entries = [
-        Entry(
+        PageRow(
             hostile(c["parameters"]["object"]),
             "1",
             hostile(c["parameters"]),

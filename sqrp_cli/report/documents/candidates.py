@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -50,14 +50,22 @@ class CandidateFigures(Record):
     @classmethod
     def of(cls, ranked: Ranked) -> CandidateFigures:
         """The figures of a candidate in a ranking."""
-        return cls(**figures(ranked))
-
-
-def figures(ranked: Ranked) -> dict[str, Any]:
-    """The fields of `CandidateFigures`, which other records begin with too."""
-    assessment = ranked.assessment
-    own = {"parameters": assessment.candidate.parameters, "rank": ranked.rank, "pareto": ranked.pareto}
-    return {part.name: own.get(part.name, getattr(assessment, part.name, None)) for part in fields(CandidateFigures)}
+        found = ranked.assessment
+        return cls(
+            parameters=found.candidate.parameters,
+            feasible=found.feasible,
+            rank=ranked.rank,
+            reasons=found.reasons,
+            time=found.time,
+            q_avg=found.q_avg,
+            q_eoi=found.q_eoi,
+            t_total=found.t_total,
+            t_eoi=found.t_eoi,
+            faults=found.faults,
+            states=found.states,
+            pareto=ranked.pareto,
+            verdict=found.verdict,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding(Record):
+class ReportedProblem(Record):
     """Something that is wrong or doubtful in the input."""
 
     code: str
@@ -27,7 +27,7 @@ class Finding(Record):
     message: str
 
     @classmethod
-    def of(cls, problem: Problem) -> Finding:
+    def of(cls, problem: Problem) -> ReportedProblem:
         """A problem as a finding."""
         place = problem.place
         return cls(
@@ -94,7 +94,7 @@ class CheckDocument(Document):
     workspace: str
     task: str | None
     candidates: list[CheckedCandidate]
-    problems: list[Finding]
+    problems: list[ReportedProblem]
 
     @classmethod
     def of(
@@ -105,5 +105,5 @@ class CheckDocument(Document):
             workspace=workspace,
             task=task,
             candidates=[CheckedCandidate.of(one) for one in found],
-            problems=[Finding.of(problem) for problem in problems],
+            problems=[ReportedProblem.of(problem) for problem in problems],
         )

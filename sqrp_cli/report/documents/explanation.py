@@ -14,7 +14,7 @@ from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.report.documents.candidates import CandidateFigures, SamplingDone, figures
+from sqrp_cli.report.documents.candidates import CandidateFigures, SamplingDone
 from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, TaskDocument
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class RecoveryTimes(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Box(Record):
+class ExplainedBox(Record):
     """Where to look for what."""
 
     name: str
@@ -98,7 +98,7 @@ class Box(Record):
     """Of the box in `frame`."""
 
     @classmethod
-    def of(cls, box: SoughtBox) -> Box:
+    def of(cls, box: SoughtBox) -> ExplainedBox:
         """A box of a target."""
         return cls(
             name=box.name,
@@ -118,7 +118,7 @@ class TargetBoxes(Record):
 
     k: int
     """Cameras that must each see all boxes."""
-    boxes: list[Box]
+    boxes: list[ExplainedBox]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,7 +191,7 @@ class CandidateStudy(CandidateFigures):
     def of_study(cls, cell: Cell, study: Study, ranked: Ranked, sampling: Sampling) -> CandidateStudy:
         """A feasible candidate with all that was computed of it."""
         return cls(
-            **figures(ranked),
+            **vars(CandidateFigures.of(ranked)),
             sampling=SamplingDone.of(sampling, [ranked.assessment]),
             primitives=[Span(name=p.name, start=p.start, end=p.end) for p in study.motion.primitives],
             formulas=[Formula.of(formula) for formula in study.formulas],
@@ -206,7 +206,7 @@ class CandidateStudy(CandidateFigures):
     def infeasible(cls, ranked: Ranked) -> CandidateStudy:
         """An infeasible candidate, with the same fields as a feasible one."""
         return cls(
-            **figures(ranked),
+            **vars(CandidateFigures.of(ranked)),
             sampling=None,
             primitives=[],
             formulas=[],
@@ -235,7 +235,7 @@ def _targets(study: Study) -> dict[str, TargetBoxes]:
     by_atom = {target.atom: target for target in study.targets}
     return {
         str(literal): TargetBoxes(
-            k=by_atom[literal.atom].cameras, boxes=[Box.of(box) for box in by_atom[literal.atom].boxes]
+            k=by_atom[literal.atom].cameras, boxes=[ExplainedBox.of(box) for box in by_atom[literal.atom].boxes]
         )
         for literal in literals
     }

@@ -93,7 +93,7 @@ class Marks(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Moment(Record):
+class ShownMoment(Record):
     """A time [s] to look at."""
 
     t: float
@@ -124,7 +124,7 @@ class PlayedRun(Record):
     formulas: list[None]
     targets: Mapping[str, Mapping[str, list[Mapping[str, object]]]]
     marks: list[Marks]
-    moments: list[Moment]
+    moments: list[ShownMoment]
     note: str
     samples: list[ShownInstant | EndOfImages]
     track: Positions | None

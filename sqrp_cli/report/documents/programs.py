@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.program.file import workspace_path
-from sqrp_cli.program.joint_trajectory import action_name, tool_commands
+from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.program.totals import Totals
 from sqrp_cli.report.documents.document import Document, Record
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProgramPrimitive(Record):
+class ListedPrimitive(Record):
     """A primitive action, on the clock of the whole program [s]."""
 
     name: str
@@ -29,7 +29,7 @@ class ProgramPrimitive(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProgramStep(Record):
+class ListedStep(Record):
     """A step with its figures, on the clock of the whole program [s]."""
 
     task: str
@@ -42,10 +42,10 @@ class ProgramStep(Record):
     q_eoi: float | None
     faults: Mapping[str, FaultMetrics]
     verdict: str
-    primitives: list[ProgramPrimitive]
+    primitives: list[ListedPrimitive]
 
     @classmethod
-    def of(cls, step: Step, start: float) -> ProgramStep:
+    def of(cls, step: Step, start: float) -> ListedStep:
         """A step that begins at a time [s]."""
         return cls(
             task=step.task,
@@ -59,7 +59,7 @@ class ProgramStep(Record):
             faults=step.faults,
             verdict=step.verdict,
             primitives=[
-                ProgramPrimitive(
+                ListedPrimitive(
                     name=primitive.name,
                     action=action_name(primitive),
                     start=start + primitive.start,
@@ -87,17 +87,6 @@ class ProgramTotal(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ToolCommand(Record):
-    """What the tool has to do, on the clock of the whole program [s]."""
-
-    step: int
-    action: str
-    object: str | None
-    start: float
-    end: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class ProgramDocument(Document):
     """What `sqrp program` lists."""
 
@@ -105,9 +94,9 @@ class ProgramDocument(Document):
     workspace: str
     stale: bool
     """Whether the workspace has changed since."""
-    steps: list[ProgramStep]
+    steps: list[ListedStep]
     total: ProgramTotal
-    tool: list[ToolCommand]
+    tool: tuple[ToolCommand, ...]
 
     @classmethod
     def of(cls, program: Program, file: Path, *, stale: bool) -> ProgramDocument:
@@ -127,15 +116,12 @@ class ProgramDocument(Document):
                 fault=None if worst is None else worst.fault,
                 step=None if worst is None else worst.step,
             ),
-            tool=[
-                ToolCommand(step=c.step, action=c.action, object=c.object, start=c.start, end=c.end)
-                for c in tool_commands(program)
-            ],
+            tool=tool_commands(program),
         )
 
 
-def _steps(program: Program) -> Iterator[ProgramStep]:
+def _steps(program: Program) -> Iterator[ListedStep]:
     start = 0.0
     for step in program.steps:
-        yield ProgramStep.of(step, start)
+        yield ListedStep.of(step, start)
         start += step.time

@@ -42,7 +42,7 @@ class Fault(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stop(Record):
+class StopTimes(Record):
     """When the robot was last commanded to stop, and stood [s]."""
 
     told: float | None
@@ -67,7 +67,7 @@ class RunDocument(Document):
     """Images in which a prediction was wrong."""
     conflicts: int
     """Instants at which cameras contradicted each other."""
-    stop: Stop
+    stop: StopTimes
     tracking: float | None
     """Rms distance of the tool from where it should have been [m]."""
     images: int
@@ -87,7 +87,7 @@ class RunDocument(Document):
             prediction=list(report.prediction),
             disagreements=report.disagreements,
             conflicts=report.conflicts,
-            stop=Stop(told=report.stop_told, standing=report.stop_done),
+            stop=StopTimes(told=report.stop_told, standing=report.stop_done),
             tracking=report.tracking,
             images=report.images,
             wall=report.wall,

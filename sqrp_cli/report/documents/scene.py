@@ -10,6 +10,7 @@ import numpy as np
 
 from sqrp_cli.knowledge.camera.camera import DistortionModel
 from sqrp_cli.knowledge.camera.detector import DetectorKind
+from sqrp_cli.knowledge.robot.robot import Fingers, Marker
 from sqrp_cli.programming.grounding import on_robot
 from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointLimits(Record):
+class JointScene(Record):
     """What a joint can do [rad or m, s]; no limit is null."""
 
     lower: float | None
@@ -32,7 +33,7 @@ class JointLimits(Record):
     jerk: float
 
     @classmethod
-    def of(cls, limits: robot.JointLimits) -> JointLimits:
+    def of(cls, limits: robot.JointLimits) -> JointScene:
         """The limits of a joint."""
         return cls(
             lower=_finite(limits.lower),
@@ -44,7 +45,7 @@ class JointLimits(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tool(Record):
+class ToolScene(Record):
     """A tool with a description of its own."""
 
     urdf: str | None
@@ -54,31 +55,9 @@ class Tool(Record):
     """Of the tool's root in that link."""
 
     @classmethod
-    def of(cls, tool: robot.Tool) -> Tool:
+    def of(cls, tool: robot.Tool) -> ToolScene:
         """The tool of a robot."""
         return cls(urdf=None if tool.file is None else str(tool.file), link=tool.link, pose=tool.X_LT.tolist())
-
-
-@dataclass(frozen=True, kw_only=True)
-class Fingers(Record):
-    """Positions of a gripper's joints [rad or m]."""
-
-    open: Mapping[str, float]
-    closed: Mapping[str, float]
-
-    @classmethod
-    def of(cls, fingers: robot.Fingers) -> Fingers:
-        """The fingers of a robot."""
-        return cls(open=dict(fingers.open), closed=dict(fingers.closed))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Marker(Record):
-    """An ArUco marker on a link."""
-
-    id: int
-    side: float
-    """Length of its side [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,9 +70,9 @@ class RobotScene(Record):
     package_roots: list[str]
     base: Pose
     """Of the root link in the world."""
-    tool: Tool | None
+    tool: ToolScene | None
     tool_frame: str
-    joints: Mapping[str, JointLimits]
+    joints: Mapping[str, JointScene]
     home: Mapping[str, float]
     """Position of every movable joint [rad or m]."""
     fingers: Fingers | None
@@ -115,13 +94,13 @@ class RobotScene(Record):
             srdf=None if own.srdf is None else str(own.srdf),
             package_roots=[str(root) for root in own.package_roots],
             base=own.X_WB.tolist(),
-            tool=None if own.tool is None else Tool.of(own.tool),
+            tool=None if own.tool is None else ToolScene.of(own.tool),
             tool_frame=own.tool_frame,
-            joints={name: JointLimits.of(limits) for name, limits in own.limits.items()},
+            joints={name: JointScene.of(limits) for name, limits in own.limits.items()},
             home=model.joint_values(model.home),
-            fingers=None if own.fingers is None else Fingers.of(own.fingers),
+            fingers=own.fingers,
             held=cell.initial_world.held,
-            markers={link: Marker(id=marker.id, side=marker.side) for link, marker in own.markers.items()},
+            markers=own.markers,
             geometry=own.geometry,
             unchecked_pairs=sorted(map(list, cell.unchecked_pairs)),
         )

@@ -18,7 +18,7 @@ from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.model import model_document
 from sqrp_cli.report.pages.packing import packed
-from sqrp_cli.report.pages.page import CellScene, Entry, PageContent, write_page
+from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, write_page
 from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
 from sqrp_cli.version import __version__
 
@@ -74,14 +74,14 @@ def write_scores(
     usable = [cell for cell in cells if cell.workspace is not None and cell.tasks]
     scores = [result.score for result in findings.results]
 
-    def shown(cell: ScoredCell) -> tuple[CellScene | None, list[Entry]]:
+    def shown(cell: ScoredCell) -> tuple[CellScene | None, list[PageRow]]:
         own = [score for score in scores if score.workspace == cell.name]
         if cell.workspace is None or all(score.best is None for score in own):
             return None, [_score(score, None, None) for score in own]
         return _scored(cell.workspace, own, means)
 
     scenes: list[CellScene] = []
-    entries: list[Entry] = [_score(score, None, None) for score in scores if score.task is None]
+    entries: list[PageRow] = [_score(score, None, None) for score in scores if score.task is None]
     with progress("Writing the report", len(usable)) as advance:
         for scene, found in in_processes(shown, usable, min(means.jobs, len(usable))):
             entries += found if scene is None else [replace(entry, scene=len(scenes)) for entry in found]
@@ -95,19 +95,19 @@ def write_scores(
     write_page(PageContent("Scores", passed, "Tasks", about, entries, scenes), path)
 
 
-def _scored(workspace: Workspace, scores: Sequence[TaskScore], means: Means) -> tuple[CellScene, list[Entry]]:
+def _scored(workspace: Workspace, scores: Sequence[TaskScore], means: Means) -> tuple[CellScene, list[PageRow]]:
     cell = Cell.load(workspace, means.seed)
     assignment = Assignment(cell, cell.initial_world, means.sampling)
     details = [None if score.best is None else _detail(assignment, score.best) for score in scores]
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 
 
-def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> Entry:
+def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> PageRow:
     assessment = ranked.assessment
     parameters = assessment.candidate.parameters
     mark = "infeasible" if ranked.rank is None else f"{ranked.rank}"
     labels = {name: parameters[name] for name in differing}
-    return Entry(
+    return PageRow(
         assessment.candidate.name,
         mark,
         labels,
@@ -119,7 +119,7 @@ def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> 
     )
 
 
-def _score(score: TaskScore, scene: int | None, detail: str | None) -> Entry:
+def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
     best = score.best
     task = score.task or ""
     labels = {
@@ -129,7 +129,7 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> Entry:
     }
     # How the best compares with the others of its task says nothing about the other rows.
     candidate = None if best is None else replace(CandidateFigures.of(best), pareto=False)
-    return Entry(
+    return PageRow(
         ", ".join(filter(None, labels.values())),
         score.status,
         labels,

@@ -22,7 +22,7 @@ SCRIPTS = ("data", "motion", "table", "plot", "timeline", "shape", "orbit", "cam
 
 
 @dataclass(frozen=True, eq=False)
-class Entry:
+class PageRow:
     """A row of the page's table, with what is shown where it is chosen.
 
     name: of the whole. mark: what the row begins with, such as a rank; labels: what tells it from the others, by title.
@@ -63,7 +63,7 @@ class PageContent:
     summary: str
     heading: str
     about: Sequence[tuple[str, str]]
-    entries: Sequence[Entry]
+    entries: Sequence[PageRow]
     scenes: Sequence[CellScene]
     of_images: bool = False
 
@@ -106,7 +106,7 @@ def page(content: PageContent) -> str:
     return text
 
 
-def _row(entry: Entry) -> dict[str, Any]:
+def _row(entry: PageRow) -> dict[str, Any]:
     return {
         "name": entry.name,
         "mark": entry.mark,

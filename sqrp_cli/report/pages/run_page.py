@@ -14,16 +14,16 @@ from sqrp_cli.report.documents.playback import (
     EndOfImages,
     Mark,
     Marks,
-    Moment,
     PlayedRun,
     Positions,
     Shown,
     ShownInstant,
     ShownLiteral,
+    ShownMoment,
 )
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
 from sqrp_cli.report.pages.packing import packed
-from sqrp_cli.report.pages.page import Entry, PageContent, write_page
+from sqrp_cli.report.pages.page import PageContent, PageRow, write_page
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record.events import (
     AskedBox,
@@ -81,7 +81,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     why_flat = cell.why_flat if track is not None else "this log does not tell where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
     watched = any(isinstance(event, EvidenceSeen) for event in events)
-    entry = Entry(
+    entry = PageRow(
         name=", ".join(names),
         mark=report.outcome,
         labels={"steps": len(names)},
@@ -176,7 +176,7 @@ def _track(track: Track) -> Positions:
     )
 
 
-def _moments(report: RunReport, events: Sequence[Event]) -> list[Moment]:
+def _moments(report: RunReport, events: Sequence[Event]) -> list[ShownMoment]:
     """The times to look at, with what happens then."""
     happens: dict[float, list[str]] = {}
     for fault in report.faults:
@@ -198,7 +198,7 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[Moment]:
             happens.setdefault(event.t, []).append(words[type(event)])
     for t in sorted({fault.recovered for fault in report.faults if fault.recovered is not None}):
         happens.setdefault(round(t, 6), []).append("the step is done")
-    return [Moment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
+    return [ShownMoment(t=t, text=", ".join(texts)) for t, texts in sorted(happens.items())]
 
 
 def _spans(report: RunReport, fault: FaultRecord) -> list[Mark]:

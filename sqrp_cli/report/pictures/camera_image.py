@@ -38,7 +38,7 @@ _QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PixelView:
     """What a camera sees at n pixels.
 
     eye: its centre in the world, (3,). rays: unit vectors in the world, (n, 3). shown: whether the lens shows anything
@@ -74,14 +74,14 @@ class Photographer:
         shades[edges] = self._shades(finer, paint).reshape(-1, 4, 3).mean(axis=1)
         return np.clip(shades, 0, 255).round().astype(np.uint8).reshape(height, width, 3)
 
-    def view(self, camera: Camera, pixels: Array) -> View:
+    def view(self, camera: Camera, pixels: Array) -> PixelView:
         """What the camera sees at pixels of shape (n, 2)."""
         X_WC = self._states.camera_poses(camera)[0]
         rays_C, shown = directions(Projection.of(camera), pixels)
         rays = rays_C @ X_WC[:3, :3].T
-        return View(X_WC[:3, 3], rays, shown, self._scene.first_hits(X_WC[:3, 3], rays))
+        return PixelView(X_WC[:3, 3], rays, shown, self._scene.first_hits(X_WC[:3, 3], rays))
 
-    def _shades(self, view: View, paint: Array) -> Array:
+    def _shades(self, view: PixelView, paint: Array) -> Array:
         """Colours of what is seen, shape (n, 3), with a light and the shadows that it casts."""
         rays, hits = view.rays, view.hits
         shades: Array = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)

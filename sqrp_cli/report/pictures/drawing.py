@@ -46,7 +46,7 @@ class Caption:
 
 
 @dataclass(frozen=True, eq=False)
-class Outline:
+class BoxOutline:
     """A box to draw around: its corners in the optical frame, (8, 3) [m], in the order of `BOX_SIGNS`."""
 
     corners: Array
@@ -61,7 +61,9 @@ class Picture:
     captions: tuple[Caption, ...]
 
 
-def outlined(image: Image, projection: Projection, outlines: Sequence[Outline], captions: Sequence[Caption]) -> Picture:
+def outlined(
+    image: Image, projection: Projection, outlines: Sequence[BoxOutline], captions: Sequence[Caption]
+) -> Picture:
     """An image with boxes outlined."""
     photo = _pillow("Image").fromarray(image)
     draw = _pillow("ImageDraw").Draw(photo)

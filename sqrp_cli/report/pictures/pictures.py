@@ -27,8 +27,8 @@ from sqrp_cli.programming.targets import Target
 from sqrp_cli.report.pages.paint import COVERED, CULPRIT, HIDDEN, solid_colors
 from sqrp_cli.report.pictures.camera_image import Photographer
 from sqrp_cli.report.pictures.drawing import (
+    BoxOutline,
     Caption,
-    Outline,
     Picture,
     captioned,
     check_drawing,
@@ -119,7 +119,7 @@ def _picture(
         captions.append(Caption(f"{target.atom}: {_because(cell, failure)}", COVERED if seen else HIDDEN))
         for box, cause in zip(target.boxes, failures, strict=True):
             corners = transform(X_CW @ states.box_poses(box)[0], box_corners(box.size))
-            outlines.append(Outline(corners, COVERED if cause is Cause.NONE else HIDDEN))
+            outlines.append(BoxOutline(corners, COVERED if cause is Cause.NONE else HIDDEN))
         if failure.cause is Cause.HIDDEN:
             culprit = cell.solid_name(failure.by)
             colors = [CULPRIT if cell.solid_name(solid) == culprit else color for solid, color in enumerate(colors)]
