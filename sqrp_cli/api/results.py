@@ -14,9 +14,8 @@ from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
 from sqrp_cli.report.documents.document import Document, TaskDocument, as_text
 from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
 from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
-from sqrp_cli.report.documents.scene import ShowDocument
+from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
-from sqrp_cli.report.documents.starters import InitDocument
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,6 +18,7 @@ _CRITERION_WORDS: dict[Criterion, str] = {
 }
 
 _INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
+
 _TIME = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?:e-?\d+)?(?!\w)")
 
 

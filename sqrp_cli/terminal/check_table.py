@@ -1,14 +1,18 @@
-"""What `sqrp check` prints: which candidates can be done, why the others cannot, and what has to be done first."""
+"""What `sqrp check` and `sqrp rules` print: what can be done, why the rest cannot, and what each finding means."""
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import groupby
+
+from rich.text import Text
 
 from sqrp_cli.checks.dependency_check import Feasibility
+from sqrp_cli.checks.registry import Rule
 from sqrp_cli.errors import Problem
 from sqrp_cli.programming.suggestion import SuggestedStep, Suggestion
-from sqrp_cli.terminal.console import Column, Share, plain, print_table, say, say_command
+from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, print_table, say, say_command, say_line
 
 
 def print_valid(path: str, name: str, warnings: Sequence[Problem]) -> None:
@@ -56,6 +60,28 @@ def print_suggested(suggested: Sequence[SuggestedStep]) -> None:
     print_table([*columns, Column("time [s]", right=True)], rows)
 
 
+def print_rules(rules: Iterable[Rule]) -> None:
+    """A row for each finding, a table for each subject."""
+    for number, (subject, group) in enumerate(groupby(rules, key=lambda rule: rule.subject)):
+        if number:
+            say()
+        rows = [(rule.code, _severity(rule.severity), rule.meaning) for rule in group]
+        print_table([Column(subject), Column("severity"), Column("looks for", shrink=True)], rows)
+    say("\nOne of them in full, with examples: sqrp rules CODE")
+
+
+def print_rule(rule: Rule) -> None:
+    """One finding in full."""
+    say_line(f"{rule.code} ({rule.severity}): {rule.subject}", "bold")
+    say(rule.meaning)
+    say(rule.why)
+    of = f" in {rule.file}" if rule.file else ""
+    for title, example in (("Passes", rule.passes), ("Fails", rule.fails)):
+        say(f"\n{title}{of}:")
+        for line in example.splitlines():
+            say_line(f"  {line}")
+
+
 def _plan_in_words(suggestion: Suggestion) -> str:
     """How planning ended; for a plan of which a step cannot be done, which and why."""
     steps = (*(suggestion.steps or ()), *((suggestion.last,) if suggestion.last else ()))
@@ -64,3 +90,7 @@ def _plan_in_words(suggestion: Suggestion) -> str:
         return suggestion.explanation
     then = "after that" if failing is suggestion.last else "but"
     return f"{suggestion.explanation}, {then} {failing.task} cannot be done: {'; '.join(failing.reasons)}"
+
+
+def _severity(severity: str) -> Text:
+    return plain("either" if " " in severity else severity, SEVERITY_STYLES[severity.split()[-1]])

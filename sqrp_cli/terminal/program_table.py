@@ -8,8 +8,7 @@ from pathlib import Path
 
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import tool_commands
-from sqrp_cli.program.record import Program, Step
-from sqrp_cli.program.totals import Totals
+from sqrp_cli.program.record import Program, Step, Totals
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say, say_command
 
 

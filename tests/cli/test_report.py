@@ -9,8 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from sqrp_cli.report.pages.packing import packed
-from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, page
+from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, packed, page
 from tests.cli.browser import Opened, click_at_random
 from tests.cli.hostile import hostile_cell
 
@@ -489,7 +488,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.report.documents.playback import PlayedCandidate
     from sqrp_cli.report.documents.scene import ShowDocument
     from sqrp_cli.report.pages.model import model_document
-    from sqrp_cli.report.pages.packing import tidy
+    from sqrp_cli.report.pages.page import tidy
 
     session = Session.begin(Cell.load(load_workspace(watch)), "watch green", None, Adaptive())
     assessments = list(assess_all(session.assignment, session.task.candidates, 1))

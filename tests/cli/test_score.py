@@ -17,7 +17,7 @@ import pytest
 
 from sqrp_cli.platform.files import os as files_os
 from sqrp_cli.programming.pipeline import Assignment
-from sqrp_cli.terminal.sweep_table import column_titles
+from sqrp_cli.terminal.score_table import column_titles
 
 ROOT = Path(__file__).parents[2]
 

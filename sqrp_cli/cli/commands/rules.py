@@ -26,13 +26,13 @@ def command(code: Code = None, as_json: Json = False) -> ExitCode:
 
     chosen = list(rules().values()) if code is None else [rule_of(code)]
     if as_json:
+        from sqrp_cli.report.documents.checks import RulesDocument
         from sqrp_cli.report.documents.document import as_text
-        from sqrp_cli.report.documents.rules import RulesDocument
         from sqrp_cli.terminal.console import say_raw
 
         say_raw(as_text(RulesDocument.of(chosen)))
         return ExitCode.OK
-    from sqrp_cli.terminal.rules_table import print_rule, print_rules
+    from sqrp_cli.terminal.check_table import print_rule, print_rules
 
     if code is None:
         print_rules(chosen)

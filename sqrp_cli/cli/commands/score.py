@@ -196,7 +196,7 @@ def _vary(
     from sqrp_cli.scoring.variation import grid_shape, read_variation, variants
     from sqrp_cli.scoring.work.compute import open_computer
     from sqrp_cli.terminal.console import note, print_problems, progress, say_raw
-    from sqrp_cli.terminal.sweep_table import print_sweep
+    from sqrp_cli.terminal.score_table import print_sweep
 
     variations = [read_variation(text) for text in texts]
     values = variants(variations, draws, means.seed)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.program.file import workspace_path
 from sqrp_cli.program.joint_trajectory import ToolCommand, action_name, tool_commands
-from sqrp_cli.program.record import FaultMetrics
-from sqrp_cli.program.totals import Totals
+from sqrp_cli.program.record import FaultMetrics, Totals
 from sqrp_cli.report.documents.document import Document, Record
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""`show`: what was understood of a workspace."""
+"""`show` and `init`: what was understood of a workspace, and one that was just made."""
 
 from __future__ import annotations
 
@@ -234,6 +234,19 @@ class ShowDocument(Document):
             skills=list(workspace.skills),
             tasks=[expected.task for expected in workspace.tasks],
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class InitDocument(Document):
+    """What `sqrp init` has made."""
+
+    workspace: str
+    """Its folder."""
+    tool_link: str
+    """The link of the robot that carries the tool, or grasps itself."""
+    objects: list[str]
+    task: str | None
+    """A task that can be ranked at once."""
 
 
 def _objects(workspace: Workspace, cell: Cell) -> dict[str, ObjectScene]:

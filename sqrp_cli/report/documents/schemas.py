@@ -10,14 +10,12 @@ from pydantic import TypeAdapter
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.file_schemas import DIALECT, FILES, file_schema
 from sqrp_cli.report.documents.candidates import RankDocument
-from sqrp_cli.report.documents.checks import CheckDocument
+from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
 from sqrp_cli.report.documents.programs import ProgramDocument
-from sqrp_cli.report.documents.rules import RulesDocument
 from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
-from sqrp_cli.report.documents.scene import ShowDocument
+from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
-from sqrp_cli.report.documents.starters import InitDocument
 from sqrp_cli.runtime.record.events import Event
 
 DOCUMENTS: Mapping[str, Any] = {

@@ -17,8 +17,7 @@ from sqrp_cli.report.documents.explanation import CandidateStudy
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.model import model_document
-from sqrp_cli.report.pages.packing import packed
-from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, write_page
+from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, packed, write_page
 from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
 from sqrp_cli.version import __version__
 

@@ -1,10 +1,16 @@
-"""One self-contained page about candidates: it opens in any browser and asks no network for anything."""
+"""One self-contained page: it opens in any browser and asks no network for anything.
+
+It carries documents as text that is small and cannot become markup.
+"""
 
 from __future__ import annotations
 
 import base64
 import hashlib
 import html
+import json
+import unicodedata
+import zlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -13,9 +19,15 @@ from typing import Any
 
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.report.documents.document import plain
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.libraries import viewer_library
-from sqrp_cli.report.pages.packing import packed, visible
+
+DIGITS = 6
+"""Decimals that figures keep: micrometres and microseconds."""
+
+_UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")
+"""Unicode's categories of characters that change a line without being seen in it."""
 
 SCRIPTS = ("data", "motion", "table", "plot", "timeline", "shape", "orbit", "camera", "sight", "scene", "main")
 """The page's own scripts in the order in which they need each other."""
@@ -104,6 +116,34 @@ def page(content: PageContent) -> str:
         before, _, after = text.partition(f"<!--{name}-->")
         text = before + part + after
     return text
+
+
+def packed(document: object) -> str:
+    """A document as base64 of deflated JSON, with `tidy` strings."""
+    text = json.dumps(tidy(document), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    return base64.b64encode(zlib.compress(text.encode(), 9)).decode()
+
+
+def tidy(value: Any) -> Any:  # noqa: ANN401 # a record, or a JSON value of any kind
+    """A record as a JSON value with figures rounded to `DIGITS`, and with strings that nothing can hide in."""
+    match value:
+        case bool() | int() | None:
+            return value
+        case float():
+            return round(value, DIGITS)
+        case str():
+            return visible(value)
+        case list() | tuple():
+            return [tidy(entry) for entry in value]
+        case _:
+            return {visible(key): tidy(entry) for key, entry in plain(value).items()}
+
+
+def visible(text: str) -> str:
+    """A text with control and format characters spelled out, such as marks that turn the direction of writing."""
+    return "".join(
+        f"\\u{{{ord(character):x}}}" if unicodedata.category(character) in _UNSEEN else character for character in text
+    )
 
 
 def _row(entry: PageRow) -> dict[str, Any]:

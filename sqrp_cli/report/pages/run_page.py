@@ -22,8 +22,7 @@ from sqrp_cli.report.documents.playback import (
     ShownMoment,
 )
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin
-from sqrp_cli.report.pages.packing import packed
-from sqrp_cli.report.pages.page import PageContent, PageRow, write_page
+from sqrp_cli.report.pages.page import PageContent, PageRow, packed, write_page
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record.events import (
     AskedBox,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sqrp_cli.report.documents.explanation import BoxCoverage, BoxVerdict, CandidateStudy, LiteralCoverage, Sample
 from sqrp_cli.report.documents.playback import PlayedCandidate
-from sqrp_cli.report.pages.packing import tidy
+from sqrp_cli.report.pages.page import tidy
 
 SEEN = BoxVerdict(covered=True, cause=None, by=None, visible=1.0)
 
