@@ -148,12 +148,7 @@ def planning_task(
         for action in domain.actions.values()
         for change in (*action.effect.adds, *action.effect.deletes)
     )
-    sizes = {
-        name: max(1, literal_count(action.precondition, objects, domain)) for name, action in domain.actions.items()
-    }
-    largest = max([literal_count(goal, objects, domain), *sizes.values()])
-    if largest > MAX_LITERALS:
-        raise TaskTooLargeError(f"{MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
+    sizes = _condition_sizes(domain, objects, goal)
     numbering = _Numbering(facts, changeable)
     parts = [
         (part, numbering.need(part, keep=True) or NEVER)
@@ -175,15 +170,27 @@ def planning_task(
                 if count > limit:
                     raise TaskTooLargeError(f"{limit:,} {what}", choices.why(action))
             precondition = numbering.need(ground_condition(action.precondition, bound, objects, domain), keep=False)
-            if precondition is None:
-                continue
-            adds = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.adds)
-            deletes = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.deletes) & ~adds
-            arguments = tuple(bound[parameter.name] for parameter in action.parameters)
-            step = PlanStep(action.name, arguments)
-            actions.append(GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes))
+            if precondition is not None:
+                actions.append(_ground_action(action, bound, precondition, numbering))
     initial = sum(1 << (2 * number + (atom not in facts)) for atom, number in numbering.numbers.items())
     return PlanningTask(initial, joined(need for _, need in parts), tuple(parts), tuple(actions))
+
+
+def _condition_sizes(domain: Domain, objects: Objects, goal: Condition) -> dict[str, int]:
+    """Literals that the precondition of each action stands for, at least 1. Raises TaskTooLargeError for too many."""
+    actions = domain.actions.items()
+    sizes = {name: max(1, literal_count(action.precondition, objects, domain)) for name, action in actions}
+    largest = max([literal_count(goal, objects, domain), *sizes.values()])
+    if largest > MAX_LITERALS:
+        raise TaskTooLargeError(f"{MAX_LITERALS:,} literals", f"a single condition stands for {largest:,}")
+    return sizes
+
+
+def _ground_action(action: Action, bound: Binding, precondition: Need, numbering: _Numbering) -> GroundAction:
+    adds = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.adds)
+    deletes = numbering.bits(Literal(ground_atom(change, bound)) for change in action.effect.deletes) & ~adds
+    step = PlanStep(action.name, tuple(bound[parameter.name] for parameter in action.parameters))
+    return GroundAction(step, precondition, adds | deletes << 1, adds << 1 | deletes)
 
 
 @dataclass

@@ -62,7 +62,7 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     return Recovery(t, stopping.max(axis=1) + back)
 
 
-class Stopping(NamedTuple):
+class ShortestStop(NamedTuple):
     """How joints come to rest."""
 
     duration: Array
@@ -72,7 +72,7 @@ class Stopping(NamedTuple):
     """How far they move meanwhile [rad or m], shape (m, n)."""
 
 
-def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> Stopping:
+def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> ShortestStop:
     """The shortest way to rest from velocities and accelerations, shape (m, n) each.
 
     The acceleration changes at the jerk limit to a peak p, stays there if p is the acceleration limit, and returns to
@@ -92,4 +92,4 @@ def stop(velocity: Array, acceleration: Array, limits: MotionLimits) -> Stopping
         + after_rise * hold + p * hold**2 / 2
         + after_hold * fall + p * fall**2 / 2 - J * fall**3 / 6
     )  # fmt: skip
-    return Stopping(rise + hold + fall, sign * moved)
+    return ShortestStop(rise + hold + fall, sign * moved)
