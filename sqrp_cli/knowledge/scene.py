@@ -36,7 +36,7 @@ MODULES = 7
 
 MarkerId = Annotated[int, Field(strict=True, ge=0, le=1023)]
 
-Side = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+BoxSide = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 """A side of a box, by its outward axis."""
 
 
@@ -44,7 +44,7 @@ Side = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 class Held(Stored):
     """In the tool from the beginning: the tool frame in the centre of one side, as in a waypoint of a skill."""
 
-    held: Side
+    held: BoxSide
     """Outward axis of the side it is held by."""
     yaw: Angle = 0.0
     """Turn of the tool about its z axis."""
@@ -117,7 +117,7 @@ class ObjectTraits(Stored):
 
     @property
     def marker_side(self) -> float:
-        """Side of the black square of a marker on it [m]."""
+        """BoxSide of the black square of a marker on it [m]."""
         return min(self.size[:2]) * MODULES / (MODULES + 2)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.knowledge.scene import Held, SceneObject, Side
+from sqrp_cli.knowledge.scene import BoxSide, Held, SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference, Setting
 from sqrp_cli.knowledge.skill.skill import BoxSpec, Grasp, GraspWaypoint, Release, Skill
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -177,5 +177,5 @@ def _grasped(skill: Skill, grasp: GraspWaypoint) -> Held:
     def value(setting: Setting) -> float | str:
         return defaults[setting.parameter] if isinstance(setting, Reference) else setting
 
-    side = cast("Side", value(grasp.side))
+    side = cast("BoxSide", value(grasp.side))
     return Held(held=side, yaw=float(value(grasp.yaw)), depth=float(value(grasp.depth)))
