@@ -117,7 +117,7 @@ class ObjectTraits(Stored):
 
     @property
     def marker_side(self) -> float:
-        """BoxSide of the black square of a marker on it [m]."""
+        """Side of the black square of a marker on it [m]."""
         return min(self.size[:2]) * MODULES / (MODULES + 2)
 
 
