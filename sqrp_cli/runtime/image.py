@@ -46,9 +46,15 @@ COLORS: Mapping[str, Rgb] = {
 }
 """Paint of each colour that has a name. Those with a hue are saturated; robot, floor and background are not."""
 
+NEEDED = ("cv2", "sqrp_cli.runtime.perception.image_detector", "sqrp_cli.runtime.cell.render_pool")
+"""What processes that draw and look at images import, for `platform.processes.fresh`.
+
+MuJoCo is not among it: what it opens to draw must not be shared.
+"""
+
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class CameraImage:
     """One image of one camera: all that perception ever learns of a cell."""
 
     camera: str
@@ -84,7 +90,3 @@ def _check(workspace: Workspace, camera: Camera, most: int, done: str) -> None:
         mend = "give the camera a smaller image, with the same field of view"
         place = workspace.places.get(f"cameras.{camera.name}")
         raise InputError(Problem("image-too-large", message, place, mend=mend))
-
-
-NEEDED = ("cv2", "sqrp_cli.runtime.perception.image_detector", "sqrp_cli.runtime.cell.render_pool")
-"""For `platform.processes.fresh`. MuJoCo is not among it: what it opens to draw must not be shared."""

@@ -88,12 +88,12 @@ KEEP = """
 import numpy as np
 from pathlib import Path
 from sqrp_cli.errors import InputError
-from sqrp_cli.runtime.image import Frame
+from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.record.frame_folder import FrameFolder
 noise = np.random.default_rng(0).integers(0, 255, (480, 640, 3), dtype=np.uint8)
 try:
     folder = FrameFolder(Path({folder!r}))
-    folder.add(Frame("cam1", 0.0, noise), 1, 0.0)
+    folder.add(CameraImage("cam1", 0.0, noise), 1, 0.0)
 except InputError as error:
     print(error)
 """

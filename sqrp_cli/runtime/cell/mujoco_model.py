@@ -35,6 +35,12 @@ ARMATURE = 0.1
 FLOOR_DEPTH = 0.7
 """Of the floor below the lowest fixed object: the height of a table [m]."""
 
+MARKER_DEPTH = 2e-4
+"""How far a marker stands out from its face, so that it is drawn in front of it [m]."""
+
+_MARKER_PIXELS = 32
+"""Of the texture along a module of a marker."""
+
 TIP = "tool tip"
 """Name of the small sphere at the origin of the tool frame, from which suction reaches."""
 
@@ -92,6 +98,20 @@ def build_model(workspace: Workspace, objects: Mapping[str, Array]) -> mujoco.Mj
             lowest = min(lowest, X_WO[2, 3] - obj.size[2] / 2)
     builder.add_floor(lowest - FLOOR_DEPTH)
     return spec.compile()
+
+
+def marker_picture(marker: int) -> NDArray[np.uint8]:
+    """A marker seen from outside, its black square without margin; shape (n, n, 3)."""
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
+    gray = cv2.aruco.generateImageMarker(dictionary, marker, MODULES * _MARKER_PIXELS, borderBits=1)
+    return np.repeat(gray[:, :, None], 3, axis=2)
+
+
+def quaternion(X: Array) -> Array:
+    """The rotation of a pose as MuJoCo's quaternion w, x, y, z."""
+    wxyz = np.zeros(4)
+    mujoco.mju_mat2Quat(wxyz, np.ascontiguousarray(X[:3, :3]).reshape(9))
+    return wxyz
 
 
 class _ModelBuilder:
@@ -222,9 +242,9 @@ class _ModelBuilder:
             material = self._spec.add_material(name=name, specular=0.0, shininess=0.0)
             material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
         margin = body.add_geom(rgba=(*COLORS["white"], 1.0))
-        margin.size[:] = (*(side / 2 * (1.0 + 2.0 / MODULES),) * 2, DEPTH)
+        margin.size[:] = (*(side / 2 * (1.0 + 2.0 / MODULES),) * 2, MARKER_DEPTH)
         black = body.add_geom(material=name)
-        black.size[:] = side / 2, side / 2, 2 * DEPTH
+        black.size[:] = side / 2, side / 2, 2 * MARKER_DEPTH
         for geom in (margin, black):
             geom.type, geom.group, geom.mass = mujoco.mjtGeom.mjGEOM_BOX, DRAWN, 0.0
             geom.pos, geom.quat = X_BF[:3, 3], quaternion(X_BF)
@@ -270,24 +290,3 @@ def _light(spec: mujoco.MjSpec) -> None:
     sky = spec.add_texture(name="sky", type=mujoco.mjtTexture.mjTEXTURE_SKYBOX, width=64, height=64)
     sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_FLAT
     sky.rgb1 = sky.rgb2 = (0.80, 0.80, 0.80)
-
-
-def quaternion(X: Array) -> Array:
-    """The rotation of a pose as MuJoCo's quaternion w, x, y, z."""
-    wxyz = np.zeros(4)
-    mujoco.mju_mat2Quat(wxyz, np.ascontiguousarray(X[:3, :3]).reshape(9))
-    return wxyz
-
-
-DEPTH = 2e-4
-"""How far a marker stands out from its face, so that it is drawn in front of it [m]."""
-
-_PIXELS = 32
-"""Of the texture along a module."""
-
-
-def marker_picture(marker: int) -> NDArray[np.uint8]:
-    """A marker seen from outside, its black square without margin; shape (n, n, 3)."""
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_ARUCO_ORIGINAL)
-    gray = cv2.aruco.generateImageMarker(dictionary, marker, MODULES * _PIXELS, borderBits=1)
-    return np.repeat(gray[:, :, None], 3, axis=2)

@@ -1,4 +1,4 @@
-"""Camera images of a model, drawn in this process."""
+"""Camera images of a model, drawn in this process: as a pinhole camera sees it, then bent by the lens."""
 
 from __future__ import annotations
 
@@ -24,6 +24,15 @@ NOISE = 1.5
 
 _SPARE = 64
 """By how many pixels the stored noise is larger than an image: it can be laid over one in `_SPARE` ** 2 ways."""
+
+_WIDEST = np.tan(np.radians(80.0))
+"""Largest distance from the optical axis in the plane z = 1 that is drawn; beyond it images stay black."""
+
+_MOST_PIXELS = 2048
+"""Largest width and height of a drawn picture."""
+
+_BAND = 1_000_000
+"""Pixels whose distortion is undone at once."""
 
 
 class Renderer:
@@ -119,17 +128,6 @@ class Renderer:
 def _ways_in_turn(seed: int, camera: str) -> NDArray[np.int64]:
     """All ways to lay the noise over the images of a camera, in the order in which they are used."""
     return np.random.default_rng((seed, zlib.crc32(camera.encode()))).permutation(_SPARE**2)
-
-
-_WIDEST = np.tan(np.radians(80.0))
-"""Largest distance from the optical axis in the plane z = 1 that is drawn; beyond it images stay black."""
-
-_MOST_PIXELS = 2048
-"""Largest width and height of a drawn picture."""
-
-
-_BAND = 1_000_000
-"""Pixels whose distortion is undone at once."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from types import TracebackType
 
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.runtime.cell.interface import ArmReference, CellState
-from sqrp_cli.runtime.image import Frame
+from sqrp_cli.runtime.image import CameraImage
 
 
 class SimulatedCell:
@@ -68,10 +68,10 @@ class SimulatedCell:
         """Let the next `grasp` do nothing."""
         self._physics.miss_next_grasp()
 
-    def frames(self, cameras: Sequence[str]) -> Mapping[str, Frame]:
+    def frames(self, cameras: Sequence[str]) -> Mapping[str, CameraImage]:
         """An image of each camera as all now is, by name in the order given."""
         images = self._draughtsmen.images(cameras, self._physics.positions, self.t)
-        return {name: Frame(name, self.t, image) for name, image in zip(cameras, images, strict=True)}
+        return {name: CameraImage(name, self.t, image) for name, image in zip(cameras, images, strict=True)}
 
     def measured_joints(self) -> Mapping[str, float]:
         """Position of every movable joint of robot and tool as its encoder says [rad or m]."""

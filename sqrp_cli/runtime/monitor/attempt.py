@@ -27,7 +27,7 @@ class Attempt:
     undisturbed: bool
     """Whether all goes as the program planned, so that its images count in the check of predictions."""
     start: float | None = None
-    """Of its motion on the cell's clock [s], None before it."""
+    """When its motion began on the cell's clock [s], None before it."""
     failed: bool = False
     """Whether a fault was seen, so that objects are believed to be where they were before."""
     last_shown: dict[str, float] = field(default_factory=dict)

@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.program.record import Program, Step
-from sqrp_cli.runtime.image import Frame, check_recorded
+from sqrp_cli.runtime.image import CameraImage, check_recorded
 from sqrp_cli.runtime.monitor.nominal_step import NominalStep, values_when_open
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck
 from sqrp_cli.runtime.monitor.step_monitor import StepMonitor
@@ -83,7 +83,7 @@ def audit(program: Program, workspace: Workspace, folder: Path, image_done: Call
     )
 
 
-def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
+def _frame(entry: FrameEntry, workspace: Workspace) -> CameraImage:
     camera = workspace.cameras[entry.camera]
     content = read_png(entry.file, ImageSize(camera.width, camera.height), camera.name)
     damage = png_damage(content)
@@ -91,11 +91,11 @@ def _frame(entry: FrameEntry, workspace: Workspace) -> Frame:
     if image is None:
         message = f"this is no PNG file, or a damaged one: {damage or 'it cannot be decoded'}"
         raise InputError(Problem("unreadable", message, Place(entry.file)))
-    return Frame(entry.camera, entry.t or 0.0, image)
+    return CameraImage(entry.camera, entry.t or 0.0, image)
 
 
 def _posture(step: Step, joints: tuple[str, ...], nominal: NominalStep, t: float) -> BelievedState:
-    """Where the robot is by the program, what it was told to hold, and where objects are."""
+    """Where the robot is by the program, what it was commanded to hold, and where objects are."""
     primitive = next((p for p in step.primitives if t <= p.end), step.primitives[-1])
     q = primitive.trajectory.positions(np.array([t - primitive.start]))[0]
     holding = primitive.held is not None or primitive.action == "Grasp"

@@ -10,7 +10,7 @@ from types import TracebackType
 
 from sqrp_cli.errors import SqrpError
 from sqrp_cli.platform.processes import Context, Worker, fresh
-from sqrp_cli.runtime.image import NEEDED, Frame
+from sqrp_cli.runtime.image import NEEDED, CameraImage
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, Detection, DetectionTargets
 
 ANSWER_WITHIN = 20.0
@@ -27,7 +27,7 @@ class PerceptionError(SqrpError):
 
 @dataclass(frozen=True, eq=False)
 class _ImageTask:
-    frame: Frame
+    frame: CameraImage
     believed: BelievedState
 
 
@@ -47,7 +47,7 @@ class DetectorPool:
         for worker in self._workers:
             worker.send(sought)
 
-    def submit(self, frame: Frame, believed: BelievedState) -> None:
+    def submit(self, frame: CameraImage, believed: BelievedState) -> None:
         """Have a frame looked at, with what was believed when it was taken."""
         self._of_camera[frame.camera].send(_ImageTask(frame, believed))
 

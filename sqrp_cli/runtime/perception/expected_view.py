@@ -23,10 +23,7 @@ Crop = tuple[slice, slice]
 
 
 class ExpectedView:
-    """One image of one camera.
-
-    robot: the silhouette that the robot has in it, by its encoders.
-    """
+    """One image of one camera, with what is expected in it."""
 
     def __init__(
         self,
@@ -43,6 +40,7 @@ class ExpectedView:
         self._X_WF = frame_poses(self._X_WL, believed.X_WO, sought.starts)
         self.camera_view = CameraView(projection, self._X_WF[camera.frame] @ camera.X_FC)
         self.robot: ProjectedParts = self.camera_view.silhouette(cell.robot.surfaces, self._X_WL)
+        """The silhouette that the robot has in it, by its encoders."""
 
     @cached_property
     def markers(self) -> list[FoundMarker]:

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.image import Frame, ImageArray
+from sqrp_cli.runtime.image import CameraImage, ImageArray
 from sqrp_cli.runtime.perception.background import Background
 from sqrp_cli.runtime.perception.color_detector import ColorDetector
 from sqrp_cli.runtime.perception.detections import (
@@ -49,7 +49,7 @@ class ImageDetector:
             )
         self._sought = sought
 
-    def look(self, frame: Frame, believed: BelievedState) -> Detection:
+    def look(self, frame: CameraImage, believed: BelievedState) -> Detection:
         """What an image shows, with what was believed when it was taken."""
         began = time.process_time()
         if self._last is not None and np.array_equal(self._last, frame.image):

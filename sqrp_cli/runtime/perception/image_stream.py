@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from sqrp_cli.knowledge.camera.camera import Camera
-from sqrp_cli.runtime.image import Frame
+from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.perception.detections import BelievedState, Detection, DetectionTargets
 from sqrp_cli.runtime.perception.detector_pool import DetectorPool, PerceptionError
 from sqrp_cli.runtime.record.events import listed
@@ -21,7 +21,7 @@ from sqrp_cli.runtime.record.report import MonitoringLost
 OVERDUE_PERIODS = 1.2
 """A stream has failed if its newest image is older than its latency and this many frame periods: one is missing."""
 
-Expose = Callable[[Sequence[str]], Mapping[str, Frame]]
+Expose = Callable[[Sequence[str]], Mapping[str, CameraImage]]
 """Takes an image with each of some cameras, now."""
 
 
@@ -31,10 +31,10 @@ class _Stream:
     exposures: int = 0
     newest: float = 0.0
     lost: bool = False
-    frozen: Frame | None = None
+    frozen: CameraImage | None = None
     freezes: bool = False
     delay: float = 0.0
-    last: Frame | None = None
+    last: CameraImage | None = None
 
     @property
     def next_exposure(self) -> float:
@@ -102,7 +102,7 @@ class ImageStreams:
         """Images come later by a delay [s]."""
         self._streams[camera].delay = delay
 
-    def expose(self, t: float, take: Expose, believed: BelievedState) -> list[Frame]:
+    def expose(self, t: float, take: Expose, believed: BelievedState) -> list[CameraImage]:
         """Take the images that are due at time t; returns them as they will arrive.
 
         Raises MonitoringLost if a process that looks at them has ended.
@@ -118,7 +118,7 @@ class ImageStreams:
             frame = frames[stream.camera.name]
             if stream.freezes:
                 stream.frozen = stream.frozen or stream.last or frame
-                frame = Frame(frame.camera, frame.t, stream.frozen.image)
+                frame = CameraImage(frame.camera, frame.t, stream.frozen.image)
             stream.last = frame
             with _lost_if_crashed():
                 self._detectors.submit(frame, believed)
@@ -157,9 +157,9 @@ class ImageStreams:
         lost = [stream for stream in failed if not self._is_under_way(stream.camera.name)]
         if not failed:
             return None
-        told = lost or failed
-        cameras, verb = [stream.camera.name for stream in told], "is" if len(told) == 1 else "are"
-        ages = listed(sorted({f"{t - stream.newest:.2f} s" for stream in told}))
+        worst = lost or failed
+        cameras, verb = [stream.camera.name for stream in worst], "is" if len(worst) == 1 else "are"
+        ages = listed(sorted({f"{t - stream.newest:.2f} s" for stream in worst}))
         if lost:
             return MonitoringLost(f"{listed(cameras)} {verb} lost: no image for {ages}", "camera-loss", cameras)
         return MonitoringLost(

@@ -1,7 +1,8 @@
 """What happens in a run, a record for each kind of event: as it is published, and as a line of the log holds it.
 
 The log begins with `RunBegan` and ends with `RunReported`. What stands in its lines are the fields that an event was
-given, in the order in which they are declared. Those with a default are missing in some logs from elsewhere.
+given, in the order in which they are declared. Those with a default are missing in some logs from elsewhere. The
+publisher gives events to those who listen.
 """
 
 from __future__ import annotations
@@ -334,22 +335,24 @@ class Listener(Protocol):
 
 
 class EventPublisher:
-    """doing: what the robot does now, in a word. wall: seconds of wall time by what they were spent on."""
+    """Gives the events of a run to its listeners, and keeps account of where the wall time goes."""
 
     def __init__(self, listeners: Sequence[Listener]) -> None:
         self._listeners = tuple(listeners)
         self._began = time.perf_counter()
         self.doing = "looks"
+        """What the robot does now, in a word."""
         self.wall: dict[str, float] = {}
+        """Seconds of wall time by what they were spent on."""
 
     def publish(self, event: Event) -> None:
-        """Tell an event, at its time on the cell's clock to the microsecond."""
+        """Publish an event, at its time on the cell's clock to the microsecond."""
         event = event.model_copy(update={"t": round(event.t, 6)})
         for listener in self._listeners:
             listener(event)
 
     def begin(self, t: float, primitive: str) -> None:
-        """Tell that a primitive action begins."""
+        """Publish that a primitive action begins."""
         self.doing = primitive
         self.publish(PrimitiveBegan(t=t, name=primitive))
 

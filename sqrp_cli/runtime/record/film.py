@@ -14,7 +14,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
 from sqrp_cli.platform.paths_as_text import is_utf8
-from sqrp_cli.runtime.image import Frame, ImageArray
+from sqrp_cli.runtime.image import CameraImage, ImageArray
 from sqrp_cli.runtime.record.frame_folder import FrameFolder
 
 _TILE = (320, 240)
@@ -42,7 +42,7 @@ class Film:
         self._tiles: dict[str, ImageArray] = {name: np.zeros((_TILE[1], _TILE[0], 3), np.uint8) for name in cameras}
         self._time: float | None = None
 
-    def add(self, frame: Frame, outlines: Outlines, caption: str) -> None:
+    def add(self, frame: CameraImage, outlines: Outlines, caption: str) -> None:
         """Show an image with what was seen in it."""
         if self._time is not None and frame.t > self._time:
             self._video.add(self._mosaic())
@@ -70,9 +70,9 @@ class ImageRecorder:
 
     def __init__(self, folder: FrameFolder | None, film: Film | None) -> None:
         self._folder, self._film = folder, film
-        self._waiting: dict[tuple[str, float], tuple[Frame, str]] = {}
+        self._waiting: dict[tuple[str, float], tuple[CameraImage, str]] = {}
 
-    def add(self, frame: Frame, step: int, t: float | None, caption: str) -> None:
+    def add(self, frame: CameraImage, step: int, t: float | None, caption: str) -> None:
         """An image was taken at time t [s] of a step, while the robot did what the caption says."""
         if self._folder is not None:
             self._folder.add(frame, step, t)

@@ -18,7 +18,7 @@ from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.text.input_file import read_text
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.platform.files import make_folder, naming
-from sqrp_cli.runtime.image import Frame
+from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.record.png import png_of
 
 INDEX = "frames.csv"
@@ -60,7 +60,7 @@ class FrameFolder:
         self._rows.writerow(_COLUMNS)
         self._count = 0
 
-    def add(self, frame: Frame, step: int, t: float | None) -> None:
+    def add(self, frame: CameraImage, step: int, t: float | None) -> None:
         """Keep an image that was taken at time t [s] of a step."""
         name = f"{frame.camera}-{self._count:06d}.png"
         self._count += 1

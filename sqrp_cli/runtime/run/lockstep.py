@@ -107,9 +107,8 @@ class Lockstep:
 
     def _next(self, end: float) -> float:
         """When the next event is [s]."""
-        t = min(
-            self.collector.streams.next_exposure, self.collector.streams.next_arrival, self.collector.streams.next_check
-        )
+        streams = self.collector.streams
+        t = min(streams.next_exposure, streams.next_arrival, streams.next_check)
         if self._due:
             t = min(t, self._due[0].t)
         if self.now < end - 1e-9:

@@ -24,7 +24,7 @@ from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.cell.mujoco_model import quaternion
 from sqrp_cli.runtime.cell.physics import Physics
 from sqrp_cli.runtime.cell.renderer import Renderer
-from sqrp_cli.runtime.image import Frame
+from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets
 from sqrp_cli.runtime.perception.image_detector import ImageDetector
 from sqrp_cli.runtime.perception.vision import find_markers
@@ -53,9 +53,9 @@ class Stage:
         start = self._physics.model.joint(name).qposadr[0]
         self._positions[start : start + 7] = [*X_WO[:3, 3], *quaternion(X_WO)]
 
-    def frame(self, eye: str, t: float) -> Frame:
+    def frame(self, eye: str, t: float) -> CameraImage:
         self._renderer.move(self._positions)
-        return Frame(eye, t, self._renderer.image(eye, t))
+        return CameraImage(eye, t, self._renderer.image(eye, t))
 
     def close(self) -> None:
         self._renderer.close()

@@ -10,7 +10,7 @@ import pytest
 
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
-from sqrp_cli.runtime.image import Frame
+from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.perception.image_stream import ImageStreams
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
 from tests.runtime.steps import played
@@ -24,7 +24,7 @@ STANDING = 0.5
 class Looker:
     """Stands for the processes that look at images: sees nothing in any of them."""
 
-    def submit(self, frame: Frame, believed: object) -> None:
+    def submit(self, frame: CameraImage, believed: object) -> None:
         assert believed is None
         self.last = frame
 
@@ -47,7 +47,7 @@ def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: 
             at = np.inf
         found.collect(t)
         if found.next_exposure <= t + 1e-9:
-            found.expose(t, lambda names, t=t: {name: Frame(name, t, np.zeros(1)) for name in names}, None)
+            found.expose(t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, None)
         if (how := found.failure(t)) is not None:
             assert how.cameras == ["cam"]
             return t, f"{how.fault}: {how}"
@@ -78,7 +78,7 @@ def test_cameras_that_are_lost_at_the_same_time_are_told_together_and_before_lat
     while (how := found.failure(t)) is None:
         found.collect(t)
         if found.next_exposure <= t + 1e-9:
-            found.expose(t, lambda names, t=t: {name: Frame(name, t, np.zeros(1)) for name in names}, None)
+            found.expose(t, lambda names, t=t: {name: CameraImage(name, t, np.zeros(1)) for name in names}, None)
         if t > 1.0:
             found.lose("cam1")
             found.delay("cam2", 0.4)

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.runtime.image import Frame
+from sqrp_cli.runtime.image import CameraImage
 from sqrp_cli.runtime.monitor.attempt import Attempt
 from sqrp_cli.runtime.monitor.prediction_check import PredictionCheck, predicted_delay
 from sqrp_cli.runtime.monitor.step_monitor import PATIENCE, Alarm, StepMonitor
@@ -42,13 +42,13 @@ class Looker:
     def measured_joints(self) -> Mapping[str, float]:
         return {}
 
-    def frames(self, names: list[str]) -> Mapping[str, Frame]:
-        return {name: Frame(name, self.t, np.zeros(1)) for name in names}
+    def frames(self, names: list[str]) -> Mapping[str, CameraImage]:
+        return {name: CameraImage(name, self.t, np.zeros(1)) for name in names}
 
     def watch(self, sought: object) -> None:
         pass
 
-    def submit(self, frame: Frame, believed: object) -> None:
+    def submit(self, frame: CameraImage, believed: object) -> None:
         assert believed is not None
         self._waiting.setdefault(frame.camera, []).append(frame.t)
 
