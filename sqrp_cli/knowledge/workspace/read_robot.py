@@ -124,7 +124,9 @@ class RobotReader:
             return self._read_urdf(entry.urdf, ("robot", "tool", "urdf"))
         place = self.document.key_place(("robot", "tool", "boxes"))
         boxes = [(box.size, box.pose.matrix()) for box in entry.boxes or ()]
-        return tool_of_boxes(boxes, (entry.frame or Pose()).matrix(), self.document.path, place)
+        tool = tool_of_boxes(boxes, (entry.frame or Pose()).matrix(), self.document.path, place)
+        self._parts += tool.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
+        return tool
 
     def _tool(self) -> Tool | None:
         if self.entry.tool is None or self.tool is None:

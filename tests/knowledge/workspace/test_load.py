@@ -69,6 +69,7 @@ def test_a_tool_may_be_boxes_with_a_frame_that_grasps(damaged: Damage) -> None:
     assert robot.tool_frame == "tool_tip"
     assert robot.tool.urdf.links["tool_body"].collision[0].shape == Box((0.06, 0.06, 0.04))
     assert robot.tool.urdf.joints["tool_tip_joint"].X_PJ[2, 3] == 0.02
+    assert [(part.parent, part.shape) for part in robot.parts][-1] == ("tool_body", Box((0.06, 0.06, 0.04)))
 
 
 def test_a_tool_whose_root_is_called_like_the_robots_is_refused(damaged: Damage) -> None:
