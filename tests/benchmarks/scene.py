@@ -111,7 +111,7 @@ def _target(index: int, tool: str) -> Target:
         frame, X_FB = WORLD, pose(position=(0.45 - 0.07 * index, 0.25 - 0.11 * index, 0.025))
     box = SoughtBox(
         name="box",
-        detector=DETECTOR.name,
+        detector="color",
         limits=DETECTOR,
         frame=FrameName(frame),
         size=SIZE,

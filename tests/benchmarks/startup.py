@@ -114,7 +114,7 @@ def print_stages(imports: float) -> None:
     watch(assessment, "feasible_motion", "all candidates: check, IK and motion")
     watch(feasibility, "plan_motion", "- of this IK, motion and collision")
     watch(timeline, "first_samples", "all candidates: where to sample")
-    watch(timeline, "_look", "all candidates: states and coverage")
+    watch(timeline._MotionWatch, "observation", "all candidates: states and coverage")
     watch(timeline.Stage, "states", "- of this kinematics of the samples")
     watch(observer.WatchedBoxes, "limits", "- of this limits")
     watch(observer, "near_pairs", "- of this culling")
@@ -122,8 +122,8 @@ def print_stages(imports: float) -> None:
     watch(observer, "visible_shares", "- of this visible shares")
     assignment = Assignment(cell, workspace.stated_world, Adaptive())
     assessments = clock.run("all candidates, whole", lambda: [assignment.assess(c) for c in task.candidates])
-    session = Session(workspace, task, assignment)
+    session = Session(task, assignment)
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
-        clock.run("ranking and table", lambda: print_ranking(session, rank(assessments, "q_eoi"), "q_eoi"))
+        clock.run("ranking and table", lambda: print_ranking(TASK, assignment, rank(assessments, "q_eoi"), "q_eoi"))
     for stage, value in clock.times.items():
         print(f"{stage}\t{value}")

@@ -88,6 +88,10 @@ def nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
         np.minimum.at(nearest, rows[at], norms(solid.vertices[vertex] - hulls.eyes[rows[at]]))
         a, b, c = (outside[corner] for corner in solid.triangles.T)
         facet, at = np.nonzero((a & b & c) == 0)
+        # Spheres around the triangles spare most of the exact distances.
+        near = norms(facets.middles[facet] - hulls.eyes[rows[at]]) - facets.radii[facet]
+        kept = np.flatnonzero(near < _least_of_lines(pairs.line, nearest)[rows[at]])
+        facet, at = facet[kept], at[kept]
         for chunk in np.array_split(np.arange(len(facet)), 1 + len(facet) // _CLIPPED):
             some, row = facet[chunk], rows[at[chunk]]
             least = _least_of_lines(pairs.line, nearest)[row]
@@ -157,6 +161,10 @@ class _Facets:
     """n of n . p = o for the points p of each one's plane, not of length 1, shape (F, 3)."""
     offsets: Array
     """o of the same, shape (F,)."""
+    middles: Array
+    """Centre of a sphere around each, shape (F, 3) [m]."""
+    radii: Array
+    """Its radius, shape (F,) [m]."""
     edges: tuple[Array, Array, Array]
     """Plücker coordinates of the line along each of the three edges, moment before direction, shape (6, F) each."""
 
@@ -167,10 +175,14 @@ class _Facets:
             points = solid.vertices[solid.triangles]
             a, b, c = points.swapaxes(0, 1)
             normals = cross(b - a, c - a)
+            middles = points.mean(axis=1)
+            reach = points - middles[:, None]
             _facets[solid] = _Facets(
                 points=points,
                 normals=normals,
                 offsets=np.einsum("fi,fi->f", normals, a),
+                middles=middles,
+                radii=np.sqrt(np.einsum("fki,fki->fk", reach, reach).max(axis=1, initial=0.0)),
                 edges=(_line(a, b), _line(b, c), _line(c, a)),
             )
         return _facets[solid]
