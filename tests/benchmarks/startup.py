@@ -84,7 +84,6 @@ def print_stages(imports: float) -> None:
     """
     clock = _Clock()
     clock.times["imports (without the interpreter)"] = imports
-    from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.text.input_file import ContentDigest
     from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.programming import feasibility
@@ -122,7 +121,6 @@ def print_stages(imports: float) -> None:
     watch(observer, "visible_shares", "- of this visible shares")
     assignment = Assignment(cell, workspace.stated_world, Adaptive())
     assessments = clock.run("all candidates, whole", lambda: [assignment.assess(c) for c in task.candidates])
-    session = Session(task, assignment)
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         clock.run("ranking and table", lambda: print_ranking(TASK, assignment, rank(assessments, "q_eoi"), "q_eoi"))
     for stage, value in clock.times.items():
