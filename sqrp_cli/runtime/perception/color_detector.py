@@ -187,7 +187,7 @@ class ColorDetector:
 
     def _at_height(self, pixel: Array, height: float) -> Array | None:
         """Where the ray of a pixel is at a height [m]; None if it never is."""
-        X_WC = self._view.camera_view.X_WC
+        X_WC = self._view.posed_camera.X_WC
         ray = X_WC[:3, :3] @ direction(self._view.camera, pixel)
         distance = (height - X_WC[2, 3]) / ray[2] if abs(ray[2]) > 1e-6 else -1.0
         position: Array = X_WC[:3, 3] + distance * ray
@@ -200,7 +200,7 @@ class ColorDetector:
         """
         if not self._colored.any():
             return None
-        everything = (slice(0, self._view.camera_view.shape[0]), slice(0, self._view.camera_view.shape[1]))
+        everything = (slice(0, self._view.posed_camera.shape[0]), slice(0, self._view.posed_camera.shape[1]))
         found = blobs(self._colored & ~self._background.matches(self._view.image, everything))
         height = float(X_WO[2, 3])
         position = self._at_height(found[0].center, height) if found else None

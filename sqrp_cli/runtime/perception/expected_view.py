@@ -14,7 +14,7 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.runtime.image import ImageArray
 from sqrp_cli.runtime.perception.detections import BelievedState, CellModel, DetectionTargets, object_of
-from sqrp_cli.runtime.perception.projected import CameraView, ProjectedObject, ProjectedParts
+from sqrp_cli.runtime.perception.projected import PosedCamera, ProjectedObject, ProjectedParts
 from sqrp_cli.runtime.perception.vision import Corners, FoundMarker, dilated, filled, find_markers
 from sqrp_cli.shapes import Box
 
@@ -38,8 +38,8 @@ class ExpectedView:
         self.image, self.believed = image, believed
         self._X_WL = cell.robot.link_poses(believed.joints)
         self._X_WF = frame_poses(self._X_WL, believed.X_WO, sought.starts)
-        self.camera_view = CameraView(projection, self._X_WF[camera.frame] @ camera.X_FC)
-        self.robot: ProjectedParts = self.camera_view.silhouette(cell.robot.surfaces, self._X_WL)
+        self.posed_camera = PosedCamera(projection, self._X_WF[camera.frame] @ camera.X_FC)
+        self.robot: ProjectedParts = self.posed_camera.silhouette(cell.robot.surfaces, self._X_WL)
         """The silhouette that the robot has in it, by its encoders."""
 
     @cached_property
@@ -69,10 +69,12 @@ class ExpectedView:
 
     def projected(self, name: str, X_WO: Array) -> ProjectedObject | None:
         """An object at a pose (4, 4); None where some of its box is behind the camera or beyond what the lens shows."""
-        box = self.camera_view.outline(X_WO, self.cell.objects[name].size)
+        box = self.posed_camera.outline(X_WO, self.cell.objects[name].size)
         if box is None or box.area <= 0.0:
             return None
-        return ProjectedObject.of(box, self.camera_view.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True))
+        return ProjectedObject.of(
+            box, self.posed_camera.silhouette(self.cell.surfaces[name], {name: X_WO}, beyond=True)
+        )
 
     def blocking(self, name: str, points_W: Array) -> ProjectedParts | None:
         """The parts of an object, where it is believed to be, that stand before any of some points (n, 3) [m].
@@ -83,15 +85,15 @@ class ExpectedView:
         found = []
         for part, surface in zip(obj.parts, self.cell.surfaces[name], strict=True):
             box = (X_WO @ part.X_PG, part.shape.size) if isinstance(part.shape, Box) else (X_WO, obj.size)
-            if self.camera_view.hides(*box, points_W):
+            if self.posed_camera.hides(*box, points_W):
                 found.append(surface)
-        if found and self.camera_view.outline(X_WO, obj.size) is None:
+        if found and self.posed_camera.outline(X_WO, obj.size) is None:
             return None
-        return self.camera_view.silhouette(found, {name: X_WO})
+        return self.posed_camera.silhouette(found, {name: X_WO})
 
     def crop(self, polygon: Array, margin: int) -> Crop | None:
         """The part of the image around a polygon (n, 2), with a margin [pixels]; None if they do not meet."""
-        height, width = self.camera_view.shape
+        height, width = self.posed_camera.shape
         (left, top), (right, bottom) = polygon.min(axis=0) - margin, polygon.max(axis=0) + margin
         rows = slice(max(0, int(top)), min(height, int(bottom) + 1))
         columns = slice(max(0, int(left)), min(width, int(right) + 1))
@@ -99,27 +101,27 @@ class ExpectedView:
 
     def robot_mask(self) -> Mask:
         """The pixels that the robot covers."""
-        return self.robot.mask(self.camera_view.shape, (0, 0), np.inf)
+        return self.robot.mask(self.posed_camera.shape, (0, 0), np.inf)
 
     def sought_mask(self) -> Mask:
         """The pixels that the objects which are looked for may cover, wherever they may be."""
-        return filled(self.camera_view.shape, (0, 0), self._sought_polygons())
+        return filled(self.posed_camera.shape, (0, 0), self._sought_polygons())
 
     def movables_mask(self) -> Mask:
         """The pixels that movable objects cover where they are believed to be."""
         objects = ((self.cell.objects[name], X) for name, X in self.believed.X_WO.items())
-        outlines = (self.camera_view.outline(X, obj.size) for obj, X in objects if not obj.fixed)
-        return filled(self.camera_view.shape, (0, 0), [outline.corners for outline in outlines if outline is not None])
+        outlines = (self.posed_camera.outline(X, obj.size) for obj, X in objects if not obj.fixed)
+        return filled(self.posed_camera.shape, (0, 0), [outline.corners for outline in outlines if outline is not None])
 
     def covered(self, margin: int) -> Mask:
         """What the robot and the watched objects may cover, with a margin [pixels]."""
-        return dilated(self.robot.cover(self.camera_view.shape) | self.sought_mask(), margin)
+        return dilated(self.robot.cover(self.posed_camera.shape) | self.sought_mask(), margin)
 
     def _sought_polygons(self) -> list[Corners]:
         found = []
         for atom, box in self.boxes():
             obj = self.object_of(atom, box)
-            outline = self.camera_view.outline(self.pose(box), obj.size if obj else box.size)
+            outline = self.posed_camera.outline(self.pose(box), obj.size if obj else box.size)
             if outline is not None:
                 found.append(outline.corners)
         return found

@@ -26,7 +26,7 @@ class MarkerDetector:
 
     def detect(self, atom: str, box: TargetBox) -> BoxDetection:
         """What is seen of a box with a marker."""
-        outline = self._view.camera_view.outline(self._view.pose(box), box.size)
+        outline = self._view.posed_camera.outline(self._view.pose(box), box.size)
         if outline is None:
             return BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE)
         wanted = self._wanted(atom, box)
@@ -64,7 +64,7 @@ class MarkerDetector:
         ends = []
         for fingers in (robot.fingers.open, robot.fingers.closed):
             X_WL = robot.link_poses(robot.with_fingers(self._view.believed.joints, fingers))
-            outline = self._view.camera_view.outline(X_WL[box.frame] @ box.X_FB, box.size)
+            outline = self._view.posed_camera.outline(X_WL[box.frame] @ box.X_FB, box.size)
             if outline is None:
                 return Truth.UNKNOWN
             ends.append(outline.center)

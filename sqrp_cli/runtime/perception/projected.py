@@ -98,7 +98,7 @@ class _ProjectedPart:
         return cls(parent, corners_of(polygons), depths, polygons.min(axis=1), polygons.max(axis=1), hull)
 
 
-class CameraView:
+class PosedCamera:
     """One camera at one moment."""
 
     def __init__(self, projection: Projection, X_WC: Array) -> None:

@@ -23,7 +23,7 @@ from sqrp_cli.logic.truth import Truth
 from sqrp_cli.program.record import ProgramTarget
 from sqrp_cli.runtime.perception.detections import BelievedState, BoxDetection, DetectionTargets, MissReason
 from sqrp_cli.runtime.perception.image_detector import ImageDetector
-from sqrp_cli.runtime.perception.projected import CameraView, ProjectedObject
+from sqrp_cli.runtime.perception.projected import PosedCamera, ProjectedObject
 from sqrp_cli.runtime.perception.vision import color_mask, dilated
 from sqrp_cli.runtime.surface import Surface
 from sqrp_cli.shapes import Box, Mesh, Part
@@ -73,7 +73,7 @@ def stage(request: pytest.FixtureRequest, ring: SceneObject) -> Iterator[Stage]:
 
 
 def projected(stage: Stage, eye: Camera, X_WO: np.ndarray) -> ProjectedObject:
-    view = CameraView(Projection.of(eye), eye.X_FC)
+    view = PosedCamera(Projection.of(eye), eye.X_FC)
     box = view.outline(X_WO, stage.knowledge.objects["part"].size)
     assert box is not None
     return ProjectedObject.of(box, view.silhouette(stage.knowledge.surfaces["part"], {"part": X_WO}, beyond=True))
@@ -182,7 +182,7 @@ def test_a_fine_mesh_has_the_same_silhouette_when_it_is_coarse(wire: float) -> N
     coarse = fine.coarsened()
     assert coarse.triangles is not None
     assert len(coarse.triangles) < 30_000 < len(bent.faces)
-    view = CameraView(Projection.of(EYES[0]), EYES[0].X_FC)
+    view = PosedCamera(Projection.of(EYES[0]), EYES[0].X_FC)
     masks = [
         view.silhouette([surface], {"part": pose(position=PLACE)}).mask((480, 640), (0, 0), np.inf)
         for surface in (fine, coarse)
