@@ -104,7 +104,8 @@ class Sphere:
         Enclosing, the rings' sides touch the sphere, and only the middles of faces dip into it (by 0.2 % for 48 sides).
         """
         radius = _corner_radius(self.radius, sides, enclosing=enclosing)
-        return _rings(radius, np.linspace(0, np.pi, sides // 2 + 1), sides, 0.0)
+        angles = np.linspace(0, np.pi, sides // 2 + 1)
+        return _rings(radius, angles, np.zeros_like(angles), sides)
 
 
 @dataclass(frozen=True)
@@ -167,11 +168,11 @@ class Capsule:
         return Capsule(max(self.radius - by, LEAST_SIZE), self.length)
 
     def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
-        """A surface of rings of so many corners, as that of a sphere."""
+        """A surface of rings of so many corners, as that of a sphere; both ends of the straight part have a ring."""
         radius = _corner_radius(self.radius, sides, enclosing=enclosing)
-        # An even number of rings has none at the equator itself, and so none that only one of the two caps has.
-        angles = np.linspace(0, np.pi, sides // 2 + (2 if enclosing else 1))
-        return _rings(radius, angles, sides, self.length)
+        quarter = np.linspace(0, np.pi / 2, sides // 4 + 1)
+        lifts = np.repeat([self.length / 2, -self.length / 2], len(quarter))
+        return _rings(radius, np.concatenate([quarter, np.pi - quarter[::-1]]), lifts, sides)
 
 
 @dataclass(frozen=True)
@@ -208,9 +209,9 @@ def _corner_radius(radius: float, sides: int, *, enclosing: bool) -> float:
     return float(radius / np.cos(np.pi / sides)) if enclosing else radius
 
 
-def _rings(radius: float, angles: Array, sides: int, straight: float) -> Triangles:
-    """A sphere about z, cut at its equator and pulled apart by `straight`, as rings at polar angles from the top."""
-    heights = radius * np.cos(angles) + np.copysign(straight / 2, np.cos(angles))
+def _rings(radius: float, angles: Array, lifts: Array, sides: int) -> Triangles:
+    """A sphere about z as rings at polar angles from the top, each lifted [m]; both of shape (rings,)."""
+    heights = radius * np.cos(angles) + lifts
     rings = [_rim(radius * np.sin(angle), sides, height) for angle, height in zip(angles, heights, strict=True)]
     first = np.arange(sides)
     following = (first + 1) % sides

@@ -56,3 +56,9 @@ def test_triangles_enclose_it_or_are_in_it(shape: Solid) -> None:
 def test_it_is_shrunk_on_every_side_and_never_to_nothing(shape: Solid) -> None:
     assert shape.shrunk(0.01).half_extents(np.eye(3)) == pytest.approx(shape.half_extents(np.eye(3)) - 0.01)
     assert (shape.shrunk(10.0).half_extents(np.eye(3)) > 0).all()
+
+
+def test_the_straight_part_of_a_capsule_is_seen_to_both_its_ends() -> None:
+    outline = Capsule(0.05, 0.2).triangles(24, enclosing=False).vertices
+    widest = np.linalg.norm(outline[:, :2], axis=1) > 0.05 - 1e-12
+    assert sorted(set(np.round(outline[widest, 2], 12))) == [-0.1, 0.1]
