@@ -1,4 +1,4 @@
-"""What can go wrong, as values: exit codes, problems of the input, the error that carries them, what cannot be done."""
+"""Errors: exit codes, problems of the input, the exception that carries them, and infeasibility as a value."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Literal
 
 _LONG_QUOTE = re.compile(r'(`)(?!sqrp )([^`]{60})[^`]{200,}`|(")([^`"]{60})[^`"]{200,}"')
-"""A quoted name or value of more than a few lines; a command is for typing, and stays whole."""
+"""A quoted name or value of more than a few lines; commands stay whole, because users type them."""
 
 MOST_PROBLEMS = 20
-"""Problems that an error carries: a file may have one in each line."""
+"""Most problems that an error carries: a file may have one in each line."""
 
 MOST_NAMES = 20
-"""Names that a message lists."""
+"""Most names that a message lists."""
 
 
 class ExitCode(IntEnum):
@@ -33,7 +33,7 @@ class ExitCode(IntEnum):
 
 @dataclass(frozen=True)
 class Place:
-    """A position in an input file; line and column count from 1, None where the file as a whole is meant."""
+    """A position in an input file; line and column count from 1, None means the whole file."""
 
     file: Path
     line: int | None = None
@@ -59,18 +59,18 @@ class Problem:
     severity: Literal["error", "warning"] = "error"
 
     mend: str | None = None
-    """What the user can type or change to mend it, if one thing is known to."""
+    """What the user can type or change to mend it, if known."""
 
     excerpt: str | None = None
-    """The offending line with a caret under it, for inputs that are written in a grammar."""
+    """The offending line with a caret under it, for inputs with a grammar."""
 
     def __post_init__(self) -> None:
-        """Shorten what the message quotes: names and values may be as long as a file."""
+        """Shorten quotes in the message: names and values may be as long as a file."""
         object.__setattr__(self, "message", _LONG_QUOTE.sub(r"\1\3\2\4...\1\3", self.message))
 
     @property
     def position(self) -> tuple[int, int]:
-        """Line and column of its place, 0 where there is none, so that problems of a file can be sorted."""
+        """Line and column of its place, to sort the problems of a file; 0 where there is none."""
         return (self.place.line or 0, self.place.column or 0) if self.place else (0, 0)
 
     def __str__(self) -> str:
@@ -100,7 +100,7 @@ class Infeasible:
 
 
 def counted(count: int) -> str:
-    """A count in words that fit into a message."""
+    """A count for a message, short even for huge numbers."""
     return f"{count:,}" if count < 10**12 else "more than 10^12"
 
 

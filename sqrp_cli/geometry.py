@@ -1,7 +1,7 @@
-"""Poses, rotations and boxes as NumPy arrays, and ranges of the whole numbers that index them.
+"""Poses, rotations and boxes as NumPy arrays, and ranges of indices.
 
 `X_AB` is the pose of frame B in frame A, a 4x4 matrix that maps coordinates in B to coordinates in A. Quaternions are
-ordered x, y, z, w. Every function of them broadcasts over leading dimensions.
+ordered x, y, z, w. All functions of poses and quaternions broadcast over leading dimensions.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _PARALLEL = 1e-9
 """Sine of the angle below which two directions count as parallel."""
 
 _ORTHONORMAL = 1e-9
-"""How far the products of a rotation's axes may be from those of unit vectors at right angles."""
+"""Tolerance of R^T R = I for a rotation matrix, per entry."""
 
 Indices = NDArray[np.int64]
 
@@ -28,7 +28,7 @@ Mask = NDArray[np.bool_]
 
 
 def read_only(array: ArrayLike) -> Array:
-    """A float copy of `array` that cannot be written to, for fields of frozen records."""
+    """A read-only float copy of `array`, for fields of frozen records."""
     copy = np.array(array, dtype=float)
     copy.setflags(write=False)
     return copy
@@ -45,9 +45,9 @@ def pose(rotation: ArrayLike | None = None, position: ArrayLike | None = None) -
 
 
 def check_poses(what: str, *poses: Array | None) -> None:
-    """Raises ValueError unless all of them (..., 4, 4) are poses: finite, with axes of length 1 at right angles.
+    """Raises ValueError unless all arrays (..., 4, 4) are poses: finite, with orthonormal axes.
 
-    what: names what has these poses. None, for a pose that is not known, passes.
+    what: name of the object with these poses, for the message. None, an unknown pose, passes.
     """
     for X in poses:
         if X is not None and not _are_poses(X):
@@ -56,7 +56,7 @@ def check_poses(what: str, *poses: Array | None) -> None:
 
 def _are_poses(X: Array) -> bool:
     R = X[..., :3, :3]
-    # Comparisons with what is not a number are false, so that it does not pass.
+    # Comparisons with NaN are false, so it does not pass.
     off_axes, off_row = np.abs(R @ R.swapaxes(-1, -2) - np.eye(3)), np.abs(X[..., 3, :] - [0.0, 0.0, 0.0, 1.0])
     right_handed = np.einsum("...i,...i", cross(R[..., 0], R[..., 1]), R[..., 2]) > 0.0
     return bool(
@@ -65,7 +65,7 @@ def _are_poses(X: Array) -> bool:
 
 
 def check_finite(what: str, *figures: ArrayLike | None) -> None:
-    """Raises ValueError unless all figures are finite; None, for what is undefined, passes."""
+    """Raises ValueError unless all figures are finite; None (undefined) passes."""
     for figure in figures:
         if figure is not None and not np.isfinite(figure).all():
             raise ValueError(f"a figure of {what} is not finite: {figure}")
@@ -120,7 +120,7 @@ def quaternion_to_matrix(quaternion: ArrayLike) -> Array:
 def matrix_to_quaternion(rotation: Array) -> Array:
     """The quaternion (x, y, z, w) of length 1 with w >= 0 of a rotation matrix (3, 3)."""
     R = rotation
-    # Each of its entries times four times one of them: the largest of the four is exact enough to divide by.
+    # Row i holds the quaternion times 4 q_i: dividing by the largest is the most exact.
     outer = np.array(
         [
             [1 + R[0, 0] - R[1, 1] - R[2, 2], R[1, 0] + R[0, 1], R[0, 2] + R[2, 0], R[2, 1] - R[1, 2]],
@@ -213,7 +213,7 @@ def box_corners(size: ArrayLike) -> Array:
 
 
 class Ranges(NamedTuple):
-    """The whole numbers of many ranges, one range after the other, k in all."""
+    """The integers of many ranges, one range after the other, k in all."""
 
     of: Indices
     """Index of the range that each number is in, shape (k,)."""
@@ -223,7 +223,7 @@ class Ranges(NamedTuple):
 
 
 def ranges(first: NDArray[Any], last: NDArray[Any]) -> Ranges:
-    """The whole numbers of each range from `first`, included, to `last`, not included."""
+    """The integers of each range from `first`, included, to `last`, excluded."""
     first = first.astype(np.int64)
     count = np.maximum(last.astype(np.int64) - first, 0)
     index = np.repeat(np.arange(len(count)), count)

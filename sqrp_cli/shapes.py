@@ -1,7 +1,7 @@
-"""Shapes, what can be asked of them, and the solid parts that they make up.
+"""Shapes, and the solid parts that they make up.
 
-Every shape but a mesh knows its extents, its inside, its triangles and how it is made smaller. What a mesh looks like
-stands in its file, which is read where it is needed: `programming.sensing.solids` and `runtime.surface`.
+Every shape but a mesh computes its extents, its triangles, whether it contains a point, and a shrunk copy. The file of
+a mesh is read where it is needed: `programming.sensing.solids` and `runtime.surface`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Geometry = Literal["collision", "visual"]
 """Which of the two geometries of a link."""
 
 LEAST_SIZE = 1e-6
-"""What is left of a shape that is thinner than what is taken off [m]."""
+"""Least size of a shape after shrinking [m]."""
 
 BOX_TRIANGLES = np.array(
     [[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
@@ -41,7 +41,7 @@ class Triangles:
     """Indices of three corners each, shape (F, 3)."""
 
     def turns_around(self, point: Array) -> float:
-        """How often the surface goes around a point (3,): a whole number where it is closed.
+        """The winding number of the surface around a point (3,): an integer if it is closed.
 
         The sum of the solid angles of its triangles (van Oosterom and Strackee 1983) over that of a sphere.
         """
@@ -61,7 +61,7 @@ class Box:
     """Full extents [m]."""
 
     def half_extents(self, R: Array) -> Array:
-        """How far it reaches from its centre along the axes of a frame in which it is turned by R (3, 3) [m], (3,)."""
+        """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
         half: Array = np.abs(R) @ (0.5 * np.asarray(self.size))
         return half
 
@@ -70,11 +70,11 @@ class Box:
         return bool((np.abs(point) < 0.5 * np.asarray(self.size)).all())
 
     def shrunk(self, by: float) -> Box:
-        """The same with `by` [m] taken off on every side."""
+        """A copy with `by` [m] taken off on every side."""
         x, y, z = (max(extent - 2 * by, LEAST_SIZE) for extent in self.size)
         return Box((x, y, z))
 
-    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:  # noqa: ARG002 - a box is what it is
+    def triangles(self, sides: int, *, enclosing: bool) -> Triangles:  # noqa: ARG002 - a box has no rounding
         """Its surface."""
         return Triangles(box_corners(self.size), BOX_TRIANGLES)
 
@@ -87,7 +87,7 @@ class Sphere:
     """[m]"""
 
     def half_extents(self, R: Array) -> Array:  # noqa: ARG002 - it is the same from every side
-        """How far it reaches from its centre along the axes of a frame in which it is turned by R (3, 3) [m], (3,)."""
+        """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
         return np.full(3, self.radius)
 
     def contains(self, point: Array) -> bool:
@@ -95,11 +95,11 @@ class Sphere:
         return hypot(*point.tolist()) < self.radius
 
     def shrunk(self, by: float) -> Sphere:
-        """The same with `by` [m] taken off on every side."""
+        """A copy with `by` [m] taken off on every side."""
         return Sphere(max(self.radius - by, LEAST_SIZE))
 
     def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
-        """A surface of rings of so many corners, with its corners on the sphere or, if `enclosing`, outside of it.
+        """A surface of rings of `sides` corners, which lie on the sphere or, if `enclosing`, outside of it.
 
         Enclosing, the rings' sides touch the sphere, and only the middles of faces dip into it (by 0.2 % for 48 sides).
         """
@@ -118,7 +118,7 @@ class Cylinder:
     """[m]"""
 
     def half_extents(self, R: Array) -> Array:
-        """How far it reaches from its centre along the axes of a frame in which it is turned by R (3, 3) [m], (3,)."""
+        """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
         along = np.abs(R[:, 2])
         half: Array = self.radius * np.sqrt(np.clip(1 - along**2, 0, 1)) + 0.5 * self.length * along
         return half
@@ -129,11 +129,11 @@ class Cylinder:
         return hypot(x, y) < self.radius and abs(z) < self.length / 2
 
     def shrunk(self, by: float) -> Cylinder:
-        """The same with `by` [m] taken off on every side."""
+        """A copy with `by` [m] taken off on every side."""
         return Cylinder(max(self.radius - by, LEAST_SIZE), max(self.length - 2 * by, LEAST_SIZE))
 
     def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
-        """A prism of so many sides, around the cylinder or, if not `enclosing`, with its corners on it."""
+        """A prism of `sides` sides, around the cylinder or, if not `enclosing`, with its corners on it."""
         radius = _corner_radius(self.radius, sides, enclosing=enclosing)
         rim, up = _rim(radius, sides), np.array([0.0, 0.0, self.length / 2])
         low = np.arange(sides)
@@ -154,7 +154,7 @@ class Capsule:
     """Of the straight part [m]."""
 
     def half_extents(self, R: Array) -> Array:
-        """How far it reaches from its centre along the axes of a frame in which it is turned by R (3, 3) [m], (3,)."""
+        """Its half extents along the axes of a frame in which its rotation is R (3, 3) [m], shape (3,)."""
         half: Array = self.radius + 0.5 * self.length * np.abs(R[:, 2])
         return half
 
@@ -164,11 +164,11 @@ class Capsule:
         return hypot(x, y, max(0.0, abs(z) - self.length / 2)) < self.radius
 
     def shrunk(self, by: float) -> Capsule:
-        """The same with `by` [m] taken off on every side."""
+        """A copy with `by` [m] taken off on every side."""
         return Capsule(max(self.radius - by, LEAST_SIZE), self.length)
 
     def triangles(self, sides: int, *, enclosing: bool) -> Triangles:
-        """A surface of rings of so many corners, as that of a sphere; both ends of the straight part have a ring."""
+        """A surface of rings of `sides` corners, as that of a sphere; both ends of the straight part have a ring."""
         radius = _corner_radius(self.radius, sides, enclosing=enclosing)
         quarter = np.linspace(0, np.pi / 2, sides // 4 + 1)
         lifts = np.repeat([self.length / 2, -self.length / 2], len(quarter))
@@ -192,7 +192,7 @@ class Part:
     """A solid, opaque piece that moves rigidly with its parent."""
 
     name: str
-    """What output calls it."""
+    """Its name in output."""
     parent: str
     """A link of the robot, an object, or `world`."""
     shape: Shape
@@ -200,7 +200,7 @@ class Part:
     """Pose of the shape in the parent, shape (4, 4)."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError if `X_PG` is no pose."""
+        """Raises ValueError if `X_PG` is not a pose."""
         check_poses(f"part `{self.name}`", self.X_PG)
 
 

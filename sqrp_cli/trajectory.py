@@ -1,6 +1,6 @@
-"""Joint motion over time as plain numbers: a smooth path in joint space, and a law of how far along it the arm is.
+"""Joint trajectories: a smooth path in joint space, and a time law along it.
 
-A program file stores trajectories and the runtime evaluates them, so this module needs nothing but NumPy.
+Program files store trajectories and the runtime evaluates them, so this module needs only NumPy.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from numpy.typing import ArrayLike
 from sqrp_cli.geometry import Array, Indices, read_only
 
 NO_SLOPE = 1e-11
-"""Highest coefficients of a path's slope that are left out where its zeros are sought [rad or m]: rounding."""
+"""Highest coefficients of a path's slope up to this size count as rounding when its zeros are sought [rad or m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class PiecewiseCubic:
-    """The law s(t): a cubic polynomial per piece, so its jerk is constant within each."""
+    """The time law s(t): a cubic polynomial per piece, with constant jerk in each."""
 
     breaks: Array
-    """Where the pieces begin, and the end of the last one [s], rising from 0, shape (k + 1,)."""
+    """Start times of the pieces, and the end of the last one [s], rising from 0, shape (k + 1,)."""
 
     coefficients: Array
-    """Of 1, u, u^2 and u^3 with u = t minus the start of the piece, shape (k, 4)."""
+    """Coefficients of 1, u, u^2 and u^3 with u = t minus the start of the piece, shape (k, 4)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "breaks", read_only(self.breaks))
@@ -58,7 +58,7 @@ class PiecewiseCubic:
         return s
 
     def _within_pieces(self, t: ArrayLike) -> tuple[Array, Array]:
-        """The time since the piece began that each time lies in, shape (m,), and the piece's coefficients, (4, m)."""
+        """For each time: the time since the start of its piece, shape (m,), and the piece's coefficients, (4, m)."""
         inside = np.minimum(np.maximum(np.asarray(t, dtype=float), 0.0), self.breaks[-1])
         piece = _piece(self.breaks, inside)
         return inside - self.breaks[piece], self.coefficients[piece].T
@@ -68,7 +68,7 @@ class PiecewiseCubic:
         return PiecewiseCubic(self.breaks * factor, self.coefficients / factor ** np.arange(4))
 
     def time_at(self, s: float) -> float:
-        """The first time [s] at which a law that never falls reaches `s`, to the resolution of floating point."""
+        """The first time [s] at which a monotonic law reaches `s`, to floating-point resolution."""
         reached = self.positions(self.breaks)
         piece = int(np.clip(np.searchsorted(reached, s) - 1, 0, len(self.coefficients) - 1))
         c0, c1, c2, c3 = self.coefficients[piece].tolist()
@@ -83,7 +83,7 @@ class PiecewiseCubic:
 
 
 class JointSpan(NamedTuple):
-    """From where to where each of n joints may be, or is."""
+    """The range of positions of each of n joints."""
 
     lower: Array
     """Shape (n,) [rad or m]."""
@@ -93,7 +93,7 @@ class JointSpan(NamedTuple):
 
 
 class Extremes(NamedTuple):
-    """The ends of where one joint is [rad or m]."""
+    """The least and the greatest position of one joint [rad or m]."""
 
     least: float
     greatest: float
@@ -104,10 +104,10 @@ class JointPath:
     """A path of n joints over the parameter s in [0, 1]: a Chebyshev polynomial per piece and joint."""
 
     breaks: Array
-    """Where the pieces begin, and the end of the last one, rising from 0 to 1, shape (p + 1,)."""
+    """Starts of the pieces, and the end of the last one, rising from 0 to 1, shape (p + 1,)."""
 
     coefficients: Array
-    """Of the Chebyshev polynomials T_0..T_d over each piece, mapped to [-1, 1] [rad or m], shape (p, d + 1, n)."""
+    """Coefficients of T_0..T_d over each piece, mapped to [-1, 1] [rad or m], shape (p, d + 1, n)."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "breaks", read_only(self.breaks))
@@ -183,7 +183,7 @@ class JointPath:
 
     @cached_property
     def _derivatives(self) -> list[Array]:
-        """What `_derived` has found so far, by order."""
+        """Cached results of `_derived`, by order."""
         return [self.coefficients.swapaxes(0, 1)]
 
     def shifted(self, offset: ArrayLike) -> JointPath:
@@ -194,19 +194,19 @@ class JointPath:
 
 
 class JoinedPaths(NamedTuple):
-    """Paths of n joints each as one: evaluating it takes hardly longer than evaluating one of them."""
+    """Paths of n joints each joined into one, which takes hardly longer to evaluate than one of them."""
 
     rows: Indices
-    """Which of the paths they are, shape (b,)."""
+    """Indices of the paths, shape (b,)."""
 
     path: JointPath
-    """Of all their joints, b n; those of the first path come first."""
+    """One path of all b n joints; those of the first path come first."""
 
 
 def side_by_side(paths: Sequence[JointPath]) -> Iterator[JoinedPaths]:
-    """The paths of each degree of polynomials joined.
+    """The paths joined, one result for each polynomial degree.
 
-    They have the same breaks and as many joints each.
+    All paths must have the same breaks and the same number of joints.
     """
     degrees = np.array([path.coefficients.shape[1] for path in paths])
     for degree in sorted(set(degrees.tolist())):
@@ -252,9 +252,9 @@ class Trajectory:
         return [path[0], *(chain_rule(law[1:, :, None], path[1 : k + 1]) for k in range(1, order + 1))]
 
     def followed_by(self, other: Trajectory) -> Trajectory:
-        """First this motion, then another one that begins where it ends, both from rest to rest.
+        """The motion followed by another that begins where it ends, both from rest to rest.
 
-        Each is one half of the whole path; a motion without duration is left out.
+        Each is one half of the new path; a motion without duration is left out.
         """
         if self.duration <= 0.0 or other.duration <= 0.0:
             return self if other.duration <= 0.0 else other
@@ -270,7 +270,7 @@ class Trajectory:
         return Trajectory(path, PiecewiseCubic(breaks, np.concatenate([0.5 * self.law.coefficients, later])))
 
     def to_numbers(self) -> dict[str, Any]:
-        """Nested lists of plain numbers, from which `from_numbers` makes the same trajectory again, bit for bit."""
+        """Nested lists of plain numbers; `from_numbers` restores the same trajectory, bit for bit."""
         return {
             "path": {"breaks": self.path.breaks.tolist(), "coefficients": self.path.coefficients.tolist()},
             "law": {"breaks": self.law.breaks.tolist(), "coefficients": self.law.coefficients.tolist()},

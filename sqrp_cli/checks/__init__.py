@@ -1,4 +1,4 @@
-"""What SQRP finds in its input: the registry of all findings, and the checks that make those of readable workspaces.
+"""Findings in the input: the registry of all findings, and the checks of workspaces that could be read.
 
-`lint` needs no geometry of the robot, `cell_warnings` does. What cannot be read at all is refused where it is read.
+`lint` needs no geometry of the robot, `cell_warnings` does. The readers refuse what cannot be read at all.
 """

@@ -1,4 +1,4 @@
-"""Findings in the boxes of targets: too small to be seen, empty, moving with what is lost, or not there at all."""
+"""Findings in the boxes of targets: too small to be seen, empty, moving with a lost object, or missing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 
 def without_target(skill: Skill) -> Iterator[Problem]:
-    """Predicates of formulas that no camera can decide, as no target says where to look."""
+    """Predicates of formulas that no camera can decide, because they have no target."""
     reported: set[str] = set()
     for requirement in skill.requirements:
         for predicate in predicates_of(requirement.formula):
@@ -45,7 +45,7 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
     for predicate, target in skill.targets.items():
         for index, box in enumerate(target.boxes):
             detector = workspace.detectors[box.detector]
-            looks = list(product(workspace.cameras.values(), _objects_meant(workspace, skill, box)))
+            looks = list(product(workspace.cameras.values(), _possible_objects(workspace, skill, box)))
             # Mostly one of the first is large enough, and then the others do not matter.
             if looks and all(_largest_in_image(workspace, box, *look) < detector.min_pixels for look in looks):
                 largest = max(_largest_in_image(workspace, box, *look) for look in looks)
@@ -59,10 +59,10 @@ def too_small_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
 
 
 def empty_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
-    """Boxes of which a negative margin leaves nothing."""
+    """Boxes that a negative margin shrinks to nothing."""
     for predicate, target in skill.targets.items():
         for index, box in enumerate(target.boxes):
-            objects = [item for item in _objects_meant(workspace, skill, box) if item is not None]
+            objects = [item for item in _possible_objects(workspace, skill, box) if item is not None]
             item = min(objects, key=lambda item: min(item.size), default=None)
             if item is None or box.size is not None or min(item.size) + 2 * box.margin > 0:
                 continue
@@ -75,7 +75,7 @@ def empty_boxes(workspace: Workspace, skill: Skill) -> Iterator[Problem]:
 
 
 def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
-    """Boxes of fault literals that move with an object that the skill grasps, and so still do once it is lost."""
+    """Boxes of fault literals that move with a grasped object, even after it is lost."""
     grasped = {primitive.object for primitive in skill.primitives if isinstance(primitive, Grasp)}
     reported: set[tuple[str, str]] = set()
     for requirement in skill.requirements:
@@ -96,8 +96,8 @@ def fault_boxes_that_move(skill: Skill) -> Iterator[Problem]:
                 yield Problem("box-moves-with-lost-object", message, place, mend=mend)
 
 
-def _objects_meant(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
-    """The objects that a box may belong to; only None for a box of its own in a frame without an object."""
+def _possible_objects(workspace: Workspace, skill: Skill, box: BoxSpec) -> list[SceneObject | None]:
+    """The objects that a box may belong to; [None] for a box in a frame without an object."""
     name = box.fits or box.frame.owner
     if name in workspace.objects:
         return [workspace.objects[name]]
@@ -130,7 +130,7 @@ def _largest_in_image(workspace: Workspace, box: BoxSpec, camera: Camera, item: 
 
 
 def _known_distance(box: BoxSpec, camera: Camera, item: SceneObject | None) -> float:
-    """Distance from camera to box where both stay where they are [m], else 0."""
+    """Distance from camera to box where both are fixed [m], else 0."""
     if camera.frame != WORLD:
         return 0.0
     if box.frame == WORLD:

@@ -1,4 +1,4 @@
-"""Findings in cameras and detectors: lenses and images that cannot be meant, and cameras that see nothing."""
+"""Findings in cameras and detectors: implausible lenses and images, and cameras that see nothing."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _WIDEST = 1e3
 
 
 def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
-    """Cameras whose principal point is not in their image, or whose focal lengths cannot be meant."""
+    """Cameras with the principal point outside the image, or with implausible focal lengths."""
     for camera in workspace.cameras.values():
         stated = f"cameras.{camera.name}"
         place = next(
@@ -43,7 +43,7 @@ def doubtful_images(workspace: Workspace) -> Iterator[Problem]:
 
 
 def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
-    """Cameras whose distortion folds back before the nearest side of the image, bends or shifts it by far too much."""
+    """Cameras with a distortion that folds back inside the image, or bends or shifts its sides far too much."""
     for camera in workspace.cameras.values():
         if camera.distortion_model == "none":
             continue
@@ -55,9 +55,9 @@ def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
 
 
 def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
-    """Cameras in the world that see no object: they are inside a solid, look elsewhere, or no object is in their range.
+    """World-fixed cameras that see no object: inside a solid, turned elsewhere, or with no object in range.
 
-    Often the axes of body and optical frame are mixed up.
+    A common cause: the axes of body frame and optical frame are mixed up.
     """
     objects = [item for item in workspace.objects.values() if item.X_WO is not None]
     shown = [item for item in objects if not item.fixed] or objects
@@ -77,7 +77,7 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
 
 
 def detectors_out_of_range(workspace: Workspace) -> Iterator[Problem]:
-    """Detectors that begin where every camera's range has ended, or end where it has not begun."""
+    """Detectors with a range that overlaps no camera's range."""
     if not workspace.cameras:
         return
     farthest = max(_farthest(camera) for camera in workspace.cameras.values())
@@ -93,7 +93,7 @@ def detectors_out_of_range(workspace: Workspace) -> Iterator[Problem]:
 
 
 def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
-    """Tasks of which faults must be noticed sooner than any camera shows anything."""
+    """Tasks that demand a shorter detection delay than any camera can meet."""
     fastest = min(workspace.cameras.values(), key=lambda camera: camera.response, default=None)
     for index, task in enumerate(workspace.tasks):
         most = task.max_delay
@@ -106,7 +106,7 @@ def thresholds_out_of_reach(workspace: Workspace) -> Iterator[Problem]:
 
 
 def _image_doubts(camera: Camera, view_is_stated: bool) -> Iterator[tuple[str, str, str]]:
-    """Code, message and remedy of what is doubtful; view_is_stated: the field of view is stated itself."""
+    """Code, message and remedy of each doubt; view_is_stated: the file gives the field of view, not `fx`."""
     (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()
     width, height = camera.width, camera.height
     if not (-0.5 <= cx <= width - 0.5 and -0.5 <= cy <= height - 0.5):
@@ -157,7 +157,7 @@ def _why_implausible(camera: Camera) -> str | None:
 
 
 def _radius_bent_to(projection: Projection, out: float, widest: float) -> float:
-    """The radius in the plane z = 1, up to `widest`, that the lens moves so far out; by bisection."""
+    """The radius in the plane z = 1, up to `widest`, that the lens maps to the radius `out`; by bisection."""
     low, high = 0.0, widest
     for _ in range(60):
         middle = 0.5 * (low + high)
@@ -171,10 +171,10 @@ class _Bent(NamedTuple):
     out: float
     """How far from the middle, without the tangential terms."""
     aside: float
-    """How far these move points on the axes.
+    """How far the tangential terms move points on the axes.
 
-    They grow with the square of the radius and move opposite points alike: beyond the image they would outgrow
-    everything else, and bend points on one side back through the middle.
+    They grow with the square of the radius and move opposite points in the same direction: far outside the image they
+    dominate, and fold points on one side back through the middle.
     """
 
 
@@ -187,7 +187,7 @@ def _bent(projection: Projection, radius: float) -> _Bent:
 
 
 def _why_blind(workspace: Workspace, camera: Camera, objects: Sequence[SceneObject]) -> tuple[str, str]:
-    """Why a camera sees none of these objects, and what would change that."""
+    """Why a camera sees none of these objects, and how to mend it."""
     depths = _depths_in_image(camera, camera.X_FC, np.concatenate([_points(item) for item in objects]))
     if len(depths):
         beyond = depths.min() > camera.far
@@ -218,7 +218,7 @@ def _sees_any(camera: Camera, X_WC: Array, objects: Sequence[SceneObject]) -> bo
 
 
 def _depths_in_image(camera: Camera, X_WC: Array, points: Array) -> Array:
-    """How far in front of a camera those of the points (n, 3) are that its image has [m], lens distortion aside."""
+    """Depths [m] of the points (n, 3) that are in a camera's image, lens distortion ignored."""
     x, y, z = transform(inverse(X_WC), points).T
     ahead = z > 0
     depth = np.where(ahead, z, 1.0)
@@ -249,7 +249,7 @@ def _is_inside(item: SceneObject, point: Array) -> bool:
 
 
 def _farthest(camera: Camera) -> float:
-    """Distance to the corner of the image at the depth `far` [m], lens distortion aside; fisheyes see to the side."""
+    """Distance to the corner of the image at the depth `far` [m], lens distortion ignored; fisheyes see sideways."""
     if camera.distortion_model == "equidistant":
         return float("inf")
     (fx, _, cx), (_, fy, cy), _ = camera.matrix.tolist()

@@ -1,4 +1,4 @@
-"""What is doubtful about a cell once the shapes of robot and objects are known: sizes, places, speeds and contacts."""
+"""Warnings about a cell that need the shapes of robot and objects: sizes, places, speeds and contacts."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ OBJECT_FACTOR = 50.0
 """Ratio of the sizes of an object and its mesh from which the mesh's scale is doubted."""
 
 ALLOWED = 1e-3
-"""How far a part may reach outside the size of its object [m], as sizes are often rounded."""
+"""How far a part may reach outside its object's `size` [m]; sizes are often rounded."""
 
 FINEST = 1e-4
-"""To what a size is rounded up that would hold all parts [m]."""
+"""Step to which the suggested size is rounded up [m]."""
 
 
 def cell_warnings(cell: Cell) -> tuple[Problem, ...]:
@@ -67,9 +67,9 @@ def doubtful_meshes(workspace: Workspace, model: RobotModel) -> Iterator[Problem
 
 
 def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
-    """A warning about each object with parts that reach more than 1 mm outside its box; the place is the worst part's.
+    """A warning about each object with parts more than 1 mm outside its box, at the place of the worst part.
 
-    Objects with a mesh whose scale is doubted already are left out.
+    Objects with a mesh of doubtful scale are left out.
     """
     for item in workspace.objects.values():
         if not any(_is_doubted(part, item) for part in item.parts):
@@ -80,9 +80,9 @@ def parts_outside_size(workspace: Workspace) -> Iterator[Problem]:
 
 
 def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Solid]) -> Iterator[Problem]:
-    """Cameras that are inside a link or an object before anything moves, so that it hides everything from them.
+    """Cameras that start inside a link or an object, which hides everything from them.
 
-    The link that carries a camera hides as much as any other, if the camera is truly inside its shape.
+    The link that carries a camera counts like any other.
     """
     X_WL = {link: poses[0] for link, poses in model.link_poses(model.home[None]).items()}
     X_WO = {item.name: item.X_WO for item in workspace.objects.values() if item.X_WO is not None}
@@ -105,7 +105,7 @@ def cameras_inside(workspace: Workspace, model: RobotModel, solids: Sequence[Sol
 
 
 def unreachable_speeds(workspace: Workspace, model: RobotModel) -> Iterator[Problem]:
-    """Warnings about speeds of straight moves that the joints' velocity limits allow nowhere; moves are then slower."""
+    """Warnings about straight-line speeds that the joint velocity limits allow nowhere; the moves are then slower."""
     fastest = fastest_tool(model)
     for skill in workspace.skills.values():
         for index, primitive in enumerate(skill.primitives):
@@ -123,7 +123,7 @@ def unreachable_speeds(workspace: Workspace, model: RobotModel) -> Iterator[Prob
 
 
 def assumed_contacts(cell: Cell) -> Iterator[Problem]:
-    """A warning about pairs of links that are not checked because they touch at home or always."""
+    """A warning about pairs of links that are not checked for collision: they touch at home or always."""
     if cell.self_contacts is not None and cell.self_contacts.unchecked:
         names = ", ".join(f"{a}-{b}" for a, b in sorted(cell.self_contacts.unchecked))
         message = f"there is no SRDF, and these links touch at home or wherever the arm is: {names}; not checked"
@@ -145,7 +145,7 @@ def _is_doubted(part: Part, item: SceneObject) -> bool:
 
 
 def _scale_is_doubtful(solid: Solid, item: SceneObject) -> bool:
-    """Whether the size of an object's mesh is so far from the object's `size` that the unit must be another one."""
+    """Whether the sizes of an object and its mesh differ so much that the mesh must be in another unit."""
     ratio = solid.diagonal / float(np.linalg.norm(item.size))
     return not 1 / OBJECT_FACTOR <= ratio <= OBJECT_FACTOR
 
@@ -183,9 +183,9 @@ def _outside(workspace: Workspace, item: SceneObject, reached: Array, outside: A
 
 
 def _reach(part: Part) -> Array:
-    """How far a part reaches from its object's centre along the object's axes, to either side at most [m], shape (3,).
+    """The largest distance of a part from its object's centre along each of the object's axes [m], shape (3,).
 
-    Exact also for round shapes, whose solids are a little too wide.
+    Exact for round shapes too; their solids are slightly too wide.
     """
     if isinstance(part.shape, Mesh):
         reach: Array = np.abs(load_solid(part).vertices).max(axis=0)
@@ -195,7 +195,7 @@ def _reach(part: Part) -> Array:
 
 
 def _values(skill: Skill, setting: object) -> list[float]:
-    """The numbers that a setting may be."""
+    """The numbers that a setting can take."""
     if not isinstance(setting, Reference):
         return [setting] if isinstance(setting, float) else []
     named = [parameter.values for parameter in skill.motion_parameters if parameter.name == setting.parameter]

@@ -1,4 +1,4 @@
-"""The dependency check: whether a candidate can be done, and if not why, and what would have to be done first."""
+"""The dependency check: whether a candidate is feasible, and if not, why, and what must be done first."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from sqrp_cli.programming.task import Candidate
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Feasibility:
-    """Whether a candidate can be done."""
+    """Whether a candidate is feasible."""
 
     candidate: Candidate
     feasible: bool
     reasons: tuple[str, ...] = ()
     """Why not, most useful first."""
     time: float | None = None
-    """Of its motion [s]; None if infeasible."""
+    """Duration of its motion [s]; None if infeasible."""
     suggestion: Suggestion
     """How to establish its precondition."""
     ways_around: tuple[str, ...] = ()
-    """What goes around what where the direct move is blocked, such as `a1 goes around wall`."""
+    """Detours where the direct move is blocked, such as `a1 goes around wall`."""
     outside: tuple[tuple[int, int], ...] = ()
-    """The temporal operators that are never looked at, see `grounding.formulas_outside`."""
+    """The temporal operators that are never checked, see `grounding.formulas_outside`."""
 
 
 def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
-    """Check one candidate in the suggester's world: its precondition, and whether the robot can move as it asks."""
+    """Check one candidate in the suggester's world: its precondition, and whether the robot can make its motion."""
     suggestion = suggester.suggest(candidate)
     motion = feasible_motion(suggester.cell, candidate, suggester.world)
     if isinstance(motion, Infeasible):
@@ -50,9 +50,9 @@ def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
 
 
 def best_suggestion(found: Sequence[Feasibility], suggester: Suggester) -> tuple[SuggestedStep, ...]:
-    """What to do so that a task gets done: its best candidate, or a plan and the candidate that is best after it.
+    """The steps to complete a task: its best candidate, or a plan and the best candidate after it.
 
-    Candidates that can be done at once go before those that need a plan. Empty if neither exists.
+    Feasible candidates go before those that need a plan. Empty if neither exists.
     """
     now = [feasibility.candidate for feasibility in found if feasibility.feasible]
     if now:

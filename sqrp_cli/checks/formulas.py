@@ -40,7 +40,7 @@ class _Demand(NamedTuple):
 
     interval: Interval
     true: set[Claim]
-    """What it makes true."""
+    """The formula that it makes true."""
     false: set[Claim]
 
 
@@ -63,10 +63,10 @@ def contradictions(skill: Skill) -> Iterator[Problem]:
 
 
 def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
-    """Faults that are seen whenever all goes well, since the formulas demand what they look for.
+    """Faults that are seen in every successful run, because other formulas demand their literals.
 
-    They do so throughout the fault's interval or, of an `eventually`, in some primitive action; only what the order of
-    the primitive actions decides is reported.
+    These hold throughout the fault's interval or, for an `eventually`, during some primitive action; only what the
+    order of the primitive actions decides is reported.
     """
     lists, names = argument_lists(skill.action), [primitive.name for primitive in skill.primitives]
     plain = [(requirement, claim) for requirement in skill.requirements for claim in _demands(skill, requirement)]
@@ -78,14 +78,14 @@ def faults_of_the_plan(skill: Skill) -> Iterator[Problem]:
             actions = [Interval(Instant(name, "start"), Instant(name, "end")) for name in names]
             stretches += [action for action in actions if _is_within(action, whole, names)]
         for stretch in stretches:
-            asked = [(other, yes, no) for other, (span, yes, no) in plain if _is_within(stretch, span, names)]
-            yes = set[Claim]().union(*(yes for _, yes, _ in asked))
-            no = set[Claim]().union(*(no for _, _, no in asked))
+            required = [(other, yes, no) for other, (span, yes, no) in plain if _is_within(stretch, span, names)]
+            yes = set[Claim]().union(*(yes for _, yes, _ in required))
+            no = set[Claim]().union(*(no for _, _, no in required))
             if not yes & no and _truth(fault.formula.operand, yes, no, lists) == Truth.TRUE:
                 message = (
                     f"skill `{skill.name}`: the fault `{fault.name}` is seen whenever all goes well: over {stretch}, "
-                    f"{' and '.join(f'`{other.formula}`' for other, _, _ in asked)} "
-                    f"demand{'s' if len(asked) == 1 else ''} what it looks for"
+                    f"{' and '.join(f'`{other.formula}`' for other, _, _ in required)} "
+                    f"demand{'s' if len(required) == 1 else ''} what it looks for"
                 )
                 mend = "correct the literals or the interval of one of them"
                 yield Problem("fault-of-the-plan", message, fault.place, mend=mend)
@@ -102,7 +102,7 @@ def impossible_preconditions(skill: Skill) -> Iterator[Problem]:
 
 
 def formulas_against_the_action(skill: Skill) -> Iterator[Problem]:
-    """`always` formulas over the start of a skill against its precondition, and over its end against its effect."""
+    """`always` formulas that contradict the precondition at the skill's start, or its effect at the end."""
     names = [primitive.name for primitive in skill.primitives]
     needed = _literals(skill.action.precondition)
     made = set(map(_claimed, skill.action.effect.adds)), set(map(_claimed, skill.action.effect.deletes))
@@ -123,7 +123,7 @@ def formulas_against_the_action(skill: Skill) -> Iterator[Problem]:
 
 
 class Timed(Protocol):
-    """What is known of one candidate: an `Assessment` or a `Feasibility`; time is None where it is infeasible."""
+    """A candidate with the duration of its motion: an `Assessment` or a `Feasibility`; None if infeasible."""
 
     @property
     def candidate(self) -> Candidate:
@@ -135,11 +135,11 @@ class Timed(Protocol):
 
     @property
     def outside(self) -> tuple[tuple[int, int], ...]:
-        """Its temporal operators that are never looked at."""
+        """Its temporal operators that are never checked."""
 
 
 def intervals_outside(found: Iterable[Timed]) -> tuple[Problem, ...]:
-    """One warning for each interval of which the motion of some candidate leaves nothing."""
+    """One warning for each interval that lies outside the motion of some candidate."""
     feasible: dict[str, list[tuple[Timed, float]]] = {}
     for one in found:
         if one.time is not None:
@@ -197,7 +197,7 @@ def _truth(formula: Formula, yes: set[Claim], no: set[Claim], lists: ArgumentLis
 
 
 def _demands(skill: Skill, requirement: Requirement) -> Iterator[_Demand]:
-    """The `always` operators that must hold, each with the claims that it makes true and false."""
+    """The required `always` operators, each with the claims that it makes true and false."""
     lists = argument_lists(skill.action)
 
     def demanded(formula: Formula, truth: bool) -> Iterator[tuple[Claim, bool]]:
@@ -255,7 +255,7 @@ def _place(skill: Skill) -> Place:
 
 
 def _literals(condition: Condition) -> tuple[set[Claim], set[Claim]]:
-    """What a condition surely demands to be true, and what to be false."""
+    """The claims that a condition surely demands to be true, and those to be false."""
     match condition:
         case Holds():
             return {_claimed(condition)}, set()

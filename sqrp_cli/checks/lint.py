@@ -1,4 +1,4 @@
-"""Findings in a workspace that can be read but cannot work as its author meant it."""
+"""Findings in a workspace that is readable but cannot work as intended."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 
 def lint(workspace: Workspace) -> tuple[Problem, ...]:
-    """Every finding, first those of the skills, then those of cameras and objects; none if the workspace is fine.
+    """All findings, those of the skills first, then those of cameras and objects.
 
-    What each means is in `checks/findings.yaml`. Intervals that end before they start and frames that do not exist are
-    refused when the workspace is read.
+    `checks/findings.yaml` explains each. The reader already refuses intervals that end before they start and frames
+    that do not exist.
     """
     findings: list[Problem] = list(_without_skills(workspace))
     for skill in workspace.skills.values():
@@ -63,7 +63,7 @@ def _without_skills(workspace: Workspace) -> Iterator[Problem]:
 
 
 def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
-    """Facts that only a grasp makes true, about an object that is not in the tool; and the other way round."""
+    """Facts that only a grasp makes true, about an object that is not in the tool; and vice versa."""
     grasps = holding_skills(workspace.skills.values(), workspace.objects)
     stated = {fact.arguments[0]: fact for fact in sorted(workspace.state, key=str) if fact.predicate in grasps}
     for name, fact in stated.items():

@@ -1,4 +1,4 @@
-"""Findings in where objects are: two in one place, or one in the air. Exact for boxes, and without any mesh."""
+"""Findings in the poses of objects: two in one place, or one in the air. Exact for boxes; meshes are not read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MIN_OVERLAP = 1e-3
 """Depth [m] from which two objects count as being in one place."""
 
 LEAST_GAP = 5e-3
-"""Distance [m] from which an object counts as not standing on another one."""
+"""Distance [m] from which an object does not count as standing on another one."""
 
 
 class PlacedBox(NamedTuple):
@@ -35,7 +35,7 @@ class PlacedBox(NamedTuple):
         return transform(self.X_WB, box_corners(self.size))
 
     def penetration(self, other: PlacedBox) -> float:
-        """How far [m] two boxes must be moved apart at least until they only touch; 0 or less if they are apart.
+        """The shortest move [m] after which two boxes only touch; 0 or less if they are apart.
 
         Exact: the separating-axis theorem over the 3 + 3 face normals and the 9 cross products of edges (Gottschalk et
         al., OBBTree, SIGGRAPH 1996); the shortest way out of a convex body lies along one of these axes.
@@ -45,7 +45,7 @@ class PlacedBox(NamedTuple):
         return -self._gap(other, np.concatenate([axes, others, _unit(crosses)]))
 
     def gap_from_above(self, other: PlacedBox) -> float:
-        """How far [m] two boxes are apart at least where heights do not count; 0 or less if one is over the other.
+        """The horizontal distance [m] of two boxes, at least; 0 or less if one is over the other.
 
         The separating-axis theorem for their shadows on the floor, whose edges are those of the boxes.
         """
@@ -53,7 +53,7 @@ class PlacedBox(NamedTuple):
         return self._gap(other, _unit(cross(edges, np.array([0.0, 0.0, 1.0]))))
 
     def _gap(self, other: PlacedBox, directions: Array) -> float:
-        """The widest gap between both along any of some directions (n, 3) [m]."""
+        """The widest gap between both along the directions (n, 3) [m]."""
         reach = np.abs(directions @ self.X_WB[:3, :3]) @ (0.5 * self.size)
         others = np.abs(directions @ other.X_WB[:3, :3]) @ (0.5 * other.size)
         between = np.abs(directions @ (self.X_WB[:3, 3] - other.X_WB[:3, 3]))
@@ -80,11 +80,10 @@ def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
 
 
 def floating_objects(workspace: Workspace) -> Iterator[Problem]:
-    """Objects that are 5 mm or more away from what they are said to be on.
+    """Objects that are 5 mm or more away from their support, the object that `on` names.
 
-    With something else under them they may stand on that, if what they are said to be on is below: a cube in a tray is
-    on the table too. Parts that are no boxes count as the boxes around them, so the distance may be larger than what
-    is reported.
+    They may stand on another object instead, if their support is below: a cube in a tray is on the table too. Parts of
+    other shapes count as the boxes around them, so the true distance may be larger than the reported one.
     """
     around = {item.name: list(_boxes_around(item)) for item in workspace.objects.values() if item.X_WO is not None}
     for item in workspace.objects.values():
@@ -113,7 +112,7 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
 
 
 def _solid_boxes(item: SceneObject) -> list[PlacedBox]:
-    """The boxes of an object; pieces of other shapes are left out."""
+    """The box parts of an object; other shapes are left out."""
     return [
         PlacedBox(item.X_WO @ part.X_PG, np.asarray(part.shape.size))
         for part in item.parts
@@ -122,7 +121,7 @@ def _solid_boxes(item: SceneObject) -> list[PlacedBox]:
 
 
 def _stand_on(boxes: Sequence[PlacedBox], others: Sequence[PlacedBox]) -> bool:
-    """Whether boxes that are lowered by `LEAST_GAP` get into one of the others."""
+    """Whether the boxes, lowered by `LEAST_GAP`, overlap one of the others."""
     lowered = [PlacedBox(pose(position=(0.0, 0.0, -LEAST_GAP)) @ box.X_WB, box.size) for box in boxes]
     return any(one.penetration(other) > 1e-9 for one, other in product(lowered, others))
 

@@ -1,6 +1,6 @@
 """The registry of findings: what each code means, why it matters, and what passes and fails.
 
-The findings themselves stand in `findings.yaml` beside this module, grouped by subject.
+The findings are in `findings.yaml` beside this module, grouped by subject.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ FINDINGS = Path(__file__).with_name("findings.yaml")
 
 @dataclass(frozen=True, kw_only=True)
 class Rule:
-    """What is known about one kind of finding."""
+    """The description of one kind of finding."""
 
     code: str
-    """As it stands in `problems[].code`."""
+    """As in `problems[].code`."""
     subject: str
     """The group that it belongs to, such as `Formulas`."""
     severity: str
     """`error`, `warning`, or `error or warning`."""
     meaning: str
-    """What is looked for, in a sentence."""
+    """What it means, in a sentence."""
     why: str
     """Why it matters, in a sentence."""
     passes: str
@@ -34,7 +34,7 @@ class Rule:
     fails: str
     """An example with it."""
     file: str | None
-    """Name of the file that the examples are from; None for a command line or a description."""
+    """Name of the file that the examples are from; None for a command line or a text."""
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Objects in one place whose shapes are not only boxes: `placement` compares those exactly, and without any mesh."""
+"""Overlapping objects with other shapes than boxes; `placement` compares boxes exactly."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sqrp_cli.programming.sensing.solids import Solid, load_solid
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, Part
 
 LEAST_SHARE = 0.01
-"""Share that is left of a mesh that is thinner than what is taken off."""
+"""Least factor by which a mesh is shrunk; it applies to meshes thinner than `MIN_OVERLAP` on both sides."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,9 +26,9 @@ class _Placed:
     object: str
     solid: Solid
     X_WO: Array
-    """Where the object stands, shape (4, 4)."""
+    """Pose of the object in the world, shape (4, 4)."""
     center: Array
-    """Of the sphere around the part, in the world [m], shape (3,)."""
+    """Centre of the sphere around the part, in the world [m], shape (3,)."""
 
     @property
     def shrunk(self) -> _Placed:
@@ -40,7 +40,7 @@ class _Placed:
         return self._touches(other) or self._encloses(other) or other._encloses(self)
 
     def _touches(self, other: _Placed) -> bool:
-        """As `meets`, with any mesh only its surface."""
+        """As `meets`, but every mesh is only a surface."""
         one, two = (placement_at(placed.X_WO @ placed.solid.part.X_PG) for placed in (self, other))
         return distance_within(self.solid.geometry, one, other.solid.geometry, two, 0.0) is not None
 
@@ -51,10 +51,10 @@ class _Placed:
 
 
 def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
-    """Pairs of objects of which parts that are not both boxes are more than 1 mm deep in each other."""
+    """Pairs of objects with parts more than 1 mm deep in each other; pairs of boxes are left out."""
     objects = workspace.objects.values()
     if all(isinstance(part.shape, Box) for item in objects for part in item.parts):
-        return  # as mostly, and then even many objects take no time
+        return  # the usual case, fast even for many objects
     placed = [
         _Placed(item.name, solid, item.X_WO, transform(item.X_WO, solid.center))
         for item in objects
@@ -91,7 +91,7 @@ def _close_pairs(placed: Sequence[_Placed]) -> Iterator[tuple[_Placed, _Placed]]
 
 
 def _are_in_each_other(first: _Placed, second: _Placed) -> bool:
-    """Whether they still meet with either of them made smaller; either, as what is hollow then only gets narrower."""
+    """Whether they still meet when either is shrunk; either, because a hollow mesh only gets narrower."""
     return first.meets(second) and first.shrunk.meets(second) and first.meets(second.shrunk)
 
 

@@ -1,1 +1,1 @@
-"""What the operating system gives: files, memory, interrupts and processes."""
+"""The operating system: files, memory, interrupts and processes."""

@@ -14,12 +14,12 @@ from sqrp_cli.errors import InputError, Place, Problem
 
 
 def real_path(path: Path) -> Path:
-    """Where a path leads, links followed; a link in a circle, for which `Path` has an error, stays as it is."""
+    """The path with links resolved; circular links, for which `Path` raises an error, stay as they are."""
     return Path(os.path.realpath(path))
 
 
 def check_writable(path: Path) -> None:
-    """Raises InputError where a file cannot be written: no folder for it, no permission, or a folder in its place."""
+    """Raises InputError if a file cannot be written: no folder for it, no permission, or a folder of that name."""
     try:
         if path.exists() and not path.is_dir() and not os.access(path, os.W_OK):
             mend = f"choose another name, or: chmod u+w {shlex.quote(str(path))}"
@@ -38,7 +38,7 @@ def check_writable(path: Path) -> None:
 
 
 def no_folder(folder: Path, path: Path) -> Problem:
-    """The problem of a file or folder at `path` that should be made in a folder that is not there."""
+    """The problem that the folder for a new file or folder at `path` does not exist."""
     there = next(above for above in (folder, *folder.parents) if above.exists())
     if not there.is_dir():
         return Problem("cannot-write", f"{there} is a file, so nothing can be below it", Place(path))
@@ -47,7 +47,7 @@ def no_folder(folder: Path, path: Path) -> Problem:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, and those above it, where it does not exist. Raises InputError where it cannot be made."""
+    """Make a folder and its parents if they do not exist. Raises InputError if that fails."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except FileExistsError as error:
@@ -58,7 +58,7 @@ def make_folder(path: Path) -> None:
 
 
 def check_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
-    """Raises InputError where a file that is to be written is one that is read; None stands for no file."""
+    """Raises InputError if an output file is also an input file; None means no file."""
     written = [path for path in outputs if path is not None]
     read = {real_path(path) for path in inputs if path is not None} if written else set()
     for path in written:
@@ -68,7 +68,7 @@ def check_not_read(outputs: Iterable[Path | None], inputs: Iterable[Path | None]
 
 
 def check_distinct(outputs: Mapping[str, Path | None]) -> None:
-    """Raises InputError where two options, by name, want to write the same file; None stands for no file."""
+    """Raises InputError if two options, by name, write the same file; None means no file."""
     options: dict[Path, str] = {}
     for option, path in outputs.items():
         if path is None or _is_special(path):
@@ -83,9 +83,9 @@ def check_distinct(outputs: Mapping[str, Path | None]) -> None:
 
 @contextmanager
 def alone(path: Path) -> Iterator[None]:
-    """Let other processes wait that want to be alone with a file, too, while this one reads and replaces it.
+    """Lock a file against other processes that call this, while this one reads and replaces it.
 
-    Where the system or the file's folder knows no locks, nobody waits.
+    Without effect where the operating system or the file system has no locks.
     """
     with ExitStack() as stack:
         with suppress(ImportError, OSError):
@@ -98,7 +98,7 @@ def alone(path: Path) -> Iterator[None]:
 
 
 def _is_special(path: Path) -> bool:
-    """Whether a path is that of a device or pipe, or leads through one to wherever it goes, as /dev/stdout does."""
+    """Whether a path is a device or pipe, or leads through one to its target, as /dev/stdout does."""
     through = path.absolute().as_posix().startswith(("/dev/std", "/dev/fd/", "/proc/"))
     return path.exists() and not path.is_dir() and (through or not path.is_file())
 
@@ -106,14 +106,14 @@ def _is_special(path: Path) -> bool:
 def write_atomically(path: Path, content: str | bytes, *, executable: bool = False) -> None:
     """Replace a file by text or bytes, all or nothing; executable: with the run bit for everyone who may read it.
 
-    A link stays one: what it points to is replaced. A device or pipe is written to and not replaced. Raises InputError
-    where the file cannot be written.
+    A link stays a link: its target is replaced. A device or pipe is written to, not replaced. Raises InputError if the
+    file cannot be written.
     """
     check_writable(path)
     data = content.encode() if isinstance(content, str) else content
     try:
         if _is_special(path):
-            with suppress(BrokenPipeError), path.open("ab") as special:  # after what has gone the same way before
+            with suppress(BrokenPipeError), path.open("ab") as special:  # after earlier output to it
                 special.write(data)
         else:
             _replace(real_path(path), data, executable=executable)
@@ -123,7 +123,7 @@ def write_atomically(path: Path, content: str | bytes, *, executable: bool = Fal
 
 @contextmanager
 def naming(path: Path, what: str = "this file cannot be written") -> Iterator[None]:
-    """Raises InputError with the name of a file or folder where writing fails meanwhile, as on a full disk."""
+    """Turns an OSError while writing, as on a full disk, into an InputError that names the file or folder."""
     try:
         yield
     except OSError as error:

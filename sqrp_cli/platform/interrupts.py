@@ -1,4 +1,4 @@
-"""Ctrl-C where somebody else's code would lose it."""
+"""Ctrl-C in library code that would lose it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from contextlib import contextmanager
 
 @contextmanager
 def interrupts_later() -> Iterator[None]:
-    """Let a Ctrl-C that comes meanwhile wait until afterwards.
+    """Delay a Ctrl-C until the end of the block.
 
-    For imports of libraries that take any exception for a missing module or make another one of it, KeyboardInterrupt
-    too: the program would go on as if nothing had been asked of it, or report an error that there is not.
+    For imports of libraries that catch every exception, KeyboardInterrupt too, as a missing module or raise another one
+    instead: the program would ignore the Ctrl-C or report a wrong error.
     """
     before = signal.getsignal(signal.SIGINT)
     if not callable(before) or threading.current_thread() is not threading.main_thread():

@@ -1,4 +1,4 @@
-"""What this process does with memory that is no longer needed."""
+"""Settings of memory and garbage collection for speed."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """Numbers of mallopt(3)."""
 
 _NEW_OBJECTS = 20_000
-"""So many lists, dicts and records are made before those among them that only refer to each other are looked for."""
+"""Number of new lists, dicts and records that triggers a garbage collection."""
 
 _LARGEST_KEPT, _KEPT = 32 * 1024 * 1024, 256 * 1024 * 1024
-"""Arrays up to this size (the largest that mallopt takes) come from memory of which so much is kept [bytes]."""
+"""Arrays up to this size (the largest that mallopt takes) use the heap, which keeps as much free memory [bytes]."""
 
 
 def keep_freed_memory() -> None:
-    """Let this process keep the memory that arrays use for the next ones.
+    """Keep the freed memory of arrays in this process, for the next arrays.
 
-    The C library would return the memory of large arrays at once, and every new one would then cost a system call and a
-    page fault for each of its pages: a tenth of the time of a candidate. Dask tells its workers to return all memory
-    (MALLOC_TRIM_THRESHOLD_), which even doubles it. Where the C library has no such setting, nothing is done.
+    By default the C library returns the memory of large arrays at once, and every new one costs a system call and a
+    page fault per page: a tenth of the time of a candidate. Dask makes its workers return all memory
+    (MALLOC_TRIM_THRESHOLD_), which doubles that cost. Without effect if the C library has no such setting.
     """
     import ctypes
 
@@ -31,16 +31,16 @@ def keep_freed_memory() -> None:
 
 
 def collect_seldom() -> None:
-    """Let Python look less often for objects that only refer to each other.
+    """Run Python's garbage collection less often.
 
-    What is read and imported stays, and going through all of it again and again takes a tenth of that time.
+    Files that are read and modules that are imported stay, and scanning them again and again takes a tenth of the time.
     """
     gc.set_threshold(_NEW_OBJECTS)
 
 
 def keep_all_so_far() -> None:
-    """Never look through what there is now again, not even at the end.
+    """Exclude all present objects from garbage collection, also at exit.
 
-    For what was read, and stays: that look takes a tenth of the time of a short command.
+    For data that was read and stays: scanning it takes a tenth of the time of a short command.
     """
     gc.freeze()

@@ -1,4 +1,4 @@
-"""Names of files as text: not every one is UTF-8, and Python keeps the other bytes as surrogates."""
+"""File names as text: not all are UTF-8, and Python keeps the other bytes as surrogates."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 
 
 def shown_name(name: str) -> str:
-    r"""A file's name to be shown and compared; a byte that is not UTF-8 is spelled out, such as `\xff`."""
+    r"""A file name to show and compare; a byte that is not UTF-8 is spelled out, such as `\xff`."""
     return os.fsencode(name).decode("utf-8", errors="backslashreplace")
 
 
 def is_utf8(name: object) -> bool:
-    """Whether a path is text; libraries that are written in C take no other one."""
+    """Whether a path is UTF-8; libraries in C take no other."""
     return not any("\ud800" <= character <= "\udfff" for character in str(name))
 
 

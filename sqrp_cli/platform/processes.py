@@ -1,8 +1,8 @@
-"""Other processes of this machine that work for this one, and with the same results however many they are.
+"""Worker processes on this machine; results do not depend on their number.
 
-Each has a pipe of its own to this process, and shares no queue and no lock with others: one that is killed takes
-nothing from them, shows at once as the end of its pipe, and leaves nothing behind. Ctrl-C is for this process alone.
-All of them end with it, even where it is killed.
+Each worker has its own pipe to this process and shares no queue and no lock: if one is killed, the others go on, its
+pipe closes at once, and nothing is left behind. Only this process handles Ctrl-C. All workers end with it, even if it
+is killed.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ _pipes: WeakSet[Connection] = WeakSet()
 
 
 def in_processes(work: Callable[[Item], Result], items: Sequence[Item], processes: int) -> Iterator[Result]:
-    """What `work` makes of each item, in order, each as soon as it and those before it are done.
+    """The result of `work` for each item, in order, each as soon as it and those before it are done.
 
-    Processes are forked, so that they share what is loaded, and only results travel; with less than two processes, or
-    where the platform cannot fork, this one does all. Raises what `work` raises, and InputError as `Team.map`.
+    Processes are forked: they share loaded data, and only results travel. With fewer than two processes, or where the
+    platform cannot fork, this process does all the work. Raises what `work` raises, and InputError as `Team.map`.
     """
     if processes < 2 or not _CAN_FORK:
         yield from map(work, items)
@@ -53,34 +53,34 @@ def in_processes(work: Callable[[Item], Result], items: Sequence[Item], processe
     try:
         yield from team.map(range(len(items)))
     finally:
-        team.kill()  # nobody asks any more for what they may still be doing
+        team.kill()  # nobody needs the results that they may still compute
 
 
 def forked() -> Context:
-    """How processes are started that share what is loaded; where that is not possible, they load it again."""
+    """The start method for processes that share loaded data, or load it again where that is not possible."""
     return multiprocessing.get_context("fork") if _CAN_FORK else multiprocessing.get_context("spawn")
 
 
 def fresh(needed: Sequence[str]) -> Context:
-    """How processes are started that share no memory with this one.
+    """The start method for processes that share no memory with this one.
 
-    Where that is possible they come from one that has imported the modules that they need, so that this is not done for
-    each. The first call in a process decides which these are.
+    Where possible they are forked from a server that has already imported the `needed` modules. The first call in a
+    process decides which.
     """
-    resource_tracker.ensure_running()  # which would else be started with the first process, and unblock Ctrl-C again
+    resource_tracker.ensure_running()  # else it starts with the first process and unblocks Ctrl-C
     try:
         context = multiprocessing.get_context("forkserver")
         context.set_forkserver_preload(["__main__", *needed])
         with _without_interrupts():
             forkserver.ensure_running()
-    except (ValueError, OSError):  # not on this system, or its folder for temporary files has too long a name for it
+    except (ValueError, OSError):  # not on this system, or the path of its temporary folder is too long
         return multiprocessing.get_context("spawn")
     return context
 
 
 @contextmanager
 def _without_interrupts() -> Iterator[None]:
-    """Let processes that are started meanwhile inherit that Ctrl-C is blocked; here it only waits until afterwards."""
+    """Block Ctrl-C in processes started inside the block; in this process it only waits until the end."""
     unblocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -105,7 +105,7 @@ class Worker(Generic[Message, Answer]):
     def __init__(
         self, context: Context, prepare: Callable[..., Callable[[Message], Answer]], *arguments: object
     ) -> None:
-        """Start it, and go on while it gets ready: it calls `prepare` with the arguments for what is to answer."""
+        """Start it and return at once; the process calls `prepare` with the arguments to get its answer function."""
         self._pipe, theirs = context.Pipe()
         _pipes.add(self._pipe)
         self._process = context.Process(target=_serve, args=(theirs, prepare, arguments), daemon=True)
@@ -114,9 +114,9 @@ class Worker(Generic[Message, Answer]):
         theirs.close()
 
     def send(self, message: Message) -> None:
-        """Let it answer a message; that it died shows when the answer is received.
+        """Send a message to answer; if the process has died, `receive` raises it.
 
-        Waits while the process is busy, where messages are larger than what a pipe holds.
+        Blocks while the process is busy if messages are larger than the pipe's buffer.
         """
         with suppress(OSError):
             self._pipe.send(message)
@@ -126,9 +126,9 @@ class Worker(Generic[Message, Answer]):
         return self._pipe.poll(within)
 
     def receive(self) -> Answer:
-        """The answer to the oldest message that has none yet; waits for it.
+        """The answer to the oldest unanswered message; waits for it.
 
-        Raises what went wrong in the process, and WorkerDied where it will not answer any more.
+        Raises the process's exception, and WorkerDied if the process has ended.
         """
         try:
             answer = self._pipe.recv()
@@ -145,11 +145,11 @@ class Worker(Generic[Message, Answer]):
         self._process.join()
 
     def release(self) -> None:
-        """Let it end as soon as it has nothing to do."""
+        """Let it end as soon as it is idle."""
         self._pipe.close()
 
     def close(self) -> None:
-        """End it, and wait until it has."""
+        """End it, and wait for the end."""
         self.release()
         self._process.join(PATIENCE)
         if self._process.exitcode is None:
@@ -157,14 +157,14 @@ class Worker(Generic[Message, Answer]):
 
     @staticmethod
     def first_of(workers: Collection[Worker[Message, Answer]]) -> list[Worker[Message, Answer]]:
-        """Those that have something to receive; waits until there is one."""
+        """The workers with an answer to receive; waits until there is one."""
         ready = wait([worker._pipe for worker in workers])
         return [worker for worker in workers if worker._pipe in ready]
 
 
 def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], arguments: tuple[Any, ...]) -> None:
-    """What a process does: get ready, and answer until the other end of its pipe is closed."""
-    for inherited in list(_pipes):  # as long as somebody has one open, its reader does not see the end of it
+    """The main function of a worker: prepare, then answer until the other end of the pipe is closed."""
+    for inherited in list(_pipes):  # a reader sees the end of a pipe only when nobody has it open
         inherited.close()
     threading.Thread(target=_end_with_parent, daemon=True).start()
     answer = _tried(prepare, *arguments)
@@ -174,7 +174,7 @@ def _serve(pipe: Connection, prepare: Callable[..., Callable[[Any], Any]], argum
             pipe.send(answer if isinstance(answer, _Raised) else _tried(answer, message))
 
 
-def _tried(work: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 # what it results in, or what it raised
+def _tried(work: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401 # the result or the exception
     try:
         return work(*arguments)
     except Exception as error:
@@ -183,7 +183,7 @@ def _tried(work: Callable[..., Any], *arguments: object) -> Any:  # noqa: ANN401
 
 
 def _end_with_parent() -> None:
-    """Whoever works for a process that was killed would otherwise go on, or wait for work, for ever."""
+    """End this process with its parent; otherwise it would run or wait for work for ever."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         with suppress(ChildProcessError):
@@ -192,20 +192,20 @@ def _end_with_parent() -> None:
 
 
 class Team(Generic[Message, Answer]):
-    """Workers that all answer alike, whatever they were sent before, and share the messages."""
+    """Identical workers that share the messages; an answer does not depend on earlier messages."""
 
     def __init__(
         self, count: int, context: Context, prepare: Callable[..., Callable[[Message], Answer]], *arguments: object
     ) -> None:
-        """Start so many; see `Worker`."""
+        """Start the workers; see `Worker`."""
         self._new: Callable[[], Worker[Message, Answer]] = lambda: Worker(context, prepare, *arguments)
         self._workers = [self._new() for _ in range(count)]
 
     def map(self, messages: Sequence[Message]) -> Iterator[Answer]:
         """The answer to each message, in order, each as soon as it and those before it are there.
 
-        A message whose worker died is sent to a new one. Raises what went wrong in a worker, and InputError where two
-        died of the same message.
+        If a worker dies, its message goes to a new one. Raises a worker's exception, and InputError if two workers die
+        of the same message.
         """
         left, answers, lost = deque(range(len(messages))), dict[int, Answer](), set[int]()
         begun = {worker: deque[int]() for worker in self._workers}
@@ -227,7 +227,7 @@ class Team(Generic[Message, Answer]):
     def _hand_out(
         self, messages: Sequence[Message], left: deque[int], begun: dict[Worker[Message, Answer], deque[int]]
     ) -> None:
-        """Give every worker something to do, and while there is enough left something to go on with."""
+        """Give every worker a message, and a second one in advance while enough are left."""
         while left:
             worker = min(begun, key=lambda worker: len(begun[worker]))
             if len(begun[worker]) > (len(left) > len(begun)):
@@ -246,7 +246,7 @@ class Team(Generic[Message, Answer]):
             worker.kill()
 
     def close(self) -> None:
-        """End them, and wait until they have."""
+        """End them, and wait for the end."""
         for worker in self._workers:
             worker.release()
         for worker in self._workers:
@@ -254,23 +254,23 @@ class Team(Generic[Message, Answer]):
 
 
 def died(computed: str) -> Problem:
-    """The problem of processes that died as often as something was computed."""
+    """The problem that two processes died computing the same item."""
     message = f"the process that computed {computed} died twice; is there enough memory?"
     return Problem("worker-died", message)
 
 
 class ProcessExecutor(Generic[Item, Result]):
-    """One process that does the same with whatever it is sent, in order; only results travel back.
+    """One process that does `work` with each item it is sent, in order; only results travel back.
 
-    Where it died, this and all that it still had to do fails with WorkerDied.
+    If it dies, this item and all later ones fail with WorkerDied.
     """
 
     def __init__(self, work: Callable[[Item], Result]) -> None:
         self._worker: Worker[Item, Result] = Worker(forked(), _same, work)
-        self._thread = ThreadPoolExecutor(1)  # which waits for it
+        self._thread = ThreadPoolExecutor(1)  # waits for the process
 
     def submit(self, item: Item) -> Future[Result]:
-        """Have something done; an exception of the work is that of the future."""
+        """Do the work for an item; its exception becomes the future's."""
         return self._thread.submit(self._ask, item)
 
     def _ask(self, item: Item) -> Result:
