@@ -12,7 +12,8 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD, FrameName
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.skill import BoxSpec, Grasp, Skill
+from sqrp_cli.knowledge.skill.skill import Grasp, Skill
+from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 

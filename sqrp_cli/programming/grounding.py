@@ -11,7 +11,8 @@ from sqrp_cli.knowledge.camera.detector import Detector
 from sqrp_cli.knowledge.frames import TOOL, FrameName, frame_poses, link_called
 from sqrp_cli.knowledge.robot.robot import Robot
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.skill import BoxSpec, TargetSpec
+from sqrp_cli.knowledge.skill.target_box import BoxSpec, TargetSpec
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
@@ -115,14 +116,13 @@ class TargetGrounder:
         if size is None:
             raise ValueError(f"box {spec.name} has neither a size nor something that it fits")
         frame, X_FB = on_robot(self.robot, self.model, frame, X_FB)
-        return SoughtBox(
-            name=spec.name,
-            detector=spec.detector,
+        return completed(
+            SoughtBox,
+            spec,
             limits=self.detectors[spec.detector],
             frame=FrameName(frame),
             size=size,
             X_FB=X_FB,
-            normal=spec.normal,
             encloses=self._enclosed(spec, owner, binding),
         )
 

@@ -13,7 +13,6 @@ from sqrp_cli.knowledge.frames import TOOL
 from sqrp_cli.knowledge.skill.settings import Kind, ListedValues, MotionParameter, MotionValue, Reference, ValueRange
 from sqrp_cli.knowledge.skill.skill import (
     HOME,
-    BoxSpec,
     FormulaEntry,
     Grasp,
     GraspWaypoint,
@@ -24,6 +23,7 @@ from sqrp_cli.knowledge.skill.skill import (
     Skill,
     SkillFile,
 )
+from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.text.input_file import ContentDigest, decoded, read_input
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, describe, dotted

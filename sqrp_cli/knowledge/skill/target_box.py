@@ -1,14 +1,99 @@
-"""The boxes of targets: where to look for what, from the grounding of a task to the images of a run."""
+"""The boxes of targets: where to look for what.
+
+`BoxSpec` is what a skill says about its parameters, `TargetBox` what it becomes for the objects of a task,
+in programs and runs.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Annotated
 
-from pydantic import Field
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
-from sqrp_cli.knowledge.frames import StoredFrame
-from sqrp_cli.knowledge.text.entries import Finite, PoseMatrix, Stored
+from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.knowledge.frames import TOOL, StoredFrame
+from sqrp_cli.knowledge.text.bounds import SHORTEST_DIRECTION
+from sqrp_cli.knowledge.text.entries import (
+    Direction,
+    Entry,
+    Extents,
+    Finite,
+    Length,
+    Name,
+    Pose,
+    PoseMatrix,
+    Stored,
+    Text,
+)
+
+
+def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    """The vector at length 1; one that is too short for that stays as it is, for its owner to refuse."""
+    if max(map(abs, vector)) < SHORTEST_DIRECTION:
+        return vector
+    x, y, z = np.asarray(vector) / np.linalg.norm(vector)
+    return float(x), float(y), float(z)
+
+
+UnitVector = Annotated[Direction, AfterValidator(_unit)]
+
+
+class BoxSpec(Entry):
+    """A box of a target: where to look for what."""
+
+    name: Name = Field(description="What output calls it.")
+    frame: StoredFrame = Field(
+        description="`world`, a link, `tool`, a skill parameter or object (moves with it), or either of them with "
+        "`@start` (where it was when the skill began)."
+    )
+    fits: Name | None = Field(default=None, description="The skill parameter or object that gives the box its size.")
+    at: Name | None = Field(
+        default=None,
+        description="With `fits`: the waypoint at which it is held: the box is where it then is in the tool (frame "
+        "`tool`), or in the world, from where the box moves with its frame.",
+    )
+    margin: Length = Field(default=0.0, description="With `fits`: enlargement on every side.")
+    size: Extents | None = Field(default=None, description="Full extents, instead of `fits`.")
+    pose: Pose = Field(default=Pose(), description="Pose of the box in the frame.")
+    detector: Name = Field(description="The detector of the workspace that looks for it.")
+    normal: UnitVector | None = Field(
+        default=None, description="Direction away from the surface that it lies on (markers)."
+    )
+    encloses: tuple[Text, ...] | None = Field(
+        default=None,
+        description="Links, objects, skill parameters or `tool` that it encloses; default: the object of its frame.",
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> BoxSpec:
+        if (self.fits is None) == (self.size is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `fits`, `size`")
+        if self.fits is None and (self.at is not None or self.margin):
+            raise PydanticCustomError("conflicting-keys", "`at` and `margin` go with `fits`, not with `size`")
+        if self.at is None and self.fits is not None and self.frame == TOOL:
+            raise PydanticCustomError("conflicting-keys", "`at` is needed with `fits` in frame `tool`")
+        if self.normal is not None and max(map(abs, self.normal)) < SHORTEST_DIRECTION:
+            raise PydanticCustomError("wrong-value", "`normal` has length 0")
+        if self.size is not None and min(self.size) < 0.002 and self.normal is None:
+            raise PydanticCustomError("missing-key", "a box with a side under 2 mm needs a `normal`")
+        return self
+
+    @property
+    def X_FB(self) -> Array:
+        """The pose of the box in the frame (on top of `fits`), shape (4, 4)."""
+        return read_only(self.pose.matrix())
+
+
+class TargetSpec(Entry):
+    """What decides a predicate."""
+
+    cameras: Annotated[int, Field(strict=True, ge=1, le=200)] = Field(
+        default=1, description="How many cameras must each see all boxes."
+    )
+    boxes: list[BoxSpec] = Field(min_length=1, max_length=20, description="All of them decide it together.")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

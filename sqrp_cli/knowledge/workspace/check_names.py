@@ -9,7 +9,8 @@ import numpy as np
 from sqrp_cli.errors import Place, Problem, counted, expected_names
 from sqrp_cli.knowledge.frames import TOOL, WORLD, WORLD_LINK, link_called
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.skill import BoxSpec, Skill
+from sqrp_cli.knowledge.skill.skill import Skill
+from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.workspace.read_robot import RobotReader
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, WorkspaceFile

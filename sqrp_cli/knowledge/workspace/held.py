@@ -13,7 +13,8 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.scene import BoxSide, Held, SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference, Setting
-from sqrp_cli.knowledge.skill.skill import BoxSpec, Grasp, GraspWaypoint, Release, Skill
+from sqrp_cli.knowledge.skill.skill import Grasp, GraspWaypoint, Release, Skill
+from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.logic.domain import Holds, Variable
 from sqrp_cli.logic.literal import Atom

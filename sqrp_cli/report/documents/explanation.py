@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sqrp_cli.geometry import Array, box_corners, transform
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.coverage.blind_spans import by_name
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.coverage.robustness import without_each_camera
@@ -86,13 +87,13 @@ class ExplainedBox(Record):
 
     name: str
     detector: str
-    normal: list[float] | None
+    normal: tuple[float, ...] | None
     """Unit vector in the box's own axes, away from the surface."""
-    encloses: list[str]
+    encloses: tuple[str, ...]
     """What is transparent to this box."""
     min_visible: float
     frame: str
-    size: list[float]
+    size: tuple[float, ...]
     """Full extents [m]."""
     pose: Pose
     """Of the box in `frame`."""
@@ -100,16 +101,7 @@ class ExplainedBox(Record):
     @classmethod
     def of(cls, box: SoughtBox) -> ExplainedBox:
         """A box of a target."""
-        return cls(
-            name=box.name,
-            detector=box.detector,
-            normal=None if box.normal is None else list(box.normal),
-            encloses=list(box.encloses),
-            min_visible=box.limits.min_visible,
-            frame=box.frame,
-            size=list(box.size),
-            pose=box.X_FB.tolist(),
-        )
+        return completed(cls, box, min_visible=box.limits.min_visible, pose=box.X_FB.tolist())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,7 +187,7 @@ class CandidateStudy(CandidateFigures):
             sampling=SamplingDone.of(sampling, [ranked.assessment]),
             primitives=[Span(name=p.name, start=p.start, end=p.end) for p in study.motion.primitives],
             formulas=[Formula.of(formula) for formula in study.formulas],
-            cameras={c.name: CameraTiming(rate=c.rate, latency=c.latency) for c in cell.observer.cameras},
+            cameras={camera.name: completed(CameraTiming, camera) for camera in cell.observer.cameras},
             without_camera=without_each_camera(cell, study),
             recovery=RecoveryTimes(t=study.recovery.t.tolist(), duration=study.recovery.duration.tolist()),
             targets=_targets(study),

@@ -11,6 +11,7 @@ import numpy as np
 from sqrp_cli.knowledge.camera.camera import DistortionModel
 from sqrp_cli.knowledge.camera.detector import DetectorKind
 from sqrp_cli.knowledge.robot.robot import Fingers, Marker
+from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.grounding import on_robot
 from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
@@ -35,13 +36,7 @@ class JointScene(Record):
     @classmethod
     def of(cls, limits: robot.JointLimits) -> JointScene:
         """The limits of a joint."""
-        return cls(
-            lower=_finite(limits.lower),
-            upper=_finite(limits.upper),
-            velocity=limits.velocity,
-            acceleration=limits.acceleration,
-            jerk=limits.jerk,
-        )
+        return completed(cls, limits, lower=_finite(limits.lower), upper=_finite(limits.upper))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,19 +123,16 @@ class CameraScene(Record):
         """A camera of a cell."""
         frame, X_FC = on_robot(cell.workspace.robot, cell.model, seen_by.frame, seen_by.X_FC)
         straight = seen_by.distortion_model == "none"
-        return cls(
-            width=seen_by.width,
-            height=seen_by.height,
+        return completed(
+            cls,
+            seen_by,
             K=seen_by.matrix.tolist(),
             # ROS has no name for the absence of distortion; it writes five zeros.
             distortion_model="plumb_bob" if straight else seen_by.distortion_model,
             D=[0.0] * 5 if straight else seen_by.distortion.tolist(),
             frame=frame,
             pose=X_FC.tolist(),
-            near=seen_by.near,
             far=_finite(seen_by.far),
-            rate=seen_by.rate,
-            latency=seen_by.latency,
         )
 
 
@@ -149,7 +141,7 @@ class DetectorScene(Record):
     """The limits of a detection algorithm."""
 
     kind: DetectorKind
-    distance: list[float]
+    distance: tuple[float, ...]
     """Nearest and farthest [m]."""
     max_incidence: float
     min_pixels: float
@@ -158,13 +150,7 @@ class DetectorScene(Record):
     @classmethod
     def of(cls, found: detector.Detector) -> DetectorScene:
         """The limits of a detector."""
-        return cls(
-            kind=found.kind,
-            distance=list(found.distance),
-            max_incidence=found.max_incidence,
-            min_pixels=found.min_pixels,
-            min_visible=found.min_visible,
-        )
+        return completed(cls, found)
 
 
 @dataclass(frozen=True, kw_only=True)
