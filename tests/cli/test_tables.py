@@ -170,7 +170,7 @@ def test_the_chart_shows_when_each_literal_and_camera_is_covered(sqrp, watch):
 def test_explain_says_what_hides_what_and_when(sqrp, watch):
     text = " ".join(sqrp("explain", watch, "watch behind").out.split())
     assert "hidden by wall" in text
-    assert "eye loses in_place(behind) behind wall from 2.0 s to 3.0 s" in text
+    assert "eye cannot see in_place(behind) behind wall from 2.0 s to 3.0 s" in text
 
 
 def test_explaining_an_infeasible_candidate_shows_all_its_reasons(sqrp, watch):

@@ -15,13 +15,13 @@ EXPECTED = ExpectedTask(task="pickup", max_delay=0.1)
 def assessed(*, blind: float) -> Assessment:
     candidate = SimpleNamespace(name="g1", objects={"object": "g1"})
     slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0)
-    verdict = "cam1 loses hold(g1) behind forearm_link."
+    verdict = "cam1 cannot see hold(g1) behind forearm_link."
     return Assessment(candidate, feasible=True, time=9.0, faults={"slip": slip}, verdict=verdict)
 
 
 def test_a_delay_is_explained_by_what_hides_the_fault():
     (sentence,) = shortcomings(assessed(blind=2.0), EXPECTED, "")
-    assert "only after 2.15 s, expected at most 0.1 s: cam1 loses hold(g1)" in sentence
+    assert "only after 2.15 s, expected at most 0.1 s: cam1 cannot see hold(g1)" in sentence
 
 
 def test_a_delay_without_blind_time_is_explained_by_the_camera():

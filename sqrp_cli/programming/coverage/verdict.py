@@ -38,7 +38,7 @@ _SENTENCES = {
     Cause.DETECTOR_FAR: "{camera} is {figure} too far from {target} for its detector",
     Cause.OBLIQUE: "{camera} sees {target} {figure} too obliquely",
     Cause.TOO_SMALL: "{camera} sees {target} {figure} too small",
-    Cause.HIDDEN: "{camera} loses {target} behind {by}",
+    Cause.HIDDEN: "{camera} cannot see {target} behind {by}",
 }
 
 _ADVICE = {
