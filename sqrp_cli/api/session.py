@@ -99,7 +99,13 @@ def world_before(after: Path | None, program: Path | None) -> Path | None:
     check_writable(program)
     if not program.exists():
         return after
-    if after is not None and real_path(after) != real_path(program):
+    if after is not None and real_path(after) == real_path(program):
+        message, mend = (
+            "--after and --program both name this file",
+            "leave out --after: the next step starts where it ends",
+        )
+        raise InputError(Problem("would-overwrite", message, Place(program), mend=mend))
+    if after is not None:
         message = f"{program} exists, so its next step starts where it ends and not where {after} does"
         raise InputError(Problem("bad-option", message, mend="leave out --after, or name a new file after --program"))
     return program

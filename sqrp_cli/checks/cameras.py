@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from sqrp_cli.checks.placement import doubted_objects
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, box_corners, inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
@@ -57,9 +58,11 @@ def implausible_lenses(workspace: Workspace) -> Iterator[Problem]:
 def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
     """World-fixed cameras that see no object: inside a solid, turned elsewhere, or with no object in range.
 
-    A common cause: the axes of body frame and optical frame are mixed up.
+    A common cause: the axes of body frame and optical frame are mixed up. Objects with a doubted measure are left out,
+    and beside one no camera is known to see nothing.
     """
-    objects = [item for item in workspace.objects.values() if item.X_WO is not None]
+    doubted = doubted_objects(workspace)
+    objects = [item for item in workspace.objects.values() if item.X_WO is not None and item.name not in doubted]
     shown = [item for item in objects if not item.fixed] or objects
     for camera in workspace.cameras.values():
         if camera.frame != WORLD or not shown:
@@ -70,7 +73,7 @@ def blind_cameras(workspace: Workspace) -> Iterator[Problem]:
             message = f"camera `{camera.name}` is inside `{around.name}`, which hides everything from it"
             mend = f"move one of them; if `{around.name}` is the camera's own housing, leave it out of the workspace"
             yield Problem("camera-inside-object", message, place, severity="warning", mend=mend)
-        elif not _sees_any(camera, camera.X_FC, shown):
+        elif not doubted and not _sees_any(camera, camera.X_FC, shown):
             why, mend = _why_blind(workspace, camera, shown)
             message = f"camera `{camera.name}` sees none of the objects: {why}"
             yield Problem("camera-sees-nothing", message, place, severity="warning", mend=mend)

@@ -14,6 +14,7 @@ from sqrp_cli.knowledge.mesh.mesh_file import mesh_unit
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import Reference
 from sqrp_cli.knowledge.skill.skill import Skill, StraightMove
+from sqrp_cli.knowledge.text.units import shown_length
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.cell import Cell
@@ -168,8 +169,9 @@ def _outside(workspace: Workspace, item: SceneObject, reached: Array, outside: A
     index, axis = divmod(int(outside.argmax()), 3)
     part = item.parts[index]
     shape = type(part.shape).__name__.lower()
+    reached_outside = shown_length(float(outside[index, axis]))
     message = (
-        f"part `{part.name}` of `{item.name}`, a {shape}, reaches {1e3 * outside[index, axis]:.1f} mm outside the "
+        f"part `{part.name}` of `{item.name}`, a {shape}, reaches {reached_outside} outside the "
         f"object's `size` along {'xyz'[axis]}"
     )
     others = int((outside.max(axis=1) > ALLOWED + 1e-9).sum()) - 1

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ import numpy as np
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, box_corners, cross, pose, transform
 from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.text.units import shown_length
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.shapes import Box, Mesh
 
@@ -19,6 +21,9 @@ MIN_OVERLAP = 1e-3
 
 LEAST_GAP = 5e-3
 """Distance [m] from which an object does not count as standing on another one."""
+
+_MEASURE = re.compile(r"objects\.(.+)\.(?:size|pose\.position)\.\d")
+"""Path of a number that says how large an object is or where; its name."""
 
 
 class PlacedBox(NamedTuple):
@@ -60,8 +65,51 @@ class PlacedBox(NamedTuple):
         return float((between - (reach + others)).max())
 
 
+def doubted_objects(workspace: Workspace) -> Mapping[str, Problem]:
+    """Objects of which a size or position was probably meant in another unit, with the first warning that says so.
+
+    What follows from such a measure is no finding of its own.
+    """
+    doubts = {warning.place: warning for warning in workspace.warnings if warning.code == "doubtful-unit"}
+    doubted: dict[str, Problem] = {}
+    for path, place in workspace.places.items() if doubts else ():
+        if place in doubts and (match := _MEASURE.fullmatch(path)):
+            doubted.setdefault(match[1], doubts[place])
+    return doubted
+
+
 def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
-    """Pairs of objects whose boxes are more than 1 mm deep in each other."""
+    """Pairs of objects whose boxes are more than 1 mm deep in each other.
+
+    Those with a doubted measure have one finding together, as no figure would mend it but the measure.
+    """
+    doubted = doubted_objects(workspace)
+    involved: set[str] = set()
+    for one, other, depth in _overlaps(workspace):
+        if one in doubted or other in doubted:
+            involved |= {one, other} & doubted.keys()
+        else:
+            message = f"objects `{one}` and `{other}` are in one place: {shown_length(depth)} deep in each other"
+            place = workspace.places.get(f"objects.{other}.pose")
+            yield Problem("overlapping-objects", message, place, mend=f"move one of them by {shown_length(depth)}")
+    if involved:
+        names = sorted(involved, key=list(workspace.objects).index)
+        quoted = ", ".join(f"`{name}`" for name in names)
+        message = f"in one place with other objects, by measures whose unit is doubted: {quoted}"
+        mend = "write the sizes and positions that the warnings name with their unit"
+        yield Problem("overlapping-objects", message, doubted[names[0]].place, mend=mend)
+
+
+class _Overlap(NamedTuple):
+    """Two objects in one place."""
+
+    one: str
+    other: str
+    depth: float
+    """How far they must be moved apart at least [m]."""
+
+
+def _overlaps(workspace: Workspace) -> Iterator[_Overlap]:
     objects = [item for item in workspace.objects.values() if item.X_WO is not None]
     boxes = {item.name: _solid_boxes(item) for item in objects}
     centers = np.array([item.X_WO[:3, 3] for item in objects if item.X_WO is not None]).reshape(-1, 3)
@@ -69,14 +117,10 @@ def overlapping_objects(workspace: Workspace) -> Iterator[Problem]:
     distances = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
     close = np.triu(distances <= reaches[:, None] + reaches[None], k=1)
     for first, second in np.argwhere(close):
-        one, other = objects[first], objects[second]
-        depth = max(a.penetration(b) for a in boxes[one.name] for b in boxes[other.name])
+        one, other = objects[first].name, objects[second].name
+        depth = max(a.penetration(b) for a in boxes[one] for b in boxes[other])
         if depth > MIN_OVERLAP:
-            message = (
-                f"objects `{one.name}` and `{other.name}` are in one place: {1e3 * depth:.1f} mm deep in each other"
-            )
-            place = workspace.places.get(f"objects.{other.name}.pose")
-            yield Problem("overlapping-objects", message, place, mend=f"move one of them by {1e3 * depth:.1f} mm")
+            yield _Overlap(one, other, depth)
 
 
 def floating_objects(workspace: Workspace) -> Iterator[Problem]:
@@ -85,7 +129,9 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
     They may stand on another object instead, if their support is below: a cube in a tray is on the table too. Parts of
     other shapes count as the boxes around them, so the true distance may be larger than the reported one.
     """
-    around = {item.name: list(_boxes_around(item)) for item in workspace.objects.values() if item.X_WO is not None}
+    doubted = doubted_objects(workspace)
+    placed = [item for item in workspace.objects.values() if item.X_WO is not None and item.name not in doubted]
+    around = {item.name: list(_boxes_around(item)) for item in placed}
     for item in workspace.objects.values():
         support = workspace.objects.get(item.on) if item.on is not None else None
         if support is None or item.name not in around or support.name not in around:
@@ -106,8 +152,8 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
             continue
         bottom = min(box.corners[:, 2].min() for box in above)
         top = max(box.corners[:, 2].max() for box in below)
-        mend = f"lower it by {1e3 * gap:.1f} mm" if bottom - top > gap - 1e-6 else f"move it onto `{support.name}`"
-        message = f"`{item.name}` is said to be on `{support.name}`, but between them is a gap of {1e3 * gap:.1f} mm"
+        mend = f"lower it by {shown_length(gap)}" if bottom - top > gap - 1e-6 else f"move it onto `{support.name}`"
+        message = f"`{item.name}` is said to be on `{support.name}`, but between them is a gap of {shown_length(gap)}"
         yield Problem("floating-object", message, place, severity="warning", mend=f"{mend}, or correct `on`")
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sqrp_cli.checks.placement import MIN_OVERLAP
+from sqrp_cli.checks.placement import MIN_OVERLAP, doubted_objects
 from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -51,8 +51,12 @@ class _Placed:
 
 
 def overlapping_shapes(workspace: Workspace) -> Iterator[Problem]:
-    """Pairs of objects with parts more than 1 mm deep in each other; pairs of boxes are left out."""
-    objects = workspace.objects.values()
+    """Pairs of objects with parts more than 1 mm deep in each other.
+
+    Pairs of boxes and objects with a doubted measure are left out.
+    """
+    doubted = doubted_objects(workspace)
+    objects = [item for item in workspace.objects.values() if item.name not in doubted]
     if all(isinstance(part.shape, Box) for item in objects for part in item.parts):
         return  # the usual case, fast even for many objects
     placed = [

@@ -37,7 +37,8 @@ def load_program(path: Path) -> Program:
     document = read_yaml(path, keys=_KEYS)
     if "sqrp_program" not in document.data:
         message = "this is no program: it lacks the key `sqrp_program`"
-        raise InputError(Problem("no-program", message, Place(path), mend="sqrp rank WORKSPACE TASK --program FILE"))
+        mend = "name a file that does not exist yet, and it is made: sqrp rank WORKSPACE TASK --program NEW.yaml"
+        raise InputError(Problem("no-program", message, Place(path), mend=mend))
     program = validate(document, Program)
     problems = _problems(document, flaws(program))
     for number, step in enumerate(program.steps):

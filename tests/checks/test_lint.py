@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from sqrp_cli.checks.lint import lint
+from sqrp_cli.knowledge.text.units import shown_length
 from sqrp_cli.knowledge.workspace.load import load_workspace
 
 CASES = yaml.safe_load((Path(__file__).parents[1] / "cases" / "lint.yaml").read_text(encoding="utf-8"))
@@ -83,6 +84,34 @@ def test_objects_that_float_by_less_than_five_millimetres_stand(damaged: Damage)
 def test_an_object_inside_a_hollow_one_does_not_overlap_it(damaged: Damage) -> None:
     edit = {"position: [0.4, 0, 2 cm]": "position: [0.7, -0.2, 3 cm]"}
     assert lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))) == ()
+
+
+def test_overlaps_that_follow_from_a_size_in_millimetres_are_one_finding_that_names_the_size(damaged: Damage) -> None:
+    edit = {"red, size: [4 cm, 4 cm, 4 cm]": "red, size: [40, 40, 40]", "blue, size: [4 cm": "blue, size: [40"}
+    workspace = load_workspace(damaged({"file": "workspace.yaml", "replace": edit}))
+    (finding,) = lint(workspace)
+    assert (finding.code, finding.severity) == ("overlapping-objects", "error")
+    assert finding.place == workspace.places["objects.red.size.0"]
+    assert "doubted: `red`, `blue`" in finding.message
+    assert finding.mend is not None
+    assert "with their unit" in finding.mend
+    assert "move" not in finding.mend
+
+
+def test_objects_that_overlap_for_another_reason_are_still_named_beside_a_doubted_size(damaged: Damage) -> None:
+    edit = {"blue, size: [4 cm": "blue, size: [40", "position: [0.4, 0, 2 cm]": "position: [0.7, -0.2, 1 mm]"}
+    messages = [
+        finding.message for finding in lint(load_workspace(damaged({"file": "workspace.yaml", "replace": edit})))
+    ]
+    assert any("`red`" in message and "deep in each other" in message for message in messages)
+    assert not any("`blue`" in message and "deep in each other" in message for message in messages)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"), [(0.01998, "20.0 mm"), (0.9, "900.0 mm"), (279.335, "279.3 m"), (1, "1 m")]
+)
+def test_lengths_are_shown_in_millimetres_below_a_metre_and_in_metres_above(value: float, shown: str) -> None:
+    assert shown_length(value) == shown
 
 
 @pytest.mark.parametrize(

@@ -243,6 +243,29 @@ def test_a_program_and_another_world_to_start_from_exclude_each_other(sqrp, watc
     assert program.read_bytes() == before
 
 
+def test_a_program_that_is_written_is_not_also_where_to_start_from(sqrp, watch, tmp_path):
+    program, link = tmp_path / "program.yaml", tmp_path / "link.yaml"
+    assert sqrp("rank", watch, "watch seen", "--program", program).code == 0
+    link.symlink_to(program)
+    before = program.read_bytes()
+    for after in (program, link):
+        outcome = sqrp("rank", watch, "watch seen", "--program", program, "--after", after)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert "--after and --program both name this file" in outcome.err
+        assert "leave out --after" in outcome.err
+        assert program.read_bytes() == before
+
+
+def test_a_workspace_in_place_of_a_program_is_refused_with_another_command_than_was_given(sqrp, own_watch):
+    file = own_watch / "workspace.yaml"
+    before = file.read_bytes()
+    outcome = sqrp("rank", own_watch, "watch seen", "--program", file)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "name a file that does not exist yet" in outcome.err
+    assert "--program NEW.yaml" in outcome.err
+    assert file.read_bytes() == before
+
+
 def test_the_same_choice_writes_the_same_program(sqrp, tabletop, program):
     again = program.with_name("again.yaml")
     assert sqrp("rank", tabletop, TASK, "--program", again, "--json").code == 0

@@ -143,6 +143,11 @@ def in_unit(value: float, dimension: Dimension | None) -> str:
     return f"{value / dimension.units[unit]:.4g} {unit}"
 
 
+def shown_length(value: float) -> str:
+    """A length [m] as a message shows it: in mm below 1 m, else in m."""
+    return f"{1e3 * value:.1f} mm" if abs(value) < 1 else f"{value:.4g} m"
+
+
 def expected_quantity(*dimensions: Dimension) -> str:
     """How a message names what was expected: "a length such as `20 mm` (units m, cm, mm, um)"."""
     if not dimensions:
