@@ -1,1 +1,1 @@
-"""Phase 1, knowledge: reading and validating what is known of a cell, into frozen records."""
+"""Phase 1, knowledge: the files of a cell, read and validated into frozen records."""

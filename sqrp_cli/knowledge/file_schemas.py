@@ -1,4 +1,4 @@
-"""JSON Schemas of the files that people write, with which editors complete and check them."""
+"""JSON Schemas of the files that people write, for completion and checks in editors."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-"""What the schemas are written in."""
+"""The dialect of the schemas."""
 
 FILES: Mapping[str, type[Entry]] = {"workspace": WorkspaceFile, "skill": SkillFile}
-"""What describes the whole of a file, by the file's name without `.yaml`."""
+"""The model of each file, by the file's name without `.yaml`."""
 
 
 NAMES: Mapping[str, str] = {
@@ -24,11 +24,11 @@ NAMES: Mapping[str, str] = {
     "Held": "HeldEntry",
     "Marker": "MarkerEntry",
 }
-"""What a schema calls a record that is named otherwise here: what refers to a definition shall go on to find it."""
+"""Names of renamed records in the schemas, kept so that references to their definitions stay valid."""
 
 
 class _Generator(GenerateJsonSchema):
-    """Knows records by the names that schemas have for them."""
+    """Uses the names that schemas have for records."""
 
     def normalize_name(self, name: str) -> str:
         """The name of a definition, from that of its class."""

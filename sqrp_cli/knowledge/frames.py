@@ -1,4 +1,4 @@
-"""Frames: what poses are given in, by the words that files use for them, and where they are.
+"""Frames that poses refer to: their names in files, and their world poses.
 
 A frame is `world`, a link of the robot, an object, or `OBJECT@start`. Skills also write `tool` for the tool frame, and
 their parameters for objects.
@@ -18,7 +18,7 @@ WORLD = "world"
 """The cell's world, wherever a frame is named."""
 
 WORLD_LINK = "robot/world"
-"""What the link `world` of a URDF is called: it is where the robot's base is, and that need not be the cell's world."""
+"""Name of a URDF's link `world`, which is at the robot's base and need not be the cell's world."""
 
 TOOL = "tool"
 """In a skill: the tool frame, or all parts of the tool."""
@@ -45,7 +45,7 @@ class FrameName(str):
 
     @property
     def owner(self) -> str:
-        """The object that it moves with or was at, or what else it is."""
+        """The object before `@start`, else the whole name."""
         return self.removesuffix(_START)
 
 
@@ -54,17 +54,17 @@ StoredFrame = Annotated[FrameName, Written(Text, FrameName, str)]
 
 
 def link_called(name: str, links: Collection[str]) -> str:
-    """The link that a name means in a file that speaks of the robot."""
+    """The link that a name means in a file about the robot."""
     return WORLD_LINK if name == WORLD and WORLD_LINK in links else name
 
 
 def frame_poses(
     X_WL: Mapping[str, Array], X_WO: Mapping[str, Array], starts: Mapping[str, Array], X_WW: Array = _X_WW
 ) -> dict[str, Array]:
-    """World poses X_WF of all frames by name, of shapes as they are given, (..., 4, 4).
+    """World poses X_WF of all frames by name, with the given shapes (..., 4, 4).
 
     X_WL: of links. X_WO: of objects, and starts: of objects when the step began. X_WW: of the world itself, in the
-    shape that is wanted.
+    wanted shape.
     """
     return {**X_WO, **{FrameName.at_start_of(name): X_WS for name, X_WS in starts.items()}, **X_WL, WORLD: X_WW}
 
@@ -83,8 +83,7 @@ class Stay(NamedTuple):
 def carried_poses(X_WT: Array, stays: Iterable[Stay]) -> Array:
     """World poses of an object that moves with the tool while it is held and rests otherwise, shape (m, 4, 4).
 
-    X_WT: poses of the tool frame, shape (m, 4, 4). stays: which cover all m samples; each is taken before the next is
-    asked for.
+    X_WT: poses of the tool frame, shape (m, 4, 4). stays: cover all m samples; each is used before the next is drawn.
     """
     X_WO = np.empty_like(X_WT)
     for stay in stays:

@@ -1,4 +1,4 @@
-"""The objects of a cell: what a workspace file says of them, and the markers on them.
+"""The objects of a cell, their entries in a workspace file, and the markers on them.
 
 Markers are ArUco markers as printed: dictionary `DICT_ARUCO_ORIGINAL` of OpenCV, ids 0 to 1023. A marker has a white
 margin at least as wide as one of its modules. An object with a marker has it in the middle of its top (+z), black
@@ -77,7 +77,7 @@ def _placement(stated: Pose | Held | str) -> Array | Held | None:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObjectTraits(Stored):
-    """What a workspace file says of an object and is used as it stands."""
+    """The properties of an object, taken unchanged from the workspace file."""
 
     type: Annotated[
         Name,
@@ -130,7 +130,7 @@ class SceneObject(ObjectTraits):
     """Its solid pieces, in its own frame; a plain box of `size` unless the workspace says otherwise."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a pose that is none and for a size that is not finite."""
+        """Raises ValueError for an invalid pose and for a size that is not finite."""
         check_poses(f"object `{self.name}`", self.X_WO, self.X_TO)
         check_finite(f"object `{self.name}`", self.size)
 
@@ -184,7 +184,7 @@ class PartEntry(Entry):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ObjectEntry(ObjectTraits):
-    """A thing in the cell."""
+    """An object in the cell."""
 
     parts: tuple[PartEntry, ...] = ()
     """Its solid pieces; default: the box."""

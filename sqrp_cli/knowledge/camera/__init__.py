@@ -1,1 +1,1 @@
-"""Cameras and detectors, and how a camera projects."""
+"""Cameras, detectors and the projection of a camera."""

@@ -1,7 +1,7 @@
 """Camera intrinsics from ROS camera calibration files.
 
-Calibration files come from many programs. Read here are what `camera_calibration` and the drivers' camera info managers
-write, OpenCV's FileStorage with the same keys, and a printed `sensor_msgs/CameraInfo` message (K and D, or k and d).
+Supported: the files of `camera_calibration` and of the drivers' camera info managers, OpenCV's FileStorage with the
+same keys, and a printed `sensor_msgs/CameraInfo` message (K and D, or k and d).
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
 _OPENCV_MODELS: dict[int, DistortionModel] = {5: "plumb_bob", 8: "rational_polynomial"}
-"""The model that a number of coefficients means in a file that names none."""
+"""Default model by number of coefficients, for files that name no model."""
 
 
 MOST_SCALED = 5.0
-"""By which factor rectifying an image scales its focal lengths at most."""
+"""Largest factor by which rectification scales the focal lengths."""
 
 MOST_MOVED = 0.2
-"""By which share of an image rectifying moves its principal point at most."""
+"""Largest shift of the principal point by rectification, as a share of the image."""
 
 
 def _flat(value: object) -> object:
-    """Rows of a matrix one after the other; anything else unchanged."""
+    """The rows of a matrix as one list; other values unchanged."""
     if isinstance(value, list) and value and all(isinstance(row, list) for row in value):
         return [number for row in value for number in row]
     return value
@@ -75,8 +75,8 @@ class _CalibrationFile(ForeignEntry):
 def read_calibration(path: Path) -> tuple[Intrinsics, SourceDocument]:
     """Intrinsics from a camera calibration file in one of the formats that this module reads.
 
-    The projection matrix, if any, is that of the rectified image and is not used: cameras see through their lens.
-    Raises InputError, with the line, for missing keys, unknown models, wrong lengths and matrices that no camera has.
+    The projection matrix, if any, belongs to the rectified image and is not used: cameras see through their lens.
+    Raises InputError, with the line, for missing keys, unknown models, wrong lengths and impossible matrices.
     """
     document = read_yaml(path, frozenset({"!!opencv-matrix"}), ("image_width", "width", *_K_KEYS))
     file = validate(document, _CalibrationFile)
@@ -96,10 +96,10 @@ def read_calibration(path: Path) -> tuple[Intrinsics, SourceDocument]:
 
 
 def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Iterator[Problem]:
-    """A warning about a projection matrix that cannot belong to the camera matrix beside it in a calibration file.
+    """A warning about a projection matrix that does not fit the camera matrix in the same calibration file.
 
-    It is that of the rectified image, which has the same size: `camera_calibration` scales the focal lengths so that
-    more or less of the image is left, and hardly moves its middle.
+    The projection matrix describes the rectified image, which has the same size: `camera_calibration` scales the focal
+    lengths to keep more or less of the image, and hardly moves its centre.
     """
     key = next((key for key in _P_KEYS if key in document.data), None)
     P = _projection(document.data[key]) if key is not None else None
@@ -113,7 +113,7 @@ def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Ite
 
 
 def _projection(entry: object) -> Array | None:
-    """A projection matrix, shape (3, 4); None if it is none, or all zeros, as drivers write what they do not know."""
+    """A projection matrix, shape (3, 4); None if malformed or all zeros, which is how drivers write unknown ones."""
     numbers = _flat(entry.get("data") if isinstance(entry, dict) else entry)
     if not isinstance(numbers, list) or len(numbers) != 12 or not all(isinstance(n, int | float) for n in numbers):
         return None
@@ -139,7 +139,7 @@ def _why_another(P: Array, intrinsics: Intrinsics) -> str | None:
 def check_distortion(
     document: SourceDocument, path: KeyPath, model: DistortionModel, coefficients: Sequence[float]
 ) -> None:
-    """Raises InputError unless there are as many distortion coefficients at `path` as the model has."""
+    """Raises InputError unless the number of distortion coefficients at `path` fits the model."""
     expected = DISTORTION_LENGTHS[model]
     if len(coefficients) != expected:
         message = f"found {len(coefficients)} distortion coefficients, expected {expected} for `{model}`"
@@ -149,7 +149,7 @@ def check_distortion(
 def _numbers(
     document: SourceDocument, keys: tuple[str, ...], entry: _Matrix | list[float], count: int | None
 ) -> tuple[KeyPath, list[float]]:
-    """The numbers of a matrix, as many as its rows and columns say and as `count` asks for, and where they stand."""
+    """The numbers of a matrix and their path, checked against its rows and columns and against `count`."""
     key = next(key for key in keys if key in document.data)
     if isinstance(entry, list):
         path: KeyPath = (key,)

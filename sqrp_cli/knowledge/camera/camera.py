@@ -1,6 +1,6 @@
-"""A camera: what a workspace file says of it, and the calibrated camera that this and its other files describe.
+"""A camera: its entry in a workspace file, and the calibrated camera that results from all its files.
 
-Numbers are in SI units and angles in radians, whatever unit a file states.
+Numbers are in SI units and angles in radians, whatever the unit in a file.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def check_pixels(width: int, height: int) -> None:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Intrinsics:
-    """How the camera itself makes an image; pixel (0, 0) is the centre of the first pixel."""
+    """Camera matrix, distortion and image size; pixel (0, 0) is the centre of the first pixel."""
 
     width: int
     """Columns of the image [pixels]."""
@@ -61,7 +61,7 @@ class Intrinsics:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Sensing(Stored):
-    """How far and how often a camera sees: what a workspace file says of it and is used as it stands."""
+    """Range, frame rate and latency of a camera, taken unchanged from the workspace file."""
 
     near: Annotated[Size, Field(description="Nearest depth at which the camera sees.")] = 0.1
     far: Annotated[Size, Field(description="Farthest depth at which the camera sees.")] = 10.0
@@ -70,10 +70,7 @@ class Sensing(Stored):
 
     @property
     def response(self) -> float:
-        """Longest time from an event until an image that shows it is available [s].
-
-        That is one frame period and the latency.
-        """
+        """Longest time from an event until an image of it is available [s]: one frame period and the latency."""
         return 1.0 / self.rate + self.latency
 
 
@@ -88,7 +85,7 @@ class Camera(Sensing, Intrinsics):
     """Pose of the optical frame (x right, y down, z forward) in `frame`, shape (4, 4)."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a pose that is none and for figures that are not finite; `far` may be infinite."""
+        """Raises ValueError for an invalid pose and for figures that are not finite; `far` may be infinite."""
         what = f"camera `{self.name}`"
         check_poses(what, self.X_FC)
         check_finite(what, self.matrix, self.distortion, self.near, self.rate, self.latency)
@@ -126,7 +123,7 @@ class ImageEntry(Stored):
     """Default: none."""
 
     def __post_init__(self) -> None:
-        """Raises PydanticCustomError for what cannot be meant together."""
+        """Raises PydanticCustomError for keys that contradict each other."""
         check_pixels(self.width, self.height)
         if (self.horizontal_fov is None) == (self.fx is None):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `horizontal_fov`, `fx`")
@@ -134,7 +131,7 @@ class ImageEntry(Stored):
             raise PydanticCustomError("conflicting-keys", "`fy` goes with `fx`, not with `horizontal_fov`")
 
     def intrinsics(self) -> Intrinsics:
-        """What it means: pixels are square unless `fy` is given. How many coefficients there are is not checked."""
+        """The intrinsics; pixels are square unless `fy` is given. The number of coefficients is not checked."""
         fx = self.fx if self.fx is not None else 0.5 * self.width / tan(0.5 * (self.horizontal_fov or 0.0))
         fy = self.fy if self.fy is not None else fx
         cx = self.cx if self.cx is not None else 0.5 * (self.width - 1)
@@ -181,7 +178,7 @@ class CameraEntry(Sensing, CalibrationEntry):
     """A camera."""
 
     def __post_init__(self) -> None:
-        """Raises PydanticCustomError for what cannot be meant together."""
+        """Raises PydanticCustomError for keys that contradict each other."""
         if (self.pose is None) == (self.hand_eye is None):
             raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `pose`, `hand_eye`")
         if (self.image is None) == (self.calibration is None):

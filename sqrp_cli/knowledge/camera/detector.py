@@ -1,4 +1,4 @@
-"""What a detection algorithm can do. Numbers are in SI units, angles in radians."""
+"""The limits of a detection algorithm. Numbers are in SI units, angles in radians."""
 
 from __future__ import annotations
 
@@ -32,6 +32,6 @@ class Detector(Stored):
     """Least share of the box that must be seen."""
 
     def __post_init__(self) -> None:
-        """Raises PydanticCustomError, a ValueError, for a range without an inside."""
+        """Raises PydanticCustomError, a ValueError, for an empty range."""
         if self.distance[0] >= self.distance[1]:
             raise PydanticCustomError("empty-range", "`distance` must go from a nearer to a farther distance")

@@ -1,4 +1,4 @@
-"""Poses of cameras from the results of hand-eye calibrations, as easy_handeye (ROS 1 and 2) stores them.
+"""Camera poses from hand-eye calibrations, as easy_handeye (ROS 1 and 2) stores them.
 
 The file says which frame carries the camera: the robot's effector (eye in hand) or its base (eye on base). The stored
 transform is the pose of the tracking frame, usually the camera's optical frame, in that frame.
@@ -20,10 +20,10 @@ from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """Where a camera is.
+    """The pose of a camera.
 
-    frame: the link that carries it; place: where the file names that. camera_frame: the frame whose pose `X_FC`,
-    shape (4, 4), is that in the link.
+    frame: the link that carries it; place: where the file names it. camera_frame: the frame at pose `X_FC` in the link,
+    shape (4, 4).
     """
 
     frame: str
@@ -78,11 +78,11 @@ class _File(_Result):
 
 
 class _FlatFile(_Result, _Parameters):
-    """As early versions wrote it: the parameters beside the transformation."""
+    """The format of early versions: the parameters beside the transformation."""
 
 
 def read_hand_eye(path: Path) -> tuple[HandEye, SourceDocument]:
-    """The pose in a file that easy_handeye or easy_handeye2 wrote.
+    """The pose in a file of easy_handeye or easy_handeye2.
 
     Raises InputError, with the line, for missing keys, values of the wrong kind and a quaternion whose length is not 1.
     """
@@ -95,7 +95,7 @@ def read_hand_eye(path: Path) -> tuple[HandEye, SourceDocument]:
 
 
 def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:
-    """owner: where the parameters stand."""
+    """owner: path of the parameters."""
     key = "robot_effector_frame" if _in_hand(document, parameters, owner) else "robot_base_frame"
     frame = parameters.robot_effector_frame if key == "robot_effector_frame" else parameters.robot_base_frame
     if frame is None:

@@ -19,8 +19,8 @@ from sqrp_cli.knowledge.camera.camera import Camera
 class Projection:
     """A camera's intrinsics with the limit of its distortion model.
 
-    radius: largest distance from the optical axis, in the plane z = 1, up to which a longer radius also lies further
-    out in the image. Beyond it the polynomial folds back and shows points that the lens does not.
+    radius: largest distance from the optical axis, in the plane z = 1, up to which the distortion is monotonic. Beyond
+    it the polynomial folds back and shows points that the lens does not.
     """
 
     camera: Camera
@@ -34,7 +34,7 @@ class Projection:
     def pixels(self, points_C: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Pixels (..., 2) of points (..., 3) in the optical frame with z > 0, and whether they are within the radius.
 
-        Where a point is beyond the radius, its pixel is that of the undistorted camera, which tells the side at least.
+        A point beyond the radius gets the pixel of the undistorted camera, which is on the right side at least.
         """
         K = self.camera.matrix
         bent, inside = self.bent(points_C[..., :2] / points_C[..., 2:])
@@ -43,7 +43,7 @@ class Projection:
     def bent(self, plane: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Where the lens moves points (..., 2) of the plane z = 1, and whether they are within the radius.
 
-        Points beyond the radius stay where they are. What is not a number is beyond it.
+        Points beyond the radius stay where they are; so does NaN.
         """
         inside = np.einsum("...i,...i", plane, plane) <= self.radius**2
         if self.camera.distortion_model == "none":
@@ -69,7 +69,7 @@ def monotonic_radius(camera: Camera) -> float:
 
 
 _NEVER = 1e-12
-"""Values of 1 / u below which u is infinite: the radius 1e6 is 90 degrees off the axis but for 1e-6 rad."""
+"""Values of 1 / u below this mean that u is infinite: the radius 1e6 is within 1e-6 rad of 90 degrees off the axis."""
 
 
 def _smallest_root(coefficients: Array | list[float]) -> float:
@@ -77,7 +77,7 @@ def _smallest_root(coefficients: Array | list[float]) -> float:
 
     Infinite if none.
     """
-    # In 1 / u the coefficients run the other way round: the leading one is then 1, however small the others are.
+    # As a polynomial in 1 / u, with reversed coefficients, the leading one is 1 even if all others are tiny.
     roots = np.roots(np.asarray(coefficients, dtype=float))
     real = roots[np.abs(roots.imag) < 1e-9 * np.maximum(1.0, np.abs(roots))].real
     largest = float(np.max(real, initial=0.0))

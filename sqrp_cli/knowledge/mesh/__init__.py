@@ -1,1 +1,1 @@
-"""Mesh files, looked through before anything loads them, because the loaders believe what a file says of itself."""
+"""Mesh files, checked before they are loaded, because the loaders trust the numbers in a file."""

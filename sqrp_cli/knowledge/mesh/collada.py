@@ -1,4 +1,4 @@
-"""COLLADA (DAE) files: every number that a loader allocates, repeats or looks something up by is checked.
+"""Check of COLLADA (DAE) files: every number that a loader uses as a size, a count or an index.
 
 The format: https://www.khronos.org/files/collada_spec_1_4.pdf.
 """
@@ -26,10 +26,10 @@ MOST_INPUTS = 32
 
 _ARRAYS = ("float_array", "Name_array", "IDREF_array")
 _FIXED = {"triangles": 3, "lines": 2}
-"""Corners of a primitive that always has as many."""
+"""Corners of primitives with a fixed number of them."""
 
 _CONTINUED = ("polygons", "trifans", "tristrips", "linestrips")
-"""Primitives that have a list of indices for each."""
+"""Primitives with a list of indices for each polygon."""
 
 _PRIMITIVES = (*_FIXED, "polylist", *_CONTINUED)
 _NO_AREA = ("lines", "linestrips")
@@ -56,12 +56,12 @@ _PARENTS: dict[str, tuple[str, ...]] = {
 """Where elements may be; loaders find some of them elsewhere, too."""
 
 _BENT = {"controller": "skins and morphs", "instance_controller": "skins and morphs", "ph": "polygons with holes"}
-"""What no mesh of a rigid part has, and loaders do not agree about."""
+"""Elements that no rigid mesh has and that loaders treat differently."""
 
 
 @dataclass(frozen=True)
 class _Load:
-    """What a node or geometry asks of the loader."""
+    """The work of the loader for a node or geometry."""
 
     triangles: int = 0
     pieces: int = 0
@@ -74,7 +74,7 @@ def check_dae(path: Path) -> int:
     """The number of triangles, each counted as often as it is placed. Raises InputError for a damaged file."""
     root = parse_xml(path, path.read_bytes(), "COLLADA", _TEXTS)
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # by which numpy says that text is no list of numbers
+        warnings.simplefilter("error", DeprecationWarning)  # numpy's sign that a text is not a list of numbers
         load = _Collada(path, root).load()
     check_pieces(path, load.pieces, "nodes and placed geometries")
     return load.triangles
@@ -93,7 +93,7 @@ class _Collada:
         self._open: set[int] = set()
 
     def load(self) -> _Load:
-        """What all scenes together ask of the loader."""
+        """The load of all scenes together."""
         self._check_places(self._root)
         for element in _all(self._root):
             if element.tag == "source" and any(
@@ -119,14 +119,14 @@ class _Collada:
             self._check_places(child)
 
     def _name(self, element: Element) -> None:
-        """Note an element that others refer to by its id."""
+        """Record an element that others refer to by its id."""
         name = element.attributes.get("id")
         if name is None or element.tag not in ("geometry", "source", "vertices", "node", *_ARRAYS):
             return
         if name in self._named and element.tag != "node":
             message = f"{element} has the id `{name}`, as the element of line {self._named[name].place.line} has"
             raise _wrong(element, message)
-        if name in self._named:  # of nodes, which matters only where one of them is placed by its name
+        if name in self._named:  # of nodes: matters only if one of them is placed by its name
             self._ambiguous.add(name)
         self._named.setdefault(name, element)
 
@@ -135,7 +135,7 @@ class _Collada:
         self._geometries[geometry.attributes.get("id", "")] = load
 
     def _weigh(self, node: Element, depth: int) -> _Load:
-        """What a node or scene asks of the loader, with all that it places."""
+        """The load of a node or scene, with all that it places."""
         key = id(node)
         if key in self._open:
             raise _wrong(node, f"{node} places itself")
@@ -173,7 +173,7 @@ class _Collada:
 
 
 def _mesh_load(mesh: Element, counts: dict[str, int]) -> _Load:
-    """What a mesh asks of the loader; counts: of what each source of the file has."""
+    """The load of a mesh; counts: number of values in each source of the file."""
     own = {source.text("id"): counts[source.text("id")] for source in mesh.all("source") if source.text("id") in counts}
     vertices = list(mesh.all("vertices"))
     primitives = [child for child in mesh.children if child.tag in _PRIMITIVES]
@@ -202,7 +202,7 @@ def _referred_count(element: Element, known: dict[str, int]) -> int:
 
 @dataclass(frozen=True)
 class _Input:
-    """An input of a primitive: which number of a corner it is, how many there are to refer to, and what it is."""
+    """An input of a primitive: its index within a corner, the number of values to refer to, and its semantic."""
 
     offset: int
     count: int
@@ -210,7 +210,7 @@ class _Input:
 
 
 def _primitive_triangles(primitive: Element, known: dict[str, int], vertices: str) -> int:
-    """The number of triangles that a primitive is cut into; known: how much each reference refers to."""
+    """The number of triangles that a primitive is cut into; known: number of values of each reference."""
     inputs = _inputs(primitive, known, vertices)
     count = _integer(primitive, "count")
     lists = [(element, _indices(element)) for element in primitive.all("p")]
@@ -249,7 +249,7 @@ def _sizes(primitive: Element, count: int, lists: list[tuple[Element, int]], wid
             raise _wrong(primitive, f"{primitive} has {len(lists):,} times <p>, but `count` is {count:,}")
         sizes = [_corners(element, length, width) for element, length in lists]
         for (element, _), size in zip(lists, sizes, strict=True):
-            if primitive.tag not in _NO_AREA:  # the corners of a strip are no polygon
+            if primitive.tag not in _NO_AREA:  # the corners of a strip are not a polygon
                 check_corners(
                     element.place.file, min(size, 3) if "strips" in primitive.tag else size, element.place.line or 0
                 )
@@ -283,8 +283,8 @@ def _stated_sizes(primitive: Element, count: int, found: int) -> Integers:
         return np.broadcast_to(np.int64(size), count)
     counts = [_indices(element) for element in primitive.all("vcount")]
     if len(counts) != 1 or len(counts[0]) != count:
-        told = f"{len(counts[0]):,} numbers in its <vcount>" if len(counts) == 1 else f"{len(counts)} times <vcount>"
-        raise _wrong(primitive, f"{primitive} has {told}, but `count` is {count:,}")
+        found = f"{len(counts[0]):,} numbers in its <vcount>" if len(counts) == 1 else f"{len(counts)} times <vcount>"
+        raise _wrong(primitive, f"{primitive} has {found}, but `count` is {count:,}")
     for size in (counts[0].min(initial=3), counts[0].max(initial=3)):
         check_corners(primitive.place.file, int(size), primitive.place.line or 0)
     return counts[0]
@@ -310,7 +310,7 @@ def _wrong(element: Element, message: str) -> InputError:
 
 
 def _integer(element: Element, attribute: str, default: int | None = None) -> int:
-    """A whole number from 0 on that has at most nine digits."""
+    """A whole number from 0 on with at most nine digits."""
     if default is not None and attribute not in element.attributes:
         return default
     text = element.text(attribute)
@@ -322,7 +322,7 @@ def _integer(element: Element, attribute: str, default: int | None = None) -> in
 
 
 def _floats(element: Element, count: int) -> Array:
-    """The text of an element as so many finite numbers."""
+    """The text of an element as `count` finite numbers."""
     numbers = _numbers(element, np.dtype(np.float64))
     if len(numbers) != count or not np.isfinite(numbers).all():
         bad = np.flatnonzero(~np.isfinite(numbers))
@@ -356,7 +356,7 @@ def _numbers(element: Element, kind: np.dtype[Any]) -> NDArray[Any]:
 
 
 def _first_wrong(text: str, kind: np.dtype[Any]) -> str:
-    """Which word of a list of numbers is none."""
+    """The first word in a list of numbers that is not a number."""
     for number, word in enumerate(text.split(), 1):
         try:
             np.fromstring(word, dtype=kind, sep=" ")
@@ -366,7 +366,7 @@ def _first_wrong(text: str, kind: np.dtype[Any]) -> str:
 
 
 def _source_count(source: Element) -> int | None:
-    """How many values others may refer to; None if nothing says how they are divided."""
+    """Number of values that others may refer to; None if the source has no accessor."""
     arrays = [child for child in source.children if child.tag in _ARRAYS]
     if len(arrays) != 1:
         raise _wrong(source, f"{source} has {len(arrays)} arrays, expected one")
@@ -391,7 +391,7 @@ def _source_count(source: Element) -> int | None:
 
 
 def _length(array: Element) -> int:
-    """The number of values of an array, which must be as it says."""
+    """The number of values of an array, checked against its `count`."""
     count = _integer(array, "count")
     if array.tag == "float_array":
         _floats(array, count)

@@ -1,4 +1,4 @@
-"""How large mesh files may be, and how a refusal of one is worded."""
+"""Size limits of mesh files, and the errors for files beyond them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MAX_TEXT_BYTES = 64_000_000
 """Largest OBJ and DAE file: the loaders keep several copies of their text."""
 
 MAX_TRIANGLES = 500_000
-"""Largest mesh that is accepted, of which the loader makes half a gigabyte in some five seconds."""
+"""Largest mesh that is accepted; the loader needs half a gigabyte and about five seconds for it."""
 
 MAX_CORNERS = 1000
 """Most corners of a polygon; the time to cut one into triangles grows with their number squared."""
@@ -44,7 +44,7 @@ def check_triangles(path: Path, count: int) -> None:
 
 
 def check_pieces(path: Path, count: int, what: str) -> None:
-    """Raises InputError for a mesh of more than `MAX_PIECES` pieces; what: what they are."""
+    """Raises InputError for a mesh of more than `MAX_PIECES` pieces; what: their name in the message."""
     if count > MAX_PIECES:
         message = f"this mesh has {count:,} {what}, the limit is {MAX_PIECES:,}"
         raise InputError(Problem("mesh-too-large", message, Place(path), mend="join its pieces"))

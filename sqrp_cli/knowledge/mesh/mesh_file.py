@@ -1,11 +1,10 @@
-"""A look at mesh files before they are loaded: whether they are whole and consistent, how large, and in which unit.
+"""Checks of mesh files before they are loaded: complete, consistent, not too large; and their unit.
 
-The loaders behind collision geometry and pictures take damaged files for smaller meshes, do not stop at large ones, and
-allocate whatever a number in a file tells them to. What has passed here neither surprises them nor takes them long.
+The loaders of collision geometry and pictures read damaged files as smaller meshes, do not stop at large ones, and
+allocate whatever a number in a file demands. Files that pass here load correctly and fast.
 
-None of them heeds the unit that a COLLADA file (DAE) states, so it is made part of the mesh's scale, once for all of
-them. They do not turn a mesh by its `<up_axis>` either: its axes are those of the link or part that it belongs to, as
-for RViz, which heeds the unit likewise.
+The loaders ignore the unit of a COLLADA file (DAE), so it becomes part of the mesh's scale. They also ignore
+`<up_axis>`: a mesh has the axes of its link or part. RViz treats both in the same way.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ from sqrp_cli.knowledge.text.input_file import open_input
 from sqrp_cli.shapes import Mesh
 
 _CHUNK = 65_536
-"""Bytes of a COLLADA file that are read at once until its unit is known."""
+"""Bytes of a COLLADA file to read at once until its unit is known."""
 
 
 def check_mesh(path: Path) -> None:
-    """Raises InputError, with line or byte, for a mesh file that is no STL, OBJ or DAE, too large, empty or damaged.
+    """Raises InputError, with line or byte, for a mesh file that is not STL, OBJ or DAE, too large, empty or damaged.
 
     Raises OSError if the file cannot be read.
     """
@@ -43,10 +42,10 @@ def mesh_of(path: Path, scale: tuple[float, float, float]) -> Mesh:
 
 
 def mesh_unit(path: Path) -> float:
-    """Length of the unit of a mesh file [m]: what a COLLADA file states, otherwise 1.
+    """Length of the unit of a mesh file [m]: that of a COLLADA file, otherwise 1.
 
-    A file that cannot be read or is no XML has none; whoever loads it will say so. Raises InputError for a unit that is
-    no length, with its line.
+    Also 1 for a file that cannot be read or is not XML; loading it will fail. Raises InputError, with the line, for a
+    unit that is not a length.
     """
     if path.suffix.lower() != ".dae":
         return 1.0
@@ -69,7 +68,7 @@ def mesh_unit(path: Path) -> float:
 
 @lru_cache(maxsize=4096)
 def _check(path: Path, size: int, _time: int) -> None:
-    """As `check_mesh`; a file that has not changed is not looked through again."""
+    """As `check_mesh`; an unchanged file is not checked again."""
     suffix = path.suffix.lower()
     check_bytes(path, size, MAX_BYTES if suffix == ".stl" else MAX_TEXT_BYTES)
     match suffix:
@@ -87,7 +86,7 @@ def _check(path: Path, size: int, _time: int) -> None:
 
 
 class _UnitReader:
-    """Reads a COLLADA file up to the end of its own `<asset>`, which is the first one: parts of it have some too."""
+    """Reads a COLLADA file up to the end of its own `<asset>`, the first one; parts of the file have further ones."""
 
     def __init__(self) -> None:
         self.meter, self.line, self.done = "1", 1, False

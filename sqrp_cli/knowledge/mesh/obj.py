@@ -1,4 +1,4 @@
-"""OBJ files."""
+"""Check of OBJ files."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _KINDS = ("v", "vt", "vn")
 _MEANING = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}
 
 _NUMBERS = {"v": (3, 4, 6, 7), "vt": (1, 2, 3), "vn": (3,)}
-"""How many numbers each of them may have; vertices may have a weight, a colour or both."""
+"""Allowed numbers of values for each; vertices may have a weight, a colour or both."""
 
 _PIECES = ("g", "o", "usemtl")
 _IGNORED = ("s", "mg", "vp", "bevel", "c_interp", "d_interp", "shadow_obj", "trace_obj", "usemap", "maplib")
@@ -36,9 +36,9 @@ _CORNER = re.compile(rb"(-?\d{1,9})(?:/(-?\d{1,9})?(?:/(-?\d{1,9})?)?)?")
 
 @dataclass
 class _Mesh:
-    """What has been read of a file.
+    """The state of reading a file.
 
-    counts: of vertices, texture coordinates and normals. largest: the largest index of each, and its line.
+    counts: number of vertices, texture coordinates and normals. largest: the largest index of each, and its line.
     """
 
     path: Path
@@ -66,7 +66,7 @@ class _Mesh:
         self.pieces += keyword in _PIECES
 
     def check_indices(self) -> None:
-        """Whether everything that corners refer to is there; to be asked at the end."""
+        """Raises InputError for an index beyond the counts; call it after the last line."""
         for kind, (index, line) in self.largest.items():
             if index > self.counts[kind]:
                 raise damaged(self._not_there(kind, index), self.path, line)
@@ -103,12 +103,12 @@ class _Mesh:
             self.largest[kind] = (index, line)
 
     def _check_materials(self, line: int, name: bytes) -> None:
-        """The loader opens the file of materials if there is one: it must be one that ends."""
+        """The loader opens the file of materials if it exists, so that must be a regular file."""
         try:
             path = self.path.parent / name.decode("utf-8", errors="surrogateescape")
             good = not path.exists() or (path.is_file() and path.stat().st_size <= MAX_MATERIAL_BYTES)
         except (OSError, ValueError):
-            good = True  # nothing has such a name
+            good = True  # no file can have such a name
         if not good:
             message = f"the materials `{path}` are no file of at most {MAX_MATERIAL_BYTES:,} bytes"
             raise InputError(Problem("mesh-damaged", message, Place(self.path, line), mend="remove this line"))
@@ -135,7 +135,7 @@ def check_obj(path: Path) -> int:
 
 
 def _lines(content: bytes) -> Iterator[tuple[int, list[bytes]]]:
-    """The lines that say something, with their numbers, as words; a backslash continues a line."""
+    """The lines that are not empty, with their numbers, as words; a backslash continues a line."""
     if b"\r" in content:
         content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
     begun: list[bytes] = []
@@ -143,7 +143,7 @@ def _lines(content: bytes) -> Iterator[tuple[int, list[bytes]]]:
         words = line.split()
         if b"#" in line:
             words = line[: line.index(b"#")].split()
-        begun += words  # in place, since a line may be continued a hundred thousand times
+        begun += words  # in place, because a line may be continued a hundred thousand times
         if begun and begun[-1].endswith(b"\\"):
             begun[-1] = begun[-1][:-1]
             if not begun[-1]:

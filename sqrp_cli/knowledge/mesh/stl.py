@@ -1,4 +1,4 @@
-"""STL files, binary or text."""
+"""Check of STL files, binary or text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from sqrp_cli.knowledge.mesh.limits import check_pieces, check_triangles, damaged
 
 _HEADER = 84
-"""Bytes before the triangles of a binary STL, the last four of them their number."""
+"""Bytes before the triangles of a binary STL; the last four are the number of triangles."""
 
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """A triangle of a binary STL."""
@@ -21,7 +21,7 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 _NUMBER = "a number"
 _VERTEX = ("vertex", _NUMBER, _NUMBER, _NUMBER)
 _WORDS = ("facet", "normal", *_VERTEX[1:], "outer", "loop", *_VERTEX * 3, "endloop", "endfacet")
-"""What a triangle of an STL in text consists of."""
+"""The words of a triangle in a text STL."""
 
 _PATTERN = rb"\s+".join(rb"(\S+)" if word == _NUMBER else word.encode() for word in _WORDS)
 _TRIANGLE = re.compile(_PATTERN + rb"(?:\s+|\Z)")
@@ -62,7 +62,7 @@ def _check_binary(path: Path) -> None:
 
 
 def _count_text(path: Path, content: bytes) -> int:
-    """Triangles of an STL written as text: `solid`, triangles, `endsolid`, and perhaps so again."""
+    """Number of triangles of a text STL: `solid`, triangles, `endsolid`, possibly repeated."""
     at = count = pieces = 0
     while at < len(content):
         start = _SOLID.match(content, at)
@@ -89,7 +89,7 @@ def _are_finite(words: tuple[bytes, ...]) -> bool:
 
 
 def _unexpected(path: Path, content: bytes, at: int, expected: Iterator[str]) -> Exception:
-    """What is the first word from a byte on that is not as expected."""
+    """The error for the first unexpected word from a byte on."""
     normal = 0
     for found in re.finditer(rb"\S+", content[at : at + 10_000]):
         word, wanted = found[0], next(expected)

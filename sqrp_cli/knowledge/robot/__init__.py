@@ -1,1 +1,1 @@
-"""Robots and tools as their URDF and SRDF describe them, and where their joints carry their links."""
+"""Robots and tools from their URDF and SRDF, and their joint trees."""

@@ -1,4 +1,4 @@
-"""The joints and links of robot and tool as one tree of matrices, for many positions at once, and what drives them."""
+"""The joints and links of robot and tool as one tree of matrices, for many positions at once, and joint couplings."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class JointTree:
     def of(
         joints: Sequence[UrdfJoint], parents: Sequence[int], axes: Array, still: Array, mounts: dict[str, Mount]
     ) -> JointTree:
-        """The tree of joints at poses `still` in their parents while at position 0, shape (N, 4, 4)."""
+        """The tree of joints; still: their poses in their parents at position 0, shape (N, 4, 4)."""
         turns = np.array([joint.type != "prismatic" for joint in joints], dtype=bool)
         motion = np.zeros_like(still)
         motion[turns, :3, :3] = np.cross(axes[turns, None, :], np.eye(3)).swapaxes(1, 2)
@@ -94,7 +94,7 @@ class JointTree:
 
     def poses(self, positions: Array) -> Array:
         """World poses X_WJ of all joints, shape (m, N, 4, 4), at positions of shape (m, N) [rad or m]."""
-        factors = np.empty((*positions.T.shape, 3))  # joints first, which is quicker
+        factors = np.empty((*positions.T.shape, 3))  # joints first: faster
         factors[..., 0], factors[..., 1], factors[..., 2] = 1.0, np.sin(positions).T, 1.0 - np.cos(positions).T
         if len(self.sliding):
             factors[self.sliding, :, 1], factors[self.sliding, :, 2] = positions[:, self.sliding].T, 0.0
@@ -107,7 +107,7 @@ class JointTree:
 
 @dataclass(frozen=True, eq=False)
 class Couplings:
-    """How N joints follow the n that are driven: at `q @ ratios.T + offsets`."""
+    """Positions of all N joints from those of the n driven ones: `q @ ratios.T + offsets`."""
 
     ratios: Array
     """Shape (N, n)."""
@@ -116,10 +116,10 @@ class Couplings:
 
     @staticmethod
     def of(joints: Sequence[UrdfJoint], driven: Sequence[int], rest: Mapping[str, float]) -> Couplings:
-        """Couplings of all joints of a robot to those that are driven, given by index.
+        """Couplings of all joints of a robot to the driven ones, given by index.
 
-        Joints that mimic another one follow it unless they are driven themselves. The others are at rest: where `rest`
-        says, else at their `UrdfJoint.rest`.
+        Joints that mimic another one follow it unless they are driven themselves. The others rest at their position in
+        `rest`, else at their `UrdfJoint.rest`.
         """
         ratios = np.zeros((len(joints), len(driven)))
         offsets = np.zeros(len(joints))
@@ -140,6 +140,6 @@ class Couplings:
         return Couplings(self.ratios[list(chain)], self.offsets[list(chain)])
 
     def positions(self, q: Array) -> Array:
-        """Positions of the joints, shape (..., N), at positions of those that are driven, shape (..., n)."""
+        """Positions of all joints, shape (..., N), from those of the driven ones, shape (..., n)."""
         positions: Array = q @ self.ratios.T + self.offsets
         return positions

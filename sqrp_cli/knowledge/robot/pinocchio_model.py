@@ -1,7 +1,7 @@
-"""Robot and tool as one model of Pinocchio. The only module that knows that library.
+"""Robot and tool as one Pinocchio model. Only this module uses that library.
 
 Pinocchio: J. Carpentier et al., The Pinocchio C++ library, SII 2019. The model is built joint by joint from our own
-records of the URDFs, and not by Pinocchio's reader, which knows no `<capsule>` and calls a link `world` by that name.
+records of the URDFs, because Pinocchio's reader has no `<capsule>` and keeps the name of a link `world`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class PinocchioModel:
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Every link of robot and tool becomes a frame, and every joint that moves a joint."""
+        """Every link of robot and tool becomes a frame, every movable joint a joint."""
         self._model: Any = pin.Model()
         self._frames: dict[str, int] = {}
         joints: list[UrdfJoint] = []
@@ -75,9 +75,9 @@ class PinocchioModel:
         return X_WL
 
     def jacobian(self, link: str, chain: Sequence[int], positions: Array) -> Array:
-        """Velocity of a link's origin over its angular velocity, in world axes, per velocity of c joints, (6, c).
+        """The Jacobian of a link: linear over angular velocity, in world axes, per velocity of c joints, (6, c).
 
-        chain: the joints that count, such as those that carry the link.
+        chain: the c joints, such as those that carry the link.
         """
         pin.computeJointJacobians(self._model, self._data, positions)
         X_WL = pin.updateFramePlacement(self._model, self._data, self._frames[link])

@@ -1,4 +1,4 @@
-"""Reading a URDF, as `urdf` describes it, and the refusal of what makes no tree of links."""
+"""Reading a URDF into the records of `urdf`, and checking that its links form a tree."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ from sqrp_cli.shapes import Box, Capsule, Cylinder, Sphere
 MAX_LINKS = 2000
 """Most links of a robot."""
 MAX_JOINTS = 200
-"""Most joints of a robot that move."""
+"""Most movable joints of a robot."""
 MAX_SHAPES = 500
 """Most shapes of a robot, collision and visual ones together."""
 
 LONGEST_SLIDE = 100.0
-"""Largest position limit of a joint that slides [m]."""
+"""Largest position limit of a prismatic joint [m]."""
 
 _JOINT_TYPES: tuple[JointType, ...] = ("fixed", "revolute", "continuous", "prismatic")
 _OTHER_JOINT_TYPES = ("floating", "planar")
@@ -49,8 +49,8 @@ def read_urdf(path: Path) -> UrdfModel:
 
     Raises InputError, with file and line, for XML that cannot be read (see `read_xml`), missing or malformed values, a
     repeated name, an unknown link or joint, an axis of length zero, a missing position limit, a joint type that is not
-    supported (floating, planar), a mass or moment of inertia below 0, more links, joints or shapes than can be computed
-    with, and links that do not form one tree.
+    supported (floating, planar), a mass or moment of inertia below 0, too many links, joints or shapes, and links that
+    do not form one tree.
     """
     return _model(path, read_xml(path, "robot"))
 
@@ -66,11 +66,11 @@ def _model(path: Path, robot: Element) -> UrdfModel:
     root = _root(links, joints, robot.place)
     name = robot.attributes.get("name", path.stem)
     model = as_meant(UrdfModel(name, path, links, _outwards(root, joints), root))
-    return _with_world_told_apart(model) if WORLD in links else model
+    return _with_renamed_world(model) if WORLD in links else model
 
 
 def _check_size(robot: Element) -> None:
-    """Raises InputError for more links, joints that move or shapes than can be computed with, before any is read."""
+    """Raises InputError, before reading any, for too many links, movable joints or shapes."""
     links = [*robot.all("link")]
     joints = sum(joint.attributes.get("type", "").strip() != "fixed" for joint in robot.all("joint"))
     if len(links) > MAX_LINKS or joints > MAX_JOINTS:
@@ -87,7 +87,7 @@ def _check_size(robot: Element) -> None:
         raise InputError(Problem("too-many-shapes", message, shapes[MAX_SHAPES].place, mend=mend))
 
 
-def _with_world_told_apart(model: UrdfModel) -> UrdfModel:
+def _with_renamed_world(model: UrdfModel) -> UrdfModel:
     def called(name: str) -> str:
         return WORLD_LINK if name == WORLD else name
 
@@ -225,7 +225,7 @@ def _limits(element: Element, name: str, joint_type: JointType) -> tuple[float, 
 
 
 def _magnitude(limit: Element, attribute: str) -> float:
-    """A limit that has no sign; 0 if it is not stated."""
+    """A limit without sign; 0 if it is not stated."""
     value = limit.number(attribute, 0.0, NO_LIMIT)
     if value < 0.0:
         raise limit.error("wrong-value", f"`{attribute}` is {value:g}, expected a positive number")
@@ -281,7 +281,7 @@ def _check_references(joint: UrdfJoint, links: Mapping[str, UrdfLink], joints: M
 
 
 def _root(links: Mapping[str, UrdfLink], joints: Mapping[str, UrdfJoint], place: Place) -> str:
-    """The one link that no joint carries, after a check that every link is reached from it once."""
+    """The one link that no joint carries; checks that every link is reached from it exactly once."""
     carriers: dict[str, UrdfJoint] = {}
     for joint in joints.values():
         if joint.child in carriers:

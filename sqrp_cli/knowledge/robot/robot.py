@@ -1,6 +1,6 @@
-"""The robot of a cell: what it is, and the entries of a workspace file that say so.
+"""The robot of a cell, and its entries in a workspace file.
 
-`programming.kinematics` makes a moving model of it. Numbers are in SI units and angles in radians.
+`programming.arm.kinematics` makes a moving model of it. Numbers are in SI units and angles in radians.
 """
 
 from __future__ import annotations
@@ -54,15 +54,15 @@ class Tool:
     """The URDF that describes it; None for a tool of boxes."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError if `X_LT` is no pose."""
+        """Raises ValueError if `X_LT` is not a pose."""
         check_poses("the tool", self.X_LT)
 
 
 @dataclass(frozen=True)
 class Fingers:
-    """The fingers of a gripper: where the joints that drive them are when it is open and when it is closed [rad or m].
+    """The fingers of a gripper: positions of their driven joints when open and when closed [rad or m].
 
-    Both name the same joints. Joints that mimic them follow; on the way between the two, all move in step.
+    Both name the same joints. Joints that mimic them follow; between the two positions, all move in step.
     """
 
     open: Mapping[str, float]
@@ -74,7 +74,7 @@ class Marker(Stored):
     """An ArUco marker on a link: around the origin of the link's frame, facing along its z axis."""
 
     id: MarkerId
-    """Which marker of the dictionary it is."""
+    """Its number in the dictionary."""
     side: Size
     """Side of the printed square."""
 
@@ -113,7 +113,7 @@ class Robot:
     """On links, by the link's name."""
 
     def __post_init__(self) -> None:
-        """Raises ValueError if `X_WB` is no pose."""
+        """Raises ValueError if `X_WB` is not a pose."""
         check_poses("the robot's base", self.X_WB)
 
     @property
@@ -176,7 +176,7 @@ class FingersEntry(Entry):
 
 @dataclass(frozen=True)
 class LimitKind:
-    """Marks a limit of joints with what it may be."""
+    """Marks a joint limit with its dimensions and default."""
 
     turning: Dimension
     """Of a joint that turns."""
@@ -218,7 +218,7 @@ class LimitsEntry(Entry):
 
     @classmethod
     def kind(cls, limit: str) -> LimitKind:
-        """What one of the limits may be."""
+        """The kind of one of the limits."""
         return next(mark for mark in cls.model_fields[limit].metadata if isinstance(mark, LimitKind))
 
 
@@ -243,9 +243,7 @@ class RobotEntry(Entry):
     fingers: FingersEntry | None = Field(default=None, description="The fingers of its gripper, if they move.")
     markers: dict[str, Marker] = Field(default={}, description="ArUco markers on links, by the link's name.")
     limits: LimitsEntry = Field(default=LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
-    geometry: Geometry = Field(
-        default="collision", description="The geometry of the links that is solid and hides things."
-    )
+    geometry: Geometry = Field(default="collision", description="Which geometry of the links is solid and opaque.")
 
     @model_validator(mode="after")
     def _one_tool_frame(self) -> RobotEntry:

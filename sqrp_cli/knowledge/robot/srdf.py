@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.text.xml_file import MAX_DEPTH, Element, read_xml
 
 @dataclass(frozen=True)
 class SrdfModel:
-    """What an SRDF says of a robot.
+    """The content of an SRDF.
 
     groups: the movable joints of each group, in the order of the URDF. states: named positions [rad or m] of joints.
     disabled_pairs: pairs of links whose contact is not checked, each pair in alphabetical order.
@@ -32,8 +32,8 @@ class SrdfModel:
 def read_srdf(path: Path, urdf: UrdfModel) -> SrdfModel:
     """Read an SRDF that belongs to a URDF.
 
-    Raises InputError, with file and line, for XML that cannot be read (see `read_xml`), a link, joint or group that
-    does not exist, a group that contains itself, and a position that is no finite number.
+    Raises InputError, with file and line, for XML that cannot be read (see `read_xml`), unknown links, joints and
+    groups, a group that contains itself, and a position that is not a finite number.
     """
     robot = read_xml(path, "robot")
     disabled = frozenset(_pair(element, urdf) for element in robot.all("disable_collisions"))

@@ -1,4 +1,4 @@
-"""A tool that the workspace describes itself, as boxes and a frame that grasps."""
+"""A tool that the workspace file describes as boxes and a grasp frame."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sqrp_cli.knowledge.robot.urdf import LinkGeometry, UrdfJoint, UrdfLink, Urd
 from sqrp_cli.shapes import Box
 
 TOOL_BODY, TOOL_TIP = "tool_body", "tool_tip"
-"""The links of such a tool: its root with the boxes, and the frame that grasps."""
+"""The links of such a tool: its root with the boxes, and the grasp frame."""
 
 
 def tool_of_boxes(
@@ -19,8 +19,8 @@ def tool_of_boxes(
 ) -> UrdfModel:
     """The tool as a robot description without a file of its own.
 
-    boxes: full extents [m] of each, and the pose of its centre in the root link, shape (4, 4). X_BT: pose of the frame
-    that grasps in the root link, shape (4, 4). path, place: of the file and the entry that describe it.
+    boxes: full extents [m] of each, and the pose of its centre in the root link, shape (4, 4). X_BT: pose of the grasp
+    frame in the root link, shape (4, 4). path, place: of the file and the entry that describe it.
     """
     solid = tuple(LinkGeometry(None, Box(size), read_only(X_BG), place) for size, X_BG in boxes)
     links = {TOOL_BODY: UrdfLink(TOOL_BODY, solid, (), None, place), TOOL_TIP: UrdfLink(TOOL_TIP, (), (), None, place)}

@@ -1,4 +1,4 @@
-"""Robot descriptions as URDF gives them: links with their solid geometry, and the joints between them.
+"""Robot descriptions from URDF: links with their solid geometry, and the joints between them.
 
 The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and simulator extensions are not read. A
 `<capsule>` (radius and length of its straight part) is accepted besides the standard shapes.
@@ -60,7 +60,7 @@ class LinkGeometry:
 
 @dataclass(frozen=True, eq=False)
 class Inertial:
-    """How heavy a link is."""
+    """Mass and inertia of a link."""
 
     mass: float
     """[kg]"""
@@ -107,7 +107,7 @@ class UrdfJoint:
     X_PJ: Array
     """Pose of the joint, and of the child link when the joint is at 0, in the parent link, shape (4, 4)."""
     axis: Array
-    """Unit vector in the joint's frame, shape (3,); of no meaning for a fixed joint."""
+    """Unit vector in the joint's frame, shape (3,); meaningless for a fixed joint."""
     lower: float
     """Position limit [rad or m], infinite for a continuous joint."""
     upper: float
@@ -122,7 +122,7 @@ class UrdfJoint:
 
     @property
     def movable(self) -> bool:
-        """Whether the joint moves, by itself or by following another one."""
+        """Whether the joint moves, driven or by mimicking another one."""
         return self.type != "fixed"
 
     @property
@@ -144,7 +144,7 @@ class UrdfModel:
     """From the root outwards, parents first."""
     root: str
     warnings: tuple[Problem, ...] = ()
-    """Of what can be, but is hardly meant."""
+    """About doubtful values."""
 
     @property
     def movable_joints(self) -> tuple[UrdfJoint, ...]:
@@ -173,7 +173,7 @@ class UrdfModel:
         return chain[::-1]
 
     def rigid_with(self, link: str) -> list[str]:
-        """The links that never move against a link, itself among them; parents first."""
+        """The links rigidly connected to a link, itself included; parents first."""
         body = self.body_of[link]
         return [other for other, of in self.body_of.items() if of == body]
 
@@ -186,7 +186,7 @@ class UrdfModel:
         return [*links]
 
     def pose_in(self, root: str, link: str) -> Array:
-        """Pose of a link in another one that carries it, shape (4, 4), joints between them at 0."""
+        """Pose of a link in another one that carries it, shape (4, 4), with the joints between them at 0."""
         X = np.eye(4)
         while link != root:
             X = self._carriers[link].X_PJ @ X

@@ -1,1 +1,1 @@
-"""Skills: what a task may do, how it moves and what must be seen meanwhile."""
+"""Skills: their preconditions and effects, their motions, and what must be seen during them."""

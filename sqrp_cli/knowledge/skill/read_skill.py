@@ -41,10 +41,10 @@ SKILL_FILE = "skill.yaml"
 
 
 def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
-    """The skill in `folder`, whose name is the folder's.
+    """The skill in `folder`, named after it.
 
-    place: where the workspace names the folder. Raises InputError with everything that is wrong with its two files;
-    names of links, objects and detectors are left to the workspace.
+    place: where the workspace names the folder. Raises InputError with all problems of its two files; the workspace
+    checks the names of links, objects and detectors.
     """
     if not folder.is_dir():
         known = [entry.name for entry in folder.parent.iterdir() if entry.is_dir()] if folder.parent.is_dir() else []
@@ -74,7 +74,7 @@ def _read_domain(path: Path, digest: ContentDigest) -> Domain:
 
 
 class _SkillReader:
-    """Checks what one skill file says beyond its format, and collects every problem on the way."""
+    """Checks one skill file beyond its format, and collects all problems."""
 
     def __init__(self, document: SourceDocument, file: SkillFile, domain: Domain, action: Action) -> None:
         self.document = document
@@ -127,7 +127,7 @@ class _SkillReader:
         return False
 
     def _check_fields(self, entry: Entry, path: KeyPath) -> None:
-        """The names and settings of a waypoint or primitive action, by the marks of its fields."""
+        """Check the names and settings of a waypoint or primitive action, by the marks of its fields."""
         for name, info in type(entry).model_fields.items():
             value, at = getattr(entry, name), (*path, info.alias or name)
             for mark in info.metadata:
@@ -138,7 +138,7 @@ class _SkillReader:
                     self._known(value, [*valid, HOME] if mark.home else valid, mark.what, at)
 
     def _check_setting(self, value: Quantity | MotionValue | Reference, kind: Kind, path: KeyPath) -> None:
-        """The setting at `path`, whose own value or whose parameter's values must be of `kind`."""
+        """Check that the setting at `path`, or every value of its parameter, is of `kind`."""
         if isinstance(value, Reference):
             if self._is_parameter(value.parameter, path):
                 self.kinds[value.parameter].append(kind)
@@ -153,13 +153,13 @@ class _SkillReader:
         return name in self.file.motion
 
     def _check_values(self, parameter: str, kind: Kind, path: KeyPath) -> None:
-        """Says of the first value of a parameter that is not of the kind what the setting at `path` needs."""
+        """Report the first value of a parameter that does not fit the setting at `path`."""
         complaints = (kind.complaint(value) for value in self.values[parameter])
         if (complaint := next(filter(None, complaints), None)) is not None:
             self._report(complaint[0], ("motion", parameter), f"{complaint[1]}, because `{dotted(path)}` uses it")
 
     def _parameters(self) -> tuple[MotionParameter, ...]:
-        """The motion parameters with their values in SI units; to be asked when all settings have been checked."""
+        """The motion parameters with their values in SI units; call it after all settings are checked."""
         parameters = []
         for name, stated in self.values.items():
             values = tuple(value.value if isinstance(value, Quantity) else value for value in stated)
@@ -188,7 +188,7 @@ class _SkillReader:
         return tuple(Quantity(float(value), dimension) for value in np.linspace(start.value, end.value, entry.count))
 
     def _check_origins(self) -> None:
-        """Every `from` names another waypoint, and none leads back to itself; `home` is not redefined."""
+        """Check that every `from` names another waypoint without a cycle, and that `home` is not redefined."""
         if HOME in self.file.waypoints:
             self._report(
                 "ambiguous-name", ("waypoints", HOME), "`home` is the robot's home configuration; take another name"
@@ -226,7 +226,7 @@ class _SkillReader:
         return Response("retry", entry.retry, condition)
 
     def _condition(self, text: str, path: KeyPath) -> Formula | None:
-        """A formula about what is seen now."""
+        """A formula without temporal operators."""
         condition = self._formula(text, path)
         parts = [] if condition is None else [condition]
         while parts:
@@ -260,7 +260,7 @@ class _SkillReader:
                     self._report("duplicate-name", (*path, "boxes", index, "name"), "an earlier box has this name too")
 
     def _check_at(self, box: BoxSpec, path: KeyPath) -> None:
-        """Where a box is held must be a waypoint; in the tool, one that grasps what the skill takes hold of."""
+        """Check that `at` of a box is a waypoint; in the tool, one that grasps the object in `fits`."""
         if box.at is None or not self._known(box.at, self.file.waypoints, "waypoint", path):
             return
         grasped = [primitive.object for primitive in self.file.primitives if isinstance(primitive, Grasp)]

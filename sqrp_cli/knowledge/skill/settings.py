@@ -1,4 +1,4 @@
-"""Settings of a skill: what each may be, and the motion parameters with whose values candidates differ."""
+"""Settings of a skill: the kinds of their values, and the motion parameters that candidates vary."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAX_VALUES = 1000
 
 @dataclass(frozen=True)
 class Reference:
-    """The name of a motion parameter, where a number or word may also stand directly."""
+    """The name of a motion parameter, in place of a number or word."""
 
     parameter: str
 
@@ -49,18 +49,18 @@ def _setting(value: object) -> Quantity | str | Reference:
 
 _ANY = {"anyOf": [{"type": "number", "minimum": -LARGEST, "maximum": LARGEST}, {"type": "string"}]}
 Value = Annotated[Quantity | str, PlainValidator(_value), WithJsonSchema(_ANY)]
-"""A quantity or a word; its dimension is checked against what the parameter is used for."""
+"""A quantity or a word; its dimension is checked against the settings that use the parameter."""
 Setting = Annotated[
     MotionValue | Reference,
     PlainValidator(_setting),
     WithJsonSchema({**_ANY, "description": "A number with its unit, a word, or $PARAMETER."}),
 ]
-"""A value, or a reference to a motion parameter; what it may be is the `Kind` that stands beside it."""
+"""A value, or a reference to a motion parameter; the `Kind` beside it limits the values."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What a setting may be: a quantity of a dimension within bounds, or a word."""
+    """The values that a setting can take: a quantity of a dimension within bounds, or a word."""
 
     dimension: Dimension | None = None
     least: float = -np.inf
@@ -71,7 +71,7 @@ class Kind:
         return no_info_after_validator_function(self._in_si_units, handler(source))
 
     def _in_si_units(self, value: Quantity | str | Reference) -> Quantity | MotionValue | Reference:
-        """A quantity as its number; one of another kind stays as it is, for `read_skill` to refuse."""
+        """A quantity as its number; one of another dimension stays as it is, and `read_skill` refuses it."""
         return value.value if isinstance(value, Quantity) and self.complaint(value) is None else value
 
     def complaint(self, value: Quantity | str) -> tuple[str, str] | None:
@@ -153,4 +153,4 @@ class MotionParameter:
     name: str
     values: tuple[MotionValue, ...]
     kinds: tuple[Kind, ...] = ()
-    """What each setting that uses it may be."""
+    """The kind of each setting that uses it."""

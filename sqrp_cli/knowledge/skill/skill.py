@@ -1,6 +1,6 @@
-"""A skill: what it needs and does (PDDL), how it moves, and what must be seen while it does.
+"""A skill: its action (PDDL), how it moves, and what must be seen during the motion.
 
-What skill.yaml states is described by the models here, from `SkillFile` down: they are both the format and the records.
+The models here, from `SkillFile` down, are both the format of skill.yaml and the records.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ HOME = "home"
 
 @dataclass(frozen=True)
 class Names:
-    """Marks a field whose value must name something of the skill; home: it may be `HOME` too."""
+    """Marks a field that names a part of the skill; home: `HOME` is allowed too."""
 
     what: Literal["skill parameter", "waypoint"]
     home: bool = False
@@ -234,7 +234,7 @@ class Response:
 
 @dataclass(frozen=True)
 class Requirement:
-    """A temporal sensing requirement: what a `FormulaEntry` says, its texts parsed as MTL."""
+    """A temporal sensing requirement: a `FormulaEntry` with its texts parsed as MTL."""
 
     name: str | None
     """Of the fault that the formula describes; None for a plain requirement."""
@@ -266,7 +266,7 @@ class Skill:
     """Findings that do not prevent its use."""
 
     def place(self, *path: str | int) -> Place:
-        """Where a key of skill.yaml stands, such as `targets`, `hold`, `boxes`, 0; if it is missing, what lacks it."""
+        """The place of a key of skill.yaml, such as `targets`, `hold`, `boxes`, 0; if missing, that of its parent."""
         while path[1:] and dotted(path) not in self.places:
             path = path[:-1]
         return self.places[dotted(path)]

@@ -1,8 +1,4 @@
-"""The boxes of targets: where to look for what.
-
-`BoxSpec` is what a skill says about its parameters, `TargetBox` what it becomes for the objects of a task,
-in programs and runs.
-"""
+"""The boxes of targets: `BoxSpec` in a skill, about its parameters; `TargetBox` in programs and runs, about objects."""
 
 from __future__ import annotations
 
@@ -31,7 +27,7 @@ from sqrp_cli.knowledge.text.entries import (
 
 
 def _unit(vector: tuple[float, float, float]) -> tuple[float, float, float]:
-    """The vector at length 1; one that is too short for that stays as it is, for its owner to refuse."""
+    """The vector at length 1; one that is too short stays as it is, and its owner refuses it."""
     if max(map(abs, vector)) < SHORTEST_DIRECTION:
         return vector
     x, y, z = np.asarray(vector) / np.linalg.norm(vector)
@@ -102,7 +98,7 @@ class TargetBox(Stored):
 
     name: str
     detector: str
-    """The name of the detector that looks for what is in it."""
+    """The name of its detector."""
     frame: StoredFrame
     """`world`, a link, an object, or `OBJECT@start`."""
     size: tuple[Finite, Finite, Finite]

@@ -1,1 +1,1 @@
-"""Text files as data: YAML, JSON and XML with the position of every value, units, and what values are usual."""
+"""Text files as data: YAML, JSON and XML with the position of every value, units, and usual ranges."""

@@ -1,4 +1,4 @@
-"""Values that several of the YAML files have in common, as Pydantic types: names, quantities, vectors, poses."""
+"""Values that several YAML files share, as Pydantic types: names, quantities, vectors, poses."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ Completed = TypeVar("Completed")
 
 
 class Entry(BaseModel):
-    """A mapping of a YAML file that accepts the keys it declares and no others."""
+    """A mapping of a YAML file that accepts only the keys it declares."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=False, arbitrary_types_allowed=True)
 
@@ -60,16 +60,16 @@ class Entry(BaseModel):
 
 
 class Stored:
-    """A frozen dataclass that a file holds as it stands: a mapping of its fields, by their aliases, and no others.
+    """A frozen dataclass that a file holds as a mapping of its fields, by their aliases, and no other keys.
 
-    Pydantic checks what a file says by the annotations of the fields, and takes a record that exists as it is.
+    Pydantic checks a file by the annotations of the fields, and accepts an existing record unchanged.
     """
 
     __pydantic_config__ = ConfigDict(extra="forbid", arbitrary_types_allowed=True, use_attribute_docstrings=True)
 
     @classmethod
     def __get_pydantic_core_schema__(cls, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """What Pydantic makes of the dataclass, behind a check of the keys."""
+        """Pydantic's schema of the dataclass, behind a check of the keys."""
         schema: Any = {**handler.resolve_ref_schema(handler(source))}
         fields = schema["schema"]["fields"]
         keys = {part.get("validation_alias", part["name"]): part["schema"]["type"] != "default" for part in fields}
@@ -79,23 +79,23 @@ class Stored:
                 _check_keys(data, keys)
             return data
 
-        # Pydantic takes what has the reference where the record stands a second time: that must be the check, too.
+        # Pydantic uses the schema with the reference where the record occurs again: it must include the check.
         return no_info_before_validator_function(check, schema, ref=schema.pop("ref"))
 
 
 def completed(record: Callable[..., Completed], *known: object, **found: object) -> Completed:
-    """A record of a dataclass: each field as it was found, otherwise as the last of the known records that has it."""
+    """A new record: each field from `found`, otherwise from the last of the known records that has it."""
     names = {field.name for field in fields(cast("Any", record))}
-    said = {name: value for other in known for name, value in vars(other).items() if name in names}
-    return record(**{**said, **found})
+    given = {name: value for other in known for name, value in vars(other).items() if name in names}
+    return record(**{**given, **found})
 
 
 @dataclass(frozen=True)
 class Written:
     """Marks a field of a record that a file writes in another form, such as an array as nested lists.
 
-    form: the type that Pydantic checks. read: what the field is of a value in that form, write: the other way round;
-    None in files that only people write.
+    form: the type that Pydantic checks. read: from that form to the field, write: from the field to the form; None in
+    files that only people write.
     """
 
     form: Any
@@ -103,7 +103,7 @@ class Written:
     write: Callable[[Any], Any] | None = None
 
     def __get_pydantic_core_schema__(self, source: object, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """What Pydantic makes of the form, between `read` and `write`; a record that exists is taken as it is."""
+        """Pydantic's schema of the form, between `read` and `write`; an existing record is accepted unchanged."""
 
         def validate(value: object, in_form: ValidatorFunctionWrapHandler) -> object:
             return value if isinstance(source, type) and isinstance(value, source) else self.read(in_form(value))
@@ -127,7 +127,7 @@ PoseMatrix = Annotated[
 
 
 def _check_keys(data: object, keys: Mapping[str, bool]) -> None:
-    """Raises PydanticCustomError unless data is a mapping with no other than these keys.
+    """Raises PydanticCustomError unless data is a mapping with only these keys.
 
     keys: whether each is required.
     """
@@ -140,13 +140,13 @@ def _check_keys(data: object, keys: Mapping[str, bool]) -> None:
 
 
 class ForeignEntry(BaseModel):
-    """An entry of a file that other programs write: keys that it does not need are ignored."""
+    """An entry of a file that other programs write: unknown keys are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
 
 def one_of(*keys: str) -> Discriminator:
-    """Chooses the entry of a union by the key that only this entry has; the entry's tag is that key in `<...>`."""
+    """Chooses the entry of a union by its unique key; the entry's tag is that key in `<...>`."""
 
     def tag(data: object) -> str | None:
         found = [key for key in keys if isinstance(data, dict) and key in data]
@@ -172,9 +172,9 @@ Text = Annotated[str, StringConstraints(min_length=1)]
 
 @dataclass(frozen=True)
 class In:
-    """Marks a number of a file: its dimension, None for a plain number, and what it can be in SI units.
+    """Marks a number of a file: its dimension, None for a plain number, and its bounds in SI units.
 
-    Text with a unit of the dimension is accepted too. What is an angle needs a unit if it is more than a turn.
+    Text with a unit of the dimension is accepted too. An angle of more than a turn needs a unit.
     """
 
     dimension: Dimension | None
@@ -192,7 +192,7 @@ class In:
         return {"anyOf": [number, {"type": "string"}], "description": described}
 
     def read(self, value: object) -> float:
-        """The number that a file states, in SI units. Raises PydanticCustomError if it cannot be."""
+        """The number in a file, in SI units. Raises PydanticCustomError for a wrong unit or value."""
         read = read_quantity(value)
         if read is None or read.dimension not in (None, self.dimension):
             raise refused("wrong-unit", f"found {describe(value)}, expected {self._expected()}")
@@ -251,7 +251,7 @@ AnyQuantity = Annotated[
         }
     ),
 ]
-"""A quantity whose dimension is checked later, against what it is used for."""
+"""A quantity whose dimension is checked later, where it is used."""
 
 
 def _of_length(*lengths: int) -> BeforeValidator:

@@ -1,8 +1,7 @@
-"""Opening files that come from others: regular files only, of a limited size, and never one that is waited for.
+"""Opening input files safely: only regular files of a limited size, and nothing that can block.
 
-Every file that SQRP reads is opened here, whoever named it. A pipe or a device may never end, and so may files that the
-system makes up as they are read, such as those in /proc: they say that they are empty and are not. What was read is
-known by its digest.
+All input files are opened here. Pipes and devices may never end, nor may files that the system generates while they are
+read, such as those in /proc, which claim to be empty. A digest identifies the content that was read.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem, nearest
 
 LARGEST = 200_000_000
-"""Most bytes of any file that is read, meshes included."""
+"""Most bytes of any input file, meshes included."""
 
 YAML_ENDINGS = (".yaml", ".yml")
 
@@ -28,8 +27,8 @@ YAML_ENDINGS = (".yaml", ".yml")
 def open_input(path: Path, limit: int = LARGEST) -> Iterator[BufferedReader]:
     """A file of at most `limit` bytes, open for reading.
 
-    Raises InputError if it is missing (naming the file nearest in spelling), is no regular file on a disk, is larger,
-    or cannot be opened or read.
+    Raises InputError if it is missing (naming the file nearest in spelling), is not a regular file on a disk, is
+    larger, or cannot be opened or read.
     """
     if not os.path.isfile(path):  # noqa: PTH113 # `Path` raises for a name that is too long
         raise InputError(missing_file(path))
@@ -56,7 +55,7 @@ def read_text(path: Path, limit: int) -> str:
 
 
 def decoded(path: Path, content: bytes) -> str:
-    """UTF-8 text, without a byte order mark. Raises InputError, with the line, for what is none."""
+    """UTF-8 text, without a byte order mark. Raises InputError, with the line, if it is not UTF-8."""
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -66,7 +65,7 @@ def decoded(path: Path, content: bytes) -> str:
 
 
 def missing_file(path: Path) -> Problem:
-    """The problem of a file that does not exist, with what is nearest to it."""
+    """The problem of a file that does not exist, with the nearest name."""
     if os.path.isdir(path):  # noqa: PTH112
         return Problem("missing-file", "found a folder, expected a file", Place(path))
     if os.path.lexists(path):
@@ -79,9 +78,9 @@ def missing_file(path: Path) -> Problem:
 
 
 def nearest_entry(path: Path, could_be_meant: Callable[[Path], bool]) -> str | None:
-    """The name nearest in spelling to a path that does not exist, of what stands in its folder and could be meant.
+    """The name in the folder of a missing path that is nearest in spelling, if `could_be_meant` accepts it.
 
-    Endings do not count: that two files have the same one makes them no nearer.
+    Endings do not count: two files are not nearer because they share one.
     """
     try:
         names = {entry.stem: entry.name for entry in sorted(path.parent.iterdir()) if could_be_meant(entry)}
@@ -102,9 +101,9 @@ class SourceFile:
 
 
 class ContentDigest:
-    """Collects the files that a workspace is read from under the roles they play, and makes one SHA-256 of them.
+    """Collects the files of a workspace by their roles, and computes one SHA-256 of them.
 
-    It depends on roles and contents only, not on where the files are or in which order they were read.
+    It depends only on roles and contents, not on the files' folders or the order of reading.
     """
 
     def __init__(self) -> None:
@@ -125,13 +124,13 @@ class ContentDigest:
 
 
 def digest_of(parts: Iterable[tuple[str, str]]) -> str:
-    """One SHA-256 of named digests, whatever their order."""
+    """One SHA-256 of named digests, independent of their order."""
     return hashlib.sha256("".join(f"{role}\0{digest}\n" for role, digest in sorted(parts)).encode()).hexdigest()
 
 
 def _check(path: Path, file: BufferedReader, limit: int) -> None:
     status = os.fstat(file.fileno())
-    if not stat.S_ISREG(status.st_mode):  # another one than a moment ago
+    if not stat.S_ISREG(status.st_mode):  # replaced since the check before
         raise InputError(missing_file(path))
     if status.st_size > limit:
         raise InputError(_too_large(path, status.st_size, limit))
@@ -145,6 +144,6 @@ def _too_large(path: Path, size: int, limit: int) -> Problem:
 
 
 def _is_alike(path: Path, entry: Path) -> bool:
-    """Whether a file may be meant by its ending: that of the path, or another one of the same name; by default YAML."""
+    """Whether a file's ending fits: that of the path, or any if the names agree; by default YAML."""
     one, other = path.suffix.lower() or YAML_ENDINGS[0], entry.suffix.lower()
     return one == other or (one in YAML_ENDINGS and other in YAML_ENDINGS) or path.stem == entry.stem

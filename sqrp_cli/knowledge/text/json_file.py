@@ -1,4 +1,4 @@
-"""Reading JSON from others safely: nested to a limited depth, with finite numbers, and with no key given twice.
+"""Reading JSON safely: limited depth, finite numbers, no repeated keys.
 
 A problem names the file, the line, and the key as in `results[3].q_avg`.
 """
@@ -23,7 +23,7 @@ MAX_DIGITS = 20
 """Most characters of a whole number."""
 
 LONGEST_NAME = 60
-"""Most characters of a key that messages show."""
+"""Most characters of a key in messages."""
 
 _TOKEN = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[\]{},:]|[^\s\[\]{},:"]+', re.DOTALL)
 _BRACKET = re.compile(r'"[^"\\]*+(?:\\.[^"\\]*+)*+"?|[\[{]|[\]}]', re.DOTALL)
@@ -53,9 +53,9 @@ def _name(key: str | int) -> str:
 def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - JSON holds anything
     """The value of a JSON text; path, line: of its beginning, for problems.
 
-    Raises InputError, with line and column, for what is no JSON, nests deeper than `MAX_DEPTH`, has a number that is
-    not finite or longer than `MAX_DIGITS`, or gives a key twice. Half characters stay: names that are no UTF-8 have
-    some.
+    Raises InputError, with line and column, for a text that is not JSON, nests deeper than `MAX_DEPTH`, has a number
+    that is not finite or longer than `MAX_DIGITS`, or repeats a key. Lone surrogates are kept: file names that are not
+    UTF-8 have them.
     """
     try:
         _check_depth(text)
@@ -71,7 +71,7 @@ def parse_json(path: Path, text: str, line: int = 1) -> Any:  # noqa: ANN401 - J
 
 
 def json_document(path: Path, text: str, data: dict[str, Any]) -> JsonDocument:
-    """A JSON text that was parsed, with the place of everything: for when something in it is wrong."""
+    """A parsed JSON text with the place of every key and value, to report problems in it."""
     keys: dict[KeyPath, Place] = {}
     values: dict[KeyPath, Place] = {}
     for token in _tokens(path, text, 1):
@@ -82,7 +82,7 @@ def json_document(path: Path, text: str, data: dict[str, Any]) -> JsonDocument:
 
 
 class _Unfit(Exception):  # noqa: N818
-    """There is something in a JSON text that is not accepted."""
+    """A JSON text has a value that is not accepted."""
 
 
 def _check_depth(text: str) -> None:
@@ -127,14 +127,14 @@ class _Token:
     text: str
 
     path: KeyPath
-    """Which leads to it."""
+    """The path to it."""
 
     is_key: bool
     place: Place
 
 
 def _tokens(path: Path, text: str, line: int) -> Iterator[_Token]:
-    """The keys and values of a JSON text, in order; of a damaged one as far as it goes."""
+    """The keys and values of a JSON text, in order; up to the damage if it is damaged."""
     keys: list[str | int | None] = []  # in each list the index, in each object the key, None before it
     begin, done = 0, 0
     for match in _TOKEN.finditer(text):
@@ -206,4 +206,4 @@ def _is_finite(text: str) -> bool:
     try:
         return math.isfinite(float(text))
     except ValueError:
-        return True  # no number at all
+        return True  # not a number

@@ -1,4 +1,4 @@
-"""Finding files: relative paths, and `package://NAME/...` as ROS writes them, without ROS."""
+"""Finding files: relative paths, and `package://NAME/...` of ROS, without ROS."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PIP_PACKAGES = {"example-robot-data": "example-robot-data"}
 """Packages of robot descriptions that pip installs, with the command line's name for them."""
 
 LONGEST_PATH = 1000
-"""Characters of a path that a message shows."""
+"""Most characters of a path in a message."""
 
 
 def package_roots(stated: Sequence[Path] = ()) -> tuple[Path, ...]:
@@ -41,15 +41,15 @@ def resolve(reference: str, folder: Path, roots: Sequence[Path], place: Place | 
     """The existing file that `reference` names.
 
     reference: a path (relative to `folder`), a `file://` URL, or `package://NAME/PATH`, which is looked up in `roots`:
-    a root matches that contains a folder NAME or is itself named NAME. place: where the reference stands; None for the
-    command line.
+    a root matches if it contains a folder NAME or is itself named NAME. place: of the reference; None for the command
+    line.
 
     Raises InputError if there is no such file, with the roots tried and the command that installs the package.
     """
     if reference.startswith("package://"):
         return _resolve_package(reference, roots, place)
     path = Path(unquote(reference.removeprefix("file://")) if reference.startswith("file://") else reference)
-    # Not by `Path`, which has errors of its own for users that there are not and for names that no file can have.
+    # Not by `Path`, which raises its own errors for unknown users and impossible file names.
     path = Path(os.path.normpath(folder / os.path.expanduser(path)))  # noqa: PTH111
     if not os.path.isfile(path):  # noqa: PTH113
         problem = missing_file(path)
@@ -90,7 +90,7 @@ def _resolve_package(reference: str, roots: Sequence[Path], place: Place | None)
 
 
 def _deepest(folder: Path, rest: str) -> str:
-    """Where the path `rest` below `folder` ends to exist, and what is nearest there."""
+    """The first missing part of the path `rest` below `folder`, and the nearest name there."""
     for part in Path(rest).parts:
         if not (folder / part).exists():
             close = nearest(part, (entry.name for entry in folder.iterdir())) if folder.is_dir() else None

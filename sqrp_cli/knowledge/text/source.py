@@ -1,4 +1,4 @@
-"""What is common to files of every format: their content with places, and how messages refuse and quote them."""
+"""Common to files of all formats: content with places, and messages that refuse or quote it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LeafValue = str | float | int | bool | None
 
 @dataclass(frozen=True, eq=False)
 class SourceDocument:
-    """The content of a file, with the place of everything in it."""
+    """The content of a file, with the place of every key and value."""
 
     path: Path
 
@@ -29,10 +29,10 @@ class SourceDocument:
     """Nested dicts, lists, text, numbers, booleans and None."""
 
     keys: Mapping[KeyPath, Place]
-    """Where each key stands; for items of a list, the item."""
+    """Place of each key; for items of a list, of the item."""
 
     values: Mapping[KeyPath, Place]
-    """Where the text of each value starts."""
+    """Start of each value's text."""
 
     @cached_property
     def places(self) -> Mapping[str, Place]:
@@ -49,17 +49,17 @@ class SourceDocument:
         return dotted(path)
 
     def key_place(self, path: KeyPath) -> Place:
-        """Where a key stands; for a key that is missing, where the mapping that should have it stands."""
+        """The place of a key; for a missing key, that of the mapping that should have it."""
         while path and path not in self.keys:
             path = path[:-1]
         return self.keys.get(path, Place(self.path))
 
     def value_place(self, path: KeyPath) -> Place:
-        """Where a value stands; for one that is missing, as `key_place`."""
+        """The place of a value; for a missing one, as `key_place`."""
         return self.values.get(path) or self.key_place(path)
 
     def problem(self, code: str, path: KeyPath, message: str, mend: str | None = None) -> Problem:
-        """A problem with the value at `path`; the message is prefixed with its dotted path."""
+        """A problem with the value at `path`; its dotted path is put before the message."""
         return Problem(code, f"`{self.name(path)}`: {message}", self.value_place(path), mend=mend)
 
 
@@ -77,18 +77,18 @@ def _leaves(value: object, path: KeyPath) -> Iterator[tuple[KeyPath, LeafValue]]
 
 
 def too_deep(place: Place | None, most: int, what: str = "", hint: str = "") -> Problem:
-    """The refusal of a file that is nested deeper than `most` levels."""
+    """The problem of a file nested deeper than `most` levels."""
     return Problem("nesting-too-deep", f"{what}nested deeper than {most} levels{hint}", place)
 
 
 def not_finite(place: Place, found: str, name: str = "") -> Problem:
-    """The refusal of a number, as the file writes it, that is infinite or none; name: of its key, if it has one."""
+    """The problem of an infinite or NaN number; found: as the file writes it; name: of its key, if it has one."""
     message = f"found {describe(found)}, expected a finite number"
     return Problem("not-finite", f"`{name}`: {message}" if name else message, place)
 
 
 def describe(value: object) -> str:
-    """How messages name a value that was found."""
+    """A found value as messages show it."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):

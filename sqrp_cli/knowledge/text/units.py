@@ -12,7 +12,7 @@ _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
 _QUANTITY = re.compile(rf"\s*({_NUMBER})\s*(\S.*?)?\s*")
 
 TURN = 6.2832
-"""Radians in a turn, and a little more. An angle beyond that without a unit was meant in degrees."""
+"""Slightly more than a turn [rad]. A larger angle without a unit was meant in degrees."""
 
 _LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 _ANGLES = {"rad": 1.0, "deg": pi / 180, "°": pi / 180}
@@ -26,7 +26,7 @@ class Dimension:
     units: dict[str, float] = field(repr=False)
 
     example: str
-    """How messages show one."""
+    """An example for messages."""
 
 
 def _per(base: dict[str, float], power: str, name: str, example: str) -> Dimension:
@@ -100,12 +100,12 @@ _OFTEN_MEANT: Mapping[Dimension, tuple[str, str]] = {
     ANGULAR_JERK: ("deg/s^3", "degrees"),
     SHARE: ("%", "per cent"),
 }
-"""The unit that a plain number was often meant in, where it is too large in SI units, and its name."""
+"""The unit that is often meant by a plain number too large in SI units, and its name."""
 
 
 @dataclass(frozen=True)
 class Meant:
-    """What a plain number was probably meant as: `stated` (with its unit), which is `value` in SI units."""
+    """The probable meaning of a plain number: `stated` (with its unit), which is `value` in SI units."""
 
     stated: str
     name: str
@@ -116,10 +116,9 @@ class Meant:
 
 
 def meant_instead(value: object, dimension: Dimension | None, least: float, most: float) -> Meant | None:
-    """What a plain number beyond `most` was probably meant as, if that lies in the range.
+    """The probable meaning of a plain number beyond `most`, if that lies in the range.
 
-    value: as it stands in a file; least, most: the range in SI units. None for text with a unit, which says itself what
-    it means.
+    value: as in the file; least, most: the range in SI units. None for text with a unit, which is unambiguous.
     """
     read = read_quantity(value)
     if (
@@ -149,7 +148,7 @@ def shown_length(value: float) -> str:
 
 
 def expected_quantity(*dimensions: Dimension) -> str:
-    """How a message names what was expected: "a length such as `20 mm` (units m, cm, mm, um)"."""
+    """The expected quantities for a message: "a length such as `20 mm` (units m, cm, mm, um)"."""
     if not dimensions:
         return "a number"
     return " or ".join(

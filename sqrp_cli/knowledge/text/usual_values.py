@@ -1,6 +1,6 @@
-"""What numbers in files usually are. One that is possible but beyond that gets a warning, and is used as it stands.
+"""Usual ranges of numbers in files. A number outside gets a warning and is used unchanged.
 
-The ranges are generous: no cell that works should be warned of.
+The ranges are generous: a working cell should get no warning.
 """
 
 from __future__ import annotations
@@ -24,8 +24,7 @@ class Usual:
     at: str
     """Its dotted path, `*` for any key or index.
 
-    `*{key}` for entries only in which that key says something other than `false` and `world`. Of several that match a
-    value, the first counts.
+    `*{key}` only for entries in which that key has another value than `false` and `world`. The first match counts.
     """
 
     least: float
@@ -35,7 +34,7 @@ class Usual:
     dimension: Dimension | None
 
     why: str
-    """What a value beyond them would mean."""
+    """Why a value beyond them is doubtful."""
 
     def __str__(self) -> str:
         return f"{in_unit(self.least, self.dimension)} to {in_unit(self.most, self.dimension)}"
@@ -56,10 +55,10 @@ FIELD_OF_VIEW = Usual(
     units.ANGLE,
     "a wider lens needs `fx` and `distortion: {model: equidistant}`",
 )
-"""Also of the angle that follows from `fx` or a calibration."""
+"""Also applies to the angle that follows from `fx` or a calibration."""
 
 MOST_STRETCHED = 2.0
-"""By which factor the two focal lengths of a camera usually differ at most."""
+"""Largest usual ratio of a camera's two focal lengths."""
 
 WORKSPACE = (
     *(
@@ -154,7 +153,7 @@ HAND_EYE = tuple(
 
 
 def unusual_values(document: SourceDocument, usual: Sequence[Usual]) -> Iterator[Problem]:
-    """Warnings about the numbers of a file that are out of the usual ranges, one for each list."""
+    """Warnings about numbers outside the usual ranges, one for each list."""
     warned: set[KeyPath] = set()
     for path, value, row in rows_that_apply(document, usual):
         owner = path[:-1] if isinstance(path[-1], int) else path
@@ -183,7 +182,7 @@ def _doubt(document: SourceDocument, path: KeyPath, value: object, row: Usual) -
 
 
 class RatedValue(NamedTuple):
-    """A value of a document, with the first row that is about it."""
+    """A value of a document, with the first row that applies to it."""
 
     path: KeyPath
     value: object
@@ -191,7 +190,7 @@ class RatedValue(NamedTuple):
 
 
 def rows_that_apply(document: SourceDocument, usual: Sequence[Usual]) -> Iterator[RatedValue]:
-    """The values that a row is about."""
+    """The values that a row applies to."""
     rows = _tree(tuple(usual))
     found: dict[KeyPath, tuple[object, Usual]] = {}
     for path, value, row in _walk(document.data, rows, ()):
@@ -236,7 +235,7 @@ def _is_meant(step: str, key: str | int, child: object) -> bool:
 
 
 def _followed(document: SourceDocument, path: KeyPath, value: object) -> Iterator[tuple[KeyPath, object]]:
-    """A value, or those of the motion parameter that it names."""
+    """A value, or the values of the motion parameter that it names."""
     if not (isinstance(value, str) and value.startswith("$")):
         yield path, value
         return

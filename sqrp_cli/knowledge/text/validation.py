@@ -1,4 +1,4 @@
-"""Validation of a YAML document against a Pydantic model, with every error turned into a problem with its place."""
+"""Validation of a YAML document against a Pydantic model; every error becomes a problem with its place."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def validate(document: SourceDocument, model: type[Model]) -> Model:
 
 
 def problems_of(document: SourceDocument, error: ValidationError) -> list[Problem]:
-    """What Pydantic says is wrong with a document, as `validate` tells it, in order of place."""
+    """Pydantic's errors as problems of the document, in order of place."""
     problems = [problem for details in error.errors() for problem in _problems(document, details)]
     return sorted(problems, key=lambda problem: problem.position)
 
@@ -94,12 +94,12 @@ def _unexpected(document: SourceDocument, path: KeyPath, details: ErrorDetails, 
     code = "wrong-type" if kind.endswith(("_type", "_parsing")) else "wrong-value"
     found = f"{len(given):,} entries" if kind == "too_long" else describe(given)
     problem = document.problem(code, path, f"found {found}, expected {expected}")
-    # Pydantic marks what is wrong with a key, which stands elsewhere than its value.
+    # Pydantic marks errors in a key itself, which has another place than its value.
     return replace(problem, place=document.key_place(path)) if details["loc"][-1:] == ("[key]",) else problem
 
 
 def _found_instead(found: list[str], message: str) -> str:
-    """What stands where exactly one of the keys that a message names was expected."""
+    """The keys found where exactly one of those in a message was expected."""
     wanted = _QUOTED.findall(message)
     chosen = [key for key in found if key in wanted]
     if chosen:
@@ -120,7 +120,7 @@ def _wrong_word(found: object, expected: str) -> str:
 def _path_in(data: object, location: tuple[int | str, ...]) -> tuple[KeyPath, str]:
     """The part of a Pydantic error's location that leads to a value of the document, and the last key that does not.
 
-    Locations also hold union tags (here always `<...>`) and marks such as `[key]`, which the document knows nothing of.
+    Locations also hold union tags (here always `<...>`) and marks such as `[key]`, which are not in the document.
     """
     path: KeyPath = ()
     absent = ""

@@ -15,7 +15,7 @@ from sqrp_cli.knowledge.text.input_file import read_input
 from sqrp_cli.knowledge.text.source import excerpt, too_deep
 
 LONGEST_TAG = 60
-"""Letters of a tag that messages show."""
+"""Most letters of a tag in messages."""
 
 MAX_BYTES = 10_000_000
 """Largest XML file that is read."""
@@ -28,7 +28,7 @@ MAX_ELEMENTS = 200_000
 
 
 _BUFFER = 1 << 20
-"""Bytes of text that are handed on at once."""
+"""Size of the parser's text buffer [bytes]."""
 
 _TAG_MISMATCH = expat.errors.codes[expat.errors.XML_ERROR_TAG_MISMATCH]
 
@@ -43,7 +43,7 @@ class Element:
     children: list[Element] = field(default_factory=list)
 
     pieces: list[str] = field(default_factory=list)
-    """The text in it, where the reader was asked to keep it; URDF and SRDF have none that matters."""
+    """Its text, if the reader keeps it; URDF and SRDF have no text that matters."""
 
     def all(self, tag: str) -> Iterator[Element]:
         """The children with a tag, in file order."""
@@ -72,10 +72,10 @@ class Element:
     def numbers(
         self, attribute: str, count: int, default: tuple[float, ...] | None = None, most: float = LARGEST
     ) -> tuple[float, ...]:
-        """The `count` numbers of an attribute; the default if it is missing and there is one.
+        """The `count` numbers of an attribute; the default, if any, where it is missing.
 
-        Raises InputError if they are not that many finite numbers, none larger than `most`, or if the attribute is
-        missing without a default.
+        Raises InputError unless they are `count` finite numbers of at most `most`, or if the attribute is missing
+        without a default.
         """
         if default is not None and attribute not in self.attributes:
             return default
@@ -113,19 +113,19 @@ class Element:
 def read_xml(path: Path, root_tag: str) -> Element:
     """The root element of an XML file, which must be a `root_tag`.
 
-    Raises InputError, with line and column, for a file that is missing, too large, not XML, nested too deep, or that
-    declares entities: a short file can unfold to gigabytes through them, or make the reader open other files.
+    Raises InputError, with line and column, for a file that is missing, too large, not XML, nested too deep, or
+    declares entities: with them a short file can expand to gigabytes or make the reader open other files.
     """
     return parse_xml(path, read_input(path, MAX_BYTES), root_tag)
 
 
 def parse_xml(path: Path, content: bytes, root_tag: str, texts: frozenset[str] = frozenset()) -> Element:
-    """As `read_xml`, of content that is at hand; path: what problems name.
+    """As `read_xml`, from content in memory; path: named in problems.
 
-    texts: tags of elements whose text is kept. It must be in one piece: where a comment or another element interrupts
-    it, one reader takes the whole and another one what comes first.
+    texts: tags of elements whose text is kept. It must be in one piece: if a comment or another element interrupts it,
+    some readers take the whole text and others only its first part.
     """
-    recognised = f"<{root_tag}".encode() in content  # else it may be another file, named to see what it says
+    recognised = f"<{root_tag}".encode() in content  # else it may be a secret file, named to see its content
     root = _Tree(path, texts).read(content, recognised)
     if root.tag != root_tag:
         raise root.error("wrong-root", f"the file begins with <{root.shown_tag}>, expected <{root_tag}>")
@@ -133,7 +133,7 @@ def parse_xml(path: Path, content: bytes, root_tag: str, texts: frozenset[str] =
 
 
 class _Tree:
-    """The elements of one file, as expat finds them."""
+    """Builds the element tree of one file with expat."""
 
     def __init__(self, path: Path, texts: frozenset[str]) -> None:
         self._path, self._texts = path, texts
@@ -141,7 +141,7 @@ class _Tree:
         self._open: list[Element] = []
         self._count = 0
         self._parser = parser = expat.ParserCreate()
-        parser.specified_attributes = True  # other readers know nothing of a DOCTYPE's default values
+        parser.specified_attributes = True  # other readers ignore the default values of a DOCTYPE
         parser.buffer_text, parser.buffer_size = True, _BUFFER
         parser.StartElementHandler, parser.EndElementHandler = self._start, self._end
         parser.EntityDeclHandler = self._refuse_entity
@@ -195,12 +195,12 @@ class _Tree:
     def _syntax_problem(self, error: expat.ExpatError, content: bytes, recognised: bool) -> Problem:
         lines = re.split("\r\n?|\n", content.decode("utf-8", errors="replace"))  # as expat counts
         line = lines[error.lineno - 1] if error.lineno <= len(lines) else ""
-        message = f"not well-formed XML: {self._said(error, recognised)}"
+        message = f"not well-formed XML: {self._syntax_message(error, recognised)}"
         place = Place(self._path, error.lineno, error.offset + 1)
         return Problem("xml-syntax", message, place, excerpt=excerpt(line, error.offset + 1) if recognised else None)
 
-    def _said(self, error: expat.ExpatError, recognised: bool) -> str:
-        """What is wrong: of a closing tag that does not fit, which element it leaves open."""
+    def _syntax_message(self, error: expat.ExpatError, recognised: bool) -> str:
+        """The error in words; for a wrong closing tag, the element that it leaves open."""
         if error.code != _TAG_MISMATCH or not self._open:
             return expat.ErrorString(error.code)
         element = self._open[-1]

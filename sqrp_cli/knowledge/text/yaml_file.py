@@ -1,4 +1,4 @@
-"""Reading YAML files safely, with the position of every key and value, and changing single values in their text.
+"""Reading YAML files safely, with the position of every key and value, and editing single values in the text.
 
 Scalars follow the core schema of YAML 1.2: `1e-3` is a number, `on` and `no` are text, octal and sexagesimal numbers do
 not exist. Keys are always text. Numbers must be finite.
@@ -32,7 +32,7 @@ MAX_BYTES = 1_000_000
 """Largest YAML file that is read."""
 
 MAX_VALUES = 100_000
-"""Most values in a file, aliases counted as often as they are used."""
+"""Most values in a file; each use of an alias counts."""
 
 MAX_DEPTH = 32
 """Deepest nesting of mappings and lists."""
@@ -44,10 +44,10 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN|Nan)")
 
 _CLOSING = re.compile(r"\n---\s*\Z")
-"""The line that ROS prints after each message, which YAML takes for the beginning of another document."""
+"""The line that ROS prints after each message; in YAML it begins another document."""
 
 _QUOTED = re.compile(r"([`']).*\1", re.DOTALL)
-"""What messages quote of a file, quotation marks within it included."""
+"""A quote of a file in a message, quotation marks within it included."""
 
 _WORDS: dict[str, bool | None] = {"true": True, "false": False, "null": None, "~": None, "": None}
 
@@ -74,12 +74,12 @@ _IMPLICIT_TAGS = frozenset(
 def read_yaml(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()) -> SourceDocument:
     """The YAML file at `path`, which must hold a mapping.
 
-    tags: explicit tags (such as `!!opencv-matrix`) that are accepted and ignored; every other one is refused.
-    keys: what files of this kind have at their top. Of a file with none of them no word is quoted, for it may be
-    another one, named to see what it says; without keys every file is.
+    tags: explicit tags (such as `!!opencv-matrix`) that are accepted and ignored; all others are refused.
+    keys: top-level keys of this kind of file. A file with none of them is not quoted in messages: it may be a secret
+    file, named to see its content. Without keys every file is quoted.
 
-    Raises InputError for a file that is missing, too large, not UTF-8, empty, not a mapping, breaks YAML's syntax,
-    repeats a key, or exceeds a limit of this module.
+    Raises InputError for a file that is missing, too large, not UTF-8, empty, not a mapping, not valid YAML, repeats a
+    key, or exceeds a limit of this module.
     """
     return parse_yaml(path, read_input(path, MAX_BYTES), tags, keys)
 
@@ -87,7 +87,7 @@ def read_yaml(path: Path, tags: frozenset[str] = frozenset(), keys: Collection[s
 def parse_yaml(
     path: Path, content: bytes, tags: frozenset[str] = frozenset(), keys: Collection[str] = ()
 ) -> SourceDocument:
-    """As `read_yaml`, of content that is at hand; path: what problems name."""
+    """As `read_yaml`, from content in memory; path: named in problems."""
     text = _decode(path, content)
     try:
         return _parsed(path, content, text, tags)
@@ -98,10 +98,10 @@ def parse_yaml(
 
 
 def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
-    """The content of a document with other values, by dotted path (`cameras.cam1.pose.position.0`), as YAML text.
+    """The content of a document with new values, by dotted path (`cameras.cam1.pose.position.0`), as YAML text.
 
-    Raises InputError for a path that leads to no value of its own in the file: it is not there, is a list or a mapping,
-    or belongs to an anchor that is used elsewhere, too.
+    Raises InputError for a path without a value of its own in the file: it is missing, is a list or a mapping, or
+    belongs to an anchor that is also used elsewhere.
     """
     text = document.content.decode("utf-8-sig")
     known = document.leaves
@@ -137,7 +137,7 @@ def _span(node: yaml.Node, path: list[str]) -> tuple[int, int]:
 
 
 def _pairs(node: yaml.Node) -> list[tuple[str, yaml.Node]]:
-    """Keys and values of a mapping, those that it merges after its own."""
+    """Keys and values of a mapping, its own before merged ones."""
     own, merged = [], []
     for key, value in node.value:
         if key.value == "<<" and key.style is None:
@@ -148,12 +148,12 @@ def _pairs(node: yaml.Node) -> list[tuple[str, yaml.Node]]:
 
 
 def _top_key(keys: Collection[str]) -> re.Pattern[str]:
-    """Finds a line that begins with one of some keys."""
+    """Matches a line that begins with one of the keys."""
     return re.compile(rf"""^(?:\{{\s*)?["']?(?:{"|".join(map(re.escape, keys))})["']?\s*:""", re.MULTILINE)
 
 
 def _unquoted(problem: Problem) -> Problem:
-    """The problem without a word of the file."""
+    """The problem without quotes of the file."""
     hint = problem.message in _SYNTAX_HINTS.values()
     return replace(problem, message=problem.message if hint else _QUOTED.sub("`...`", problem.message), excerpt=None)
 
@@ -173,7 +173,7 @@ def _parsed(path: Path, content: bytes, text: str, tags: frozenset[str]) -> Sour
 
 def _decode(path: Path, content: bytes) -> str:
     text = decoded(path, content)
-    if text.startswith("%YAML:"):  # OpenCV's header, which YAML itself does not know
+    if text.startswith("%YAML:"):  # OpenCV's header, which is not YAML
         text = "#" + text[1:]
     return _CLOSING.sub("\n", text)
 
@@ -181,9 +181,9 @@ def _decode(path: Path, content: bytes) -> str:
 if yaml.__with_libyaml__:
 
     class _FastLoader(yaml.CSafeLoader):
-        """libyaml's loader, in a tenth of the time; raises YAMLError for everything out of the ordinary."""
+        """libyaml's loader, ten times as fast; raises YAMLError for anything unusual."""
 
-        # What a scalar without a tag stands for is found elsewhere: looking for it here would take half of the time.
+        # Scalars without a tag are resolved elsewhere: doing it here would take half of the time.
         yaml_implicit_resolvers: dict[str, list[Any]] = {}  # noqa: RUF012 # as the base class has it
         depth = 0
 
@@ -200,7 +200,7 @@ if yaml.__with_libyaml__:
 
 @lru_cache(maxsize=16)
 def _compose_fast(text: str) -> yaml.Node | None:
-    """As `_compose`; cells often share their skills' texts, and each is parsed once."""
+    """As `_compose`, cached: cells often share the texts of skills."""
     node: yaml.Node | None = _FastLoader(text).get_single_node()
     return node
 
@@ -233,7 +233,7 @@ def _compose(path: Path, text: str) -> yaml.Node | None:
         try:
             return _compose_fast(text)
         except yaml.YAMLError:
-            pass  # the other parser says better what is wrong
+            pass  # the other parser has better messages
     try:
         loader = _LimitedLoader(path, text)
         return loader.get_single_node()
@@ -254,15 +254,15 @@ def _syntax_problem(path: Path, text: str, error: yaml.MarkedYAMLError) -> Probl
     opened = error.context_mark
     context = error.context or ""
     if mark and opened and opened.line < mark.line and context.startswith("while") and "block" not in context:
-        mark = opened  # where a bracket, quote or key was opened that is not closed in its line
+        mark = opened  # the start of a bracket, quote or key that is not closed in its line
     problem = error.problem or error.context or "not YAML"
-    said = f"{error.context} {problem}"
-    hint = next((hint for fragment, hint in _SYNTAX_HINTS.items() if fragment in said), problem)
+    text_of_error = f"{error.context} {problem}"
+    hint = next((hint for fragment, hint in _SYNTAX_HINTS.items() if fragment in text_of_error), problem)
     return _quoting(Problem("yaml-syntax", hint, Place(path)), path, text, mark)
 
 
 def _quoting(problem: Problem, path: Path, text: str, mark: yaml.Mark | None) -> Problem:
-    """The problem with its place at a mark, if there is one, and the line there as an excerpt."""
+    """The problem with its place at a mark, if any, and that line as an excerpt."""
     if mark is None:
         return problem
     lines = text.splitlines()
@@ -272,7 +272,7 @@ def _quoting(problem: Problem, path: Path, text: str, mark: yaml.Mark | None) ->
 
 
 class _Values:
-    """Turns YAML nodes into plain values and notes where they stand."""
+    """Turns YAML nodes into plain values and records their places."""
 
     def __init__(self, path: Path, lines: list[str], tags: frozenset[str]) -> None:
         self.path = path

@@ -1,1 +1,1 @@
-"""The workspace file: its format, what it describes, and how that is read and validated."""
+"""The workspace file: its format, its records, and how it is read and validated."""

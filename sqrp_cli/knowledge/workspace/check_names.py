@@ -1,4 +1,4 @@
-"""Names and sizes that only the workspace and its skills together can be checked for."""
+"""Checks of names and sizes that need both the workspace and its skills."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sqrp_cli.logic.conditions import MAX_LITERALS, domain_sizes, largest_quanti
 def check_tasks(
     document: SourceDocument, tasks: Sequence[ExpectedTask], skills: Sequence[str], objects: Sequence[str]
 ) -> Iterator[Problem]:
-    """Names in the expected tasks: the skill, and the object that the best candidate should use."""
+    """Check the names in the expected tasks: the skill, and the object that the best candidate should use."""
     for index, task in enumerate(tasks):
         skill = task.task.split()[0] if task.task.split() else ""
         if skill not in skills:
@@ -33,9 +33,9 @@ def check_tasks(
 
 
 def check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Problem]:
-    """A precondition whose quantifiers stand for more than can be looked at, told without expanding them."""
+    """Check the size of a precondition whose quantifiers are expanded, without expanding them."""
     condition, domain = skill.action.precondition, skill.domain
-    types = {name: frozenset(thing.types) for name, thing in objects.items()}
+    types = {name: frozenset(obj.types) for name, obj in objects.items()}
     count = literal_count(condition, types, domain)
     if count > MAX_LITERALS and (quantifier := largest_quantifier(condition, types, domain)) is not None:
         sizes = domain_sizes(quantifier.variables, types, domain)
@@ -51,7 +51,7 @@ def check_size(skill: Skill, objects: Mapping[str, SceneObject]) -> Iterator[Pro
 def check_skill(
     skill: Skill, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
 ) -> Iterator[Problem]:
-    """Names in a skill that only the workspace knows: frames, enclosed things, detectors, constants."""
+    """Check the names in a skill that only the workspace defines: frames, enclosed parts, detectors, constants."""
     for constant in skill.domain.constants:
         if constant not in objects:
             expected = expected_names(constant, objects)
@@ -71,7 +71,7 @@ def _check_box(
     skill: Skill, box: BoxSpec, path: KeyPath, links: Sequence[str], objects: Sequence[str], detectors: Sequence[str]
 ) -> Iterator[Problem]:
     parameters = [parameter.name for parameter in skill.action.parameters]
-    things = [*parameters, *objects]
+    named = [*parameters, *objects]
 
     def problem(code: str, message: str, *key: str | int) -> Problem:
         at = (*path, *key)
@@ -84,26 +84,26 @@ def _check_box(
 
     if box.frame.at_start:
         what = "no skill parameter or object, as `@start` needs"
-        yield from unknown("frame", box.frame.owner, what, things, "frame")
+        yield from unknown("frame", box.frame.owner, what, named, "frame")
     else:
         what = "neither `world` nor `tool`, a link, a skill parameter or an object"
-        yield from unknown("frame", box.frame, what, [WORLD, TOOL, *things, *links], "frame")
+        yield from unknown("frame", box.frame, what, [WORLD, TOOL, *named, *links], "frame")
     if box.at is not None and box.frame in links and box.frame != TOOL:
         message = f"found the link `{box.frame}`, expected `tool`, `world` or an object beside `at`"
         yield problem("wrong-value", message, "frame")
     if box.fits is not None:
-        yield from unknown("object", box.fits, "no skill parameter or object", things, "fits")
+        yield from unknown("object", box.fits, "no skill parameter or object", named, "fits")
     for index, name in enumerate(box.encloses or ()):
         what = "neither a link nor an object, a skill parameter or `tool`"
         called = link_called(name, links)
-        yield from unknown("enclosed", called, what, [TOOL, *things, *links], "encloses", index)
+        yield from unknown("enclosed", called, what, [TOOL, *named, *links], "encloses", index)
     yield from unknown("detector", box.detector, "no detector of the workspace", detectors, "detector")
 
 
 def words_of_two_meanings(
     document: SourceDocument, file: WorkspaceFile, robot: RobotReader, skills: Iterable[Skill]
 ) -> Iterator[Problem]:
-    """Warnings that say which was meant where a frame could as well be a link of the robot that is somewhere else."""
+    """Warnings about frame names that are also links of the robot, at another pose; they say which one is used."""
     meanings: dict[str, tuple[str, str | None]] = {}
     if WORLD_LINK in robot.links and not np.allclose(file.robot.base.matrix(), np.eye(4), rtol=0.0, atol=1e-9):
         meanings[WORLD] = ("the cell's world", WORLD_LINK)

@@ -1,4 +1,4 @@
-"""What the tool holds at the beginning, by the facts of a workspace."""
+"""The object in the tool at the beginning, found from the facts of a workspace."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _Facts = Mapping[Atom, int]
 
 @dataclass(frozen=True, eq=False)
 class _Grip:
-    """How a skill holds an object, and with what pose X_TO in the tool frame, shape (4, 4)."""
+    """How a skill holds an object, and the object's pose X_TO in the tool frame, shape (4, 4)."""
 
     fact: Atom
     skill: Skill
@@ -34,16 +34,16 @@ class _Grip:
 
     @property
     def side(self) -> str:
-        """By which it is held."""
+        """The side by which it is held."""
         return self.held.held
 
 
 def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[str, tuple[Skill, ...]]:
-    """The predicates that say that the tool holds something, such as `hold`, each with the skills that make it true.
+    """The predicates that mean that the tool holds an object, such as `hold`, each with the skills that make it true.
 
-    Of what a skill makes true of the object that it ends with in the tool, that is what its target looks for in the
-    tool; what it looks for elsewhere, such as that the object is gone from the table, says nothing about the tool. Of
-    predicates without targets it is the only one, if there is only one. Skills are in the order of their names.
+    Such a predicate is an effect of a skill on the object that it ends with in the tool, and its target has a box in
+    the tool; one with boxes elsewhere, such as that the object has left the table, does not count. A single effect
+    without a target counts if there is no other. Skills are ordered by name.
     """
     found: dict[str, tuple[Skill, ...]] = {}
     for skill in sorted(skills, key=lambda skill: skill.name):
@@ -55,10 +55,10 @@ def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[st
 def with_held_by_facts(
     objects: Mapping[str, SceneObject], facts: _Facts, skills: Collection[Skill], document: SourceDocument
 ) -> tuple[dict[str, SceneObject], tuple[Problem, ...]]:
-    """The objects, with the one in the tool that the facts say is held; and a warning if its entry does not say so.
+    """The objects, with the held one placed in the tool by the facts; and a warning if its entry does not state that.
 
-    It is held as the skills that make the fact true would grasp it, with their parameters at their defaults. Raises
-    InputError, with the place, for facts that contradict that it is held, and where skills would hold it differently.
+    It is held as the skills that make the fact true would grasp it, with default parameters. Raises InputError, with
+    the place, for facts that contradict it, and if skills would hold it differently.
     """
     holding = holding_skills(skills, objects)
     contradictions = tuple(_contradictions(facts, holding, skills, document))
@@ -66,7 +66,7 @@ def with_held_by_facts(
         raise InputError(*contradictions)
     stated = sorted((fact for fact in facts if fact.predicate in holding), key=str)
     names = {fact.arguments[0] for fact in stated}
-    if len(names) != 1 or any(thing.X_TO is not None for thing in objects.values()):
+    if len(names) != 1 or any(obj.X_TO is not None for obj in objects.values()):
         return dict(objects), ()
     (name,) = names
     grips = [grip for fact in stated for grip in _grips(fact, holding[fact.predicate], objects[name])]
@@ -102,7 +102,7 @@ def _holding(skill: Skill, objects: Collection[str]) -> tuple[str, ...]:
 
 
 def _held_at_the_end(skill: Skill) -> str | None:
-    """The parameter of what a skill has grasped and not released again when it ends, or None."""
+    """The parameter of the object that a skill holds at its end, or None."""
     held = None
     for primitive in skill.primitives:
         if isinstance(primitive, Grasp):
@@ -115,7 +115,7 @@ def _held_at_the_end(skill: Skill) -> str | None:
 def _contradictions(
     facts: _Facts, holding: Mapping[str, tuple[Skill, ...]], skills: Collection[Skill], document: SourceDocument
 ) -> Iterator[Problem]:
-    """Facts beside one that says that an object is held, which no sequence of skills can make true together with it."""
+    """Facts that no sequence of skills can make true together with the fact that an object is held."""
     for fact in facts:
         for skill in holding.get(fact.predicate, ())[:1]:
             for lost in skill.action.effect.deletes:
@@ -136,7 +136,7 @@ def _contradictions(
 
 
 def _exclude_each_other(one: str, other: str, skills: Iterable[Skill]) -> bool:
-    """Whether every skill that makes one of two predicates true makes the other one false."""
+    """Whether every skill that makes one of the two predicates true makes the other false."""
 
     def excludes(skill: Skill, this: str, that: str) -> bool:
         adds, deletes = skill.action.effect.adds, skill.action.effect.deletes
@@ -146,20 +146,20 @@ def _exclude_each_other(one: str, other: str, skills: Iterable[Skill]) -> bool:
 
 
 def _matches(use: Holds, fact: Atom, parameter: str | None, name: str) -> bool:
-    """Whether a fact is what a use of a predicate may stand for while a parameter stands for the object of a name."""
+    """Whether a use of a predicate matches a fact if `parameter` is bound to the object `name`."""
     return use.predicate == fact.predicate and all(
         argument == name if term == Variable(parameter or "") else isinstance(term, Variable) or argument == term.name
         for term, argument in zip(use.terms, fact.arguments, strict=True)
     )
 
 
-def _grips(fact: Atom, skills: Iterable[Skill], thing: SceneObject) -> Iterator[_Grip]:
+def _grips(fact: Atom, skills: Iterable[Skill], obj: SceneObject) -> Iterator[_Grip]:
     for skill in skills:
         held = _held_at_the_end(skill)
         grasp = next((w for w in skill.waypoints.values() if isinstance(w, GraspWaypoint) and w.object == held), None)
         if grasp is not None:
             how = _grasped(skill, grasp)
-            yield _Grip(fact, skill, how, how.X_TO(thing.size))
+            yield _Grip(fact, skill, how, how.X_TO(obj.size))
 
 
 def _ambiguous(name: str, one: _Grip, other: _Grip, document: SourceDocument) -> Problem:

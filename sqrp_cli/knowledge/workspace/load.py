@@ -28,8 +28,7 @@ WORKSPACE_FILE = "workspace.yaml"
 def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     """Read and validate the workspace in a folder (its `workspace.yaml`) or in a file.
 
-    content: what to read in place of the workspace file's own content. Raises InputError with every problem that was
-    found, each with its place.
+    content: replaces the content of the workspace file. Raises InputError with all problems, each with its place.
     """
     file_path = workspace_file(path)
     document = read_workspace_document(file_path, content)
@@ -86,7 +85,7 @@ def _each_once(*warnings: Problem) -> tuple[Problem, ...]:
 
 
 def read_workspace_document(path: Path, content: bytes | None = None) -> SourceDocument:
-    """A workspace file as YAML; content: what to read in place of the file's own. Raises as `read_yaml`."""
+    """A workspace file as YAML; content: replaces that of the file. Raises as `read_yaml`."""
     keys = ("robot", "cameras", "objects", "skills")
     return read_yaml(path, keys=keys) if content is None else parse_yaml(path, content, keys=keys)
 
@@ -95,7 +94,7 @@ def workspace_file(path: Path) -> Path:
     """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none."""
     path = Path.cwd() / path
     if ".." in path.parts:
-        path = real_path(path)  # programs name it in one way only
+        path = real_path(path)  # programs have one name for it
     if path.is_dir():
         if os.path.lexists(path / WORKSPACE_FILE):
             return path / WORKSPACE_FILE
@@ -121,7 +120,7 @@ def workspace_file(path: Path) -> Path:
 
 
 def _is_workspace(path: Path) -> bool:
-    """Whether a path may be meant as a workspace: a folder with a `workspace.yaml`, or another YAML file."""
+    """Whether a path could be a workspace: a folder with a `workspace.yaml`, or another YAML file."""
     return (path / WORKSPACE_FILE).is_file() or (path.suffix in YAML_ENDINGS and path.is_file())
 
 

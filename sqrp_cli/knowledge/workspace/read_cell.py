@@ -34,7 +34,7 @@ _FACT = re.compile(r"\s*([A-Za-z][\w-]*)\s*(?:\(\s*([^()]*?)\s*\))?\s*")
 
 @dataclass
 class CellReader:
-    """Reads the parts of a workspace file that are not the robot or a skill, and collects every problem on the way.
+    """Reads the parts of a workspace file besides the robot and the skills, and collects all problems.
 
     links: of robot and tool. roots: folders for `package://`.
     """
@@ -142,7 +142,7 @@ class CellReader:
             self.warnings.append(Problem("doubtful-axes", message, place, severity="warning", mend=mend))
 
     def _check_object(self, name: str, entry: ObjectEntry, held: Sequence[str]) -> None:
-        """Report what is wrong with an object; held: the one that the tool holds, if it holds any."""
+        """Report the problems of an object; held: the object in the tool, if any."""
         path: KeyPath = ("objects", name)
         if name in (*self.links, WORLD, TOOL, "home"):
             what = "a link of the robot" if name in self.links else "a word with a meaning of its own"
@@ -218,20 +218,22 @@ class CellReader:
 
 
 def add_mesh(digest: ContentDigest, role: str, path: Path, place: Place) -> None:
-    """Add a mesh file to the digest; place: what names it.
+    """Add a mesh file to the digest; place: where it is named.
 
     Raises InputError if it is too large, damaged or cannot be read.
     """
     try:
-        digest.add_file(role, path)  # which first sees to it that this is a regular file
+        digest.add_file(role, path)  # first checks that this is a regular file
         check_mesh(path)
     except InputError as error:
-        told = (replace(problem, message=f"{problem.message}; {place} names this file") for problem in error.problems)
-        raise InputError(*told) from error
+        problems = (
+            replace(problem, message=f"{problem.message}; {place} names this file") for problem in error.problems
+        )
+        raise InputError(*problems) from error
     except OSError as error:
         raise InputError(Problem("unreadable-file", f"{path}: {error.strerror}", place)) from error
 
 
 def camera_axes_as_body(X_FC: Array) -> Array:
-    """The optical pose that results if the axes of `X_FC` were meant as a body frame, shape (4, 4)."""
+    """The optical pose if the axes of `X_FC` are those of a body frame, shape (4, 4)."""
     return X_FC @ pose(R_BODY_OPTICAL)

@@ -36,14 +36,14 @@ from sqrp_cli.knowledge.workspace.read_cell import add_mesh
 from sqrp_cli.shapes import Mesh, Part
 
 MAX_ARM_JOINTS = 20
-"""Most joints that move the tool frame; with each, inverse kinematics and motion take longer."""
+"""Most joints that move the tool frame; each makes inverse kinematics and motion slower."""
 
 
 @dataclass
 class RobotReader:
-    """Reads the `robot` entry of a workspace file and collects every problem on the way.
+    """Reads the `robot` entry of a workspace file and collects all problems.
 
-    The files themselves are read first: an InputError for them is raised at once, since nothing can be checked without.
+    URDF and SRDF are read first: their InputError is raised at once, because nothing can be checked without them.
     """
 
     document: SourceDocument
@@ -144,7 +144,7 @@ class RobotReader:
         return Tool(self.tool, link, read_only(self.entry.tool.pose.matrix()), file)
 
     def _arm(self) -> list[UrdfJoint]:
-        """The joints that move by themselves on the way from the root to the tool frame, in order."""
+        """The joints from the root to the tool frame that mimic no other, in order."""
         frame = self.tool_frame
         if frame not in self.links:
             expected = expected_names(frame, self.links)
@@ -207,9 +207,9 @@ class RobotReader:
     def _positions(
         self, entry: Mapping[str, Quantity] | str, joints: Sequence[UrdfJoint], path: KeyPath, what: str
     ) -> dict[str, float] | None:
-        """Positions within limits of those joints that an entry names, in their order; None if a name is wrong.
+        """Positions within limits of the joints that an entry names, in their order; None if a name is wrong.
 
-        what: what a joint is that is not among them. Of a state of the SRDF, those of other joints are left out.
+        what: describes a joint that is not among them, in a message. Other joints of an SRDF state are left out.
         """
         if isinstance(entry, str):
             states = self.srdf.states if self.srdf else {}
@@ -277,7 +277,7 @@ class RobotReader:
         }
 
     def _check_stop(self, limit: str, values: Mapping[str, float], usual: Mapping[str, float]) -> None:
-        """A stop that is gentler than the motion could end after the motion does."""
+        """A stop gentler than the motion could end after the motion."""
         for name, value in values.items():
             if name in usual and value < usual[name]:
                 message = f"{value:g} is less than the {usual[name]:g} of every motion of `{name}`"
@@ -288,21 +288,21 @@ class RobotReader:
     def _warn_of_assumed_limits(
         self, joints: Sequence[UrdfJoint], limits: Mapping[str, Mapping[str, float]], assumed: Mapping[str, float]
     ) -> None:
-        """One warning that names the joints without a stated limit, and what is assumed for them."""
-        told = []
+        """One warning with the joints without a stated limit, and the assumed values."""
+        assumptions = []
         for limit, values in limits.items():
             names = [joint.name for joint in joints if joint.name not in values]
             if names:
-                whose = "all joints" if len(names) == len(joints) else ", ".join(names)
-                told.append(f"{limit} ({assumed[limit]:g} for {whose})")
-        if told:
-            message = f"limits are not stated and assumed, in rad or m and s: {', '.join(told)}"
+                owners = "all joints" if len(names) == len(joints) else ", ".join(names)
+                assumptions.append(f"{limit} ({assumed[limit]:g} for {owners})")
+        if assumptions:
+            message = f"limits are not stated and assumed, in rad or m and s: {', '.join(assumptions)}"
             place = self.document.key_place(("robot", "limits"))
             mend = "state them under `robot.limits`; times depend on them"
             self.warnings.append(Problem("assumed-limit", message, place, severity="warning", mend=mend))
 
     def _values(self, limit: str, joints: Sequence[UrdfJoint]) -> dict[str, float]:
-        """The stated values of one limit by joint. One value for all goes to every joint that its unit fits."""
+        """The stated values of one limit by joint. A single value applies to every joint that its unit fits."""
         entry: Quantity | Mapping[str, Quantity] | None = getattr(self.entry.limits, limit)
         path: KeyPath = ("robot", "limits", limit)
         dimensions = {joint.name: LimitsEntry.kind(limit).of(joint) for joint in joints}
@@ -337,7 +337,7 @@ class RobotReader:
 
 
 def _in_units(joint: UrdfJoint, *positions: float) -> str:
-    """A position of a joint [rad or m], or a range of them, with its unit; of one that turns in degrees as well."""
+    """A position of a joint [rad or m], or a range, with its unit; for a turning joint in degrees as well."""
     stated = " to ".join(f"{position:.4g}" for position in positions)
     if joint.type == "prismatic":
         return f"{stated} m"

@@ -1,4 +1,4 @@
-"""A workspace: the format of its file, and everything that is known of one cell, read and validated."""
+"""A workspace: the format of its file, and the validated description of one cell."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ Padding = Annotated[float, In(LENGTH, 0.0, 10.0)]
 
 @dataclass(frozen=True, kw_only=True)
 class ExpectedTask(Stored):
-    """A task that the cell must support, with what is expected of its best candidate."""
+    """A task that the cell must support, with requirements on its best candidate."""
 
     task: Text
     """As on the command line, such as `pickup green`."""
@@ -70,7 +70,7 @@ class WorkspaceFile(Entry):
     detectors: dict[Name, Detector] = Field(default={}, description="Detection algorithms by name.")
     cameras: dict[Name, CameraEntry] = Field(default={}, max_length=200, description="Cameras by name.")
     skills: list[Text] = Field(default=[], description="Folders of the skills that may be used.")
-    objects: dict[Name, ObjectEntry] = Field(default={}, max_length=2000, description="Things in the cell by name.")
+    objects: dict[Name, ObjectEntry] = Field(default={}, max_length=2000, description="Objects in the cell by name.")
     state: list[Text] = Field(default=[], description="The facts that hold now; every other one does not.")
     tasks: list[ExpectedTask] = Field(default=[], description="Tasks that the cell must support.")
     padding: Padding = Field(default=0.0, description="Least distance that motions keep from fixed objects.")
@@ -91,7 +91,7 @@ Facts = Annotated[
 
 @dataclass(frozen=True, eq=False)
 class World(Stored):
-    """What is true and where things are at one moment."""
+    """The facts, the poses of objects and the joint positions at one moment."""
 
     facts: Facts
     """The atoms that hold; every other one is false."""
@@ -107,7 +107,7 @@ class World(Stored):
 
 @dataclass(frozen=True, eq=False)
 class Workspace:
-    """Everything that is known of one cell."""
+    """The description of one cell."""
 
     name: str
     path: Path
@@ -135,25 +135,25 @@ class Workspace:
 
     @property
     def stated_world(self) -> World:
-        """The world as the file states it: with the fingers open, and no pose in the world for what the tool holds.
+        """The world as the file states it: fingers open, and no world pose for a held object.
 
         Motions start from `Cell.initial_world`, which knows where the tool is.
         """
-        held = next((thing for thing in self.objects.values() if thing.X_TO is not None), None)
+        held = next((obj for obj in self.objects.values() if obj.X_TO is not None), None)
         name, X_TO = (None, None) if held is None else (held.name, held.X_TO)
-        X_WO = {name: thing.X_WO for name, thing in self.objects.items() if thing.X_WO is not None}
+        X_WO = {name: obj.X_WO for name, obj in self.objects.items() if obj.X_WO is not None}
         fingers = self.robot.fingers.open if self.robot.fingers else {}
         return World(self.state, X_WO, name, X_TO, {**self.robot.home, **fingers})
 
     @property
     def meshes(self) -> Mapping[Path, str]:
-        """The files that are read again when it is loaded for computing, with the digests of their content."""
-        parts = [*self.robot.parts, *(part for thing in self.objects.values() for part in thing.parts)]
+        """The mesh files, read again for computing, with the digests of their content."""
+        parts = [*self.robot.parts, *(part for obj in self.objects.values() for part in obj.parts)]
         paths = {part.shape.path for part in parts if isinstance(part.shape, Mesh)}
         return {file.path: file.digest for file in self.files.values() if file.path in paths}
 
     def relocated(self, moved: Callable[[Path], Path]) -> Workspace:
-        """The workspace on another machine, say: with every file of `meshes` where `moved` puts it."""
+        """The workspace with every file of `meshes` moved, for use on another machine."""
 
         def parts(old: tuple[Part, ...]) -> tuple[Part, ...]:
             return tuple(
@@ -166,5 +166,5 @@ class Workspace:
         return replace(
             self,
             robot=replace(self.robot, parts=parts(self.robot.parts)),
-            objects={name: replace(thing, parts=parts(thing.parts)) for name, thing in self.objects.items()},
+            objects={name: replace(obj, parts=parts(obj.parts)) for name, obj in self.objects.items()},
         )
