@@ -283,8 +283,8 @@ def _stated_sizes(primitive: Element, count: int, found: int) -> Integers:
         return np.broadcast_to(np.int64(size), count)
     counts = [_indices(element) for element in primitive.all("vcount")]
     if len(counts) != 1 or len(counts[0]) != count:
-        found = f"{len(counts[0]):,} numbers in its <vcount>" if len(counts) == 1 else f"{len(counts)} times <vcount>"
-        raise _wrong(primitive, f"{primitive} has {found}, but `count` is {count:,}")
+        stated = f"{len(counts[0]):,} numbers in its <vcount>" if len(counts) == 1 else f"{len(counts)} times <vcount>"
+        raise _wrong(primitive, f"{primitive} has {stated}, but `count` is {count:,}")
     for size in (counts[0].min(initial=3), counts[0].max(initial=3)):
         check_corners(primitive.place.file, int(size), primitive.place.line or 0)
     return counts[0]
