@@ -5,6 +5,7 @@ A step that failed is planned again in the same way, from where its fault left t
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -12,8 +13,10 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Mask
+from sqrp_cli.knowledge.skill.skill import Requirement, RetryEntry
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import apply_effect
+from sqrp_cli.logic.formula import Formula
 from sqrp_cli.logic.formula_check import argument_lists, bind
 from sqrp_cli.logic.formula_time import with_times
 from sqrp_cli.program.record import ProgramFormula, ProgramPrimitive, ProgramResponse, ProgramTarget, Step
@@ -89,19 +92,26 @@ def _formulas(study: Study) -> tuple[ProgramFormula, ...]:
     candidate = study.candidate
     lists = argument_lists(candidate.skill.action)
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in study.motion.primitives}
-    formulas = []
-    for requirement in candidate.skill.requirements:
-        response = requirement.response
-        when = None if response.condition is None else str(bind(response.condition, candidate.binding, lists))
-        formulas.append(
-            ProgramFormula(
-                formula=str(with_times(bind(requirement.formula, candidate.binding, lists), spans)),
-                fault=requirement.name,
-                settle=requirement.settle,
-                response=ProgramResponse(action=response.action, retries=response.retries, when=when),
-            )
+
+    def bound(formula: Formula) -> Formula:
+        return bind(formula, candidate.binding, lists)
+
+    return tuple(
+        ProgramFormula(
+            formula=str(with_times(bound(requirement.formula), spans)),
+            fault=requirement.name,
+            settle=requirement.stated.settle,
+            response=_response(requirement, bound),
         )
-    return tuple(formulas)
+        for requirement in candidate.skill.requirements
+    )
+
+
+def _response(requirement: Requirement, bound: Callable[[Formula], Formula]) -> ProgramResponse:
+    stated, when = requirement.stated.response, requirement.retry_when
+    if not isinstance(stated, RetryEntry):
+        return ProgramResponse(action=stated)
+    return ProgramResponse(action="retry", retries=stated.retry, when=None if when is None else str(bound(when)))
 
 
 def _target(study: Study, column: int, cameras: tuple[str, ...]) -> ProgramTarget:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -18,7 +17,6 @@ from sqrp_cli.knowledge.skill.skill import (
     GraspWaypoint,
     Names,
     Requirement,
-    Response,
     RetryEntry,
     Skill,
     SkillFile,
@@ -214,16 +212,10 @@ class _SkillReader:
         at: KeyPath = path if isinstance(stated, str) else (*path, "formula")
         entry = FormulaEntry(formula=stated) if isinstance(stated, str) else stated
         formula = self._formula(entry.formula, at)
-        response = self._response(entry.response, (*path, "response"))
-        if formula is None:
-            return None
-        return Requirement(name, formula, response, entry.settle, self.document.value_place(at))
-
-    def _response(self, entry: RetryEntry | Literal["stop", "continue"], path: KeyPath) -> Response:
-        if not isinstance(entry, RetryEntry):
-            return Response(entry)
-        condition = None if entry.when is None else self._condition(entry.when, (*path, "when"))
-        return Response("retry", entry.retry, condition)
+        retry = entry.response
+        when = retry.when if isinstance(retry, RetryEntry) else None
+        condition = None if when is None else self._condition(when, (*path, "response", "when"))
+        return None if formula is None else Requirement(name, entry, formula, condition, self.document.value_place(at))
 
     def _condition(self, text: str, path: KeyPath) -> Formula | None:
         """A formula without temporal operators."""

@@ -222,26 +222,15 @@ class SkillFile(Entry):
 
 
 @dataclass(frozen=True)
-class Response:
-    """What the robot does when a formula is violated or a fault is seen."""
-
-    action: Literal["stop", "retry", "continue"]
-    retries: int = 0
-    """How often a `retry` may be tried."""
-    condition: Formula | None = None
-    """What must be seen before a retry starts."""
-
-
-@dataclass(frozen=True)
 class Requirement:
-    """A temporal sensing requirement: a `FormulaEntry` with its texts parsed as MTL."""
+    """A temporal sensing requirement: what a skill states, with its texts parsed as MTL."""
 
     name: str | None
     """Of the fault that the formula describes; None for a plain requirement."""
+    stated: FormulaEntry
     formula: Formula
-    response: Response
-    settle: float
-    """Time that a literal may lag behind its expected change before it counts as violated [s]."""
+    retry_when: Formula | None
+    """What must be seen before a retry starts, if the response is one and states that."""
     place: Place
     """Where the formula's text starts."""
 
@@ -274,5 +263,5 @@ class Skill:
     @property
     def retried_faults(self) -> frozenset[str]:
         """Names of the faults after which the robot tries again."""
-        retried = (requirement.name for requirement in self.requirements if requirement.response.action == "retry")
+        retried = (found.name for found in self.requirements if isinstance(found.stated.response, RetryEntry))
         return frozenset(name for name in retried if name is not None)
