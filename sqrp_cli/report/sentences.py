@@ -1,4 +1,4 @@
-"""Sentences that the terminal and a page have in common: what was ranked, how exactly, and why a run stopped."""
+"""Sentences that terminal and pages share: what was ranked, how exactly, and why a run stopped."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:
         case FixedCount(samples):
             how = f"Sampled {samples} times per primitive"
         case FixedStep(dt):
-            # Whatever the step, there are samples where something begins or ends; a long one gives no others.
+            # There are always samples where something begins or ends; with a long step, no others.
             longest = max(ranked.assessment.time or 0.0 for ranked in feasible)
             how = f"Sampled every {dt:g} s and" if dt < longest else "Sampled only"
             how += " where a primitive or formula begins or ends"
-    # The bound is that of the changes that were found: such samples may be so far apart that others are missed.
+    # The bound covers the changes that were found: samples this far apart may miss others.
     return f"{how}, up to {_two_digits(gap)} s apart: {within} if coverage changes at most once between two samples."
 
 
 def short_times(text: str) -> str:
-    """A text with the times of the formulas in it as people read them, with two decimals."""
+    """A text in which the times of formulas have two decimals."""
     return _INTERVAL.sub(lambda interval: _TIME.sub(lambda t: f"{float(t[0]):.2f}", interval[0]), text)
 
 

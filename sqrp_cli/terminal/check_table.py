@@ -1,4 +1,4 @@
-"""What `sqrp check` and `sqrp rules` print: what can be done, why the rest cannot, and what each finding means."""
+"""The output of `sqrp check` and `sqrp rules`: what can be done, why the rest cannot, and what each finding means."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, pri
 
 
 def print_valid(path: str, name: str, warnings: Sequence[Problem]) -> None:
-    """That a workspace is valid, and what to do with it. path: as it was given."""
+    """The message that a workspace is valid, and how to go on. path: as it was given."""
     findings = f"{len(warnings)} warning{'s' if len(warnings) > 1 else ''}" if warnings else "nothing to complain about"
     say(f"{name} is valid: {findings}.")
     if all(problem.code != "no-skills" for problem in warnings):
@@ -26,7 +26,7 @@ def print_valid(path: str, name: str, warnings: Sequence[Problem]) -> None:
 def print_candidates(
     task: str, workspace: str, found: Sequence[Feasibility], suggested: Sequence[SuggestedStep]
 ) -> None:
-    """A row per candidate, and the steps that have to be done first where none can be done at once."""
+    """A row per candidate, and the steps to do first if none can be done at once."""
     feasible = sum(feasibility.feasible for feasibility in found)
     say(f"{task} in {workspace}: {feasible} of {len(found)} candidates can be done\n")
     rows = [
@@ -49,7 +49,7 @@ def print_candidates(
 
 
 def print_suggested(suggested: Sequence[SuggestedStep]) -> None:
-    """What can be done so that a task gets done: a row per step, all of which are feasible."""
+    """The steps that lead to a task, a row each; all are feasible."""
     say("\nIt can be done in these steps, each in its best way:\n")
     columns = [Column("#"), Column("step"), Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True)]
     rows = [
@@ -83,7 +83,7 @@ def print_rule(rule: Rule) -> None:
 
 
 def _plan_in_words(suggestion: Suggestion) -> str:
-    """How planning ended; for a plan of which a step cannot be done, which and why."""
+    """How planning ended; if a step of the plan cannot be done, which one and why."""
     steps = (*(suggestion.steps or ()), *((suggestion.last,) if suggestion.last else ()))
     failing = next((step for step in steps if not step.feasible), None)
     if failing is None:

@@ -1,7 +1,7 @@
 """What the terminal shows: tables, bars, progress and problems. The only module that knows Rich.
 
-All text but JSON goes through here and is made fit to be shown (`_text`, `_put`): names, paths and tasks come from
-files that others wrote.
+All text but JSON goes through here and is cleaned (`_text`, `_put`): names, paths and tasks come from files that
+others wrote.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ BAR_WIDTH = 8
 """Cells of a bar in a table."""
 
 Styled = str | Text
-"""Text with or without a style; Text is made by `plain`, `joined` and `percentage` alone, so it is fit to be shown."""
+"""Text with or without a style; only `plain`, `joined` and `percentage` make a Text, so it is clean."""
 
 PROGRESS_WIDTH = 20
-"""Cells of the bar of progress."""
+"""Cells of the progress bar."""
 
 LEAST_WIDTH = 20
-"""Columns that lines are written for where the terminal has fewer."""
+"""Least width that lines are laid out for, even in a narrower terminal [columns]."""
 
 LONGEST_TITLE = 9
-"""Longest word of a title that is not broken where there is little room."""
+"""Words of a title up to this length are never broken."""
 
 LEAST_FOLDED = 16
-"""Cells that a column whose text is folded needs at least."""
+"""Least width of a column with folded text [cells]."""
 
 SEVERITY_STYLES = {"error": "bold red", "warning": "yellow"}
-"""How errors and warnings are shown."""
+"""Styles of errors and warnings."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table. Its title may have lines.
+    """A column of a table. Its title may have several lines.
 
-    Numbers are set to the right. shrink: whether long text may be folded to fit the terminal.
+    Numbers are right-aligned. shrink: whether long text may be folded to fit the terminal.
     """
 
     title: str
@@ -60,7 +60,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Share:
-    """A cell with a share in 0..1: a bar and a number, or the number alone where there is little room."""
+    """A cell with a share in 0..1: a bar and a number, or only the number if space is short."""
 
     value: float | None
 
@@ -70,14 +70,14 @@ Cell = Styled | Share
 
 
 _captured: ContextVar[Console | None] = ContextVar("captured", default=None)
-"""The console that results go to while they are kept as text."""
+"""The console of results while they are captured as text."""
 
 NOTEBOOK_WIDTH = 100
 """Columns of results in a notebook."""
 
 
 def as_plain_text(show: Callable[[], None]) -> str:
-    """What a function prints as results, without styles, as wide as the terminal is."""
+    """The results that a function prints, without styles, in the width of the terminal."""
     console = Console(file=io.StringIO(), width=terminal_width(), highlight=False, emoji=False, no_color=True)
     with _instead(console):
         show()
@@ -86,7 +86,7 @@ def as_plain_text(show: Callable[[], None]) -> str:
 
 
 def as_html(show: Callable[[], None]) -> str:
-    """What a function prints as results, with their colours, for a notebook."""
+    """The results that a function prints, with their colours, for a notebook."""
     console = Console(
         file=io.StringIO(),
         width=NOTEBOOK_WIDTH,
@@ -112,7 +112,7 @@ def _instead(console: Console) -> Iterator[None]:
 
 
 def output() -> Console:
-    """The console of results: on stdout, unless they are kept as text."""
+    """The console of results: on stdout, unless they are captured as text."""
     captured = _captured.get()
     if captured is not None:
         return captured
@@ -122,7 +122,7 @@ def output() -> Console:
 
 
 def terminal_width() -> int:
-    """Columns of the terminal that results go to."""
+    """Width of the terminal of results [columns]."""
     return output().width
 
 
@@ -134,8 +134,8 @@ def diagnostics() -> Console:
 def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> None:
     """A table without frames, two spaces between columns.
 
-    Where the terminal is too narrow for it, bars give way and titles are broken; where that is not enough, each row
-    becomes a paragraph of titles and values, which no figure is folded in.
+    If the terminal is too narrow, bars are left out and titles broken; if that is not enough, each row becomes a
+    paragraph of titles and values, in which no figure is folded.
     """
     console, lines = output(), list(rows)
     for narrow in (False, True):
@@ -150,9 +150,9 @@ def print_table(columns: Sequence[Column], rows: Iterable[Sequence[Cell]]) -> No
     for line in lines:
         head, *values = (_styled(cell, bar=False) for cell in line)
         named = zip([_title(column) for column in columns[1:]], values, strict=True)
-        told = [Text.assemble(*_named(title), value) for title, value in named if str(value).strip()]
+        pairs = [Text.assemble(*_named(title), value) for title, value in named if str(value).strip()]
         name = Text.assemble(*_named(_title(columns[0])), head, style="bold")
-        paragraph = Text.assemble(name, ": " if told else "", Text(", ").join(told))
+        paragraph = Text.assemble(name, ": " if pairs else "", Text(", ").join(pairs))
         for number, piece in enumerate(paragraph.wrap(console, console.width - 2)):
             piece.rstrip()
             _put(console, Text.assemble("  " if number else "", piece))
@@ -173,7 +173,7 @@ def _named(title: str) -> tuple[str, ...]:
 
 
 def _broken(title: str, width: int) -> str:
-    """A title in lines no longer than its column is wide anyway, or else as short as can be."""
+    """A title in lines that fit its column, or else are as short as possible."""
     words = [word if len(word) <= LONGEST_TITLE else word.replace("_", "_\n") for word in title.split()]
     lines = words[:1]
     for word in words[1:]:
@@ -183,7 +183,7 @@ def _broken(title: str, width: int) -> str:
 
 
 def _width(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequence[Text]]) -> int:
-    """Width that a table takes at least."""
+    """Least width of a table."""
     total = 2 * (len(columns) - 1)
     for column, title, values in zip(columns, titles, zip(*cells, strict=True) if cells else titles, strict=True):
         widest = max(cell_len(line) for text in (title, *map(str, values)) for line in text.split("\n"))
@@ -202,7 +202,7 @@ def _grid(columns: Sequence[Column], titles: Sequence[str], cells: Sequence[Sequ
 
 
 def _print_grid(console: Console, grid: Table) -> None:
-    """Print a table without the blanks that fill its last column, which Rich has no option to leave out."""
+    """Print a table without the blanks that pad its last column; Rich has no option for this."""
     for segments in console.render_lines(grid, pad=False):
         line = Text.assemble(*((segment.text, segment.style or "") for segment in segments))
         line.rstrip()
@@ -210,13 +210,13 @@ def _print_grid(console: Console, grid: Table) -> None:
 
 
 def _put(console: Console, line: Text) -> None:
-    """Print a line as it is, if no CI server takes it for a command."""
+    """Print a line as it is, unless a CI server would take it for a command."""
     line.plain = harmless(line.plain)
     console.print(line, soft_wrap=True)
 
 
 def _text(text: Styled, style: str = "") -> Text:
-    """Text fit to be shown. One line break may begin and one may end it; any other is somebody's data."""
+    """Clean text. One line break may begin and one may end it; any other comes from foreign data."""
     if isinstance(text, Text):
         return Text.assemble(text, style=style)
     shown = one_line(text)
@@ -233,9 +233,9 @@ def say(text: Styled = "", style: str | None = None) -> None:
 
 
 def say_command(text: str, command: str, style: str | None = None) -> None:
-    """A sentence that ends in a command, which is never folded, so that it can be copied.
+    """A sentence that ends in a command. The command is never folded, so that it can be copied.
 
-    Where the terminal is too narrow for both, the command has a line of its own.
+    If the terminal is too narrow for both, the command gets its own line.
     """
     if cell_len(f"{text} {command}") <= output().width:
         say(f"{text} {command}", style)
@@ -250,7 +250,7 @@ def say_line(text: Styled, style: str | None = None) -> None:
 
 
 def say_raw(text: str) -> None:
-    """Text for other programs, unchanged: only for JSON, which escapes what a terminal would obey."""
+    """Text for other programs, unchanged: only for JSON, which escapes control characters."""
     sys.stdout.write(text + "\n")
 
 
@@ -260,9 +260,9 @@ def note(text: str) -> None:
 
 
 def ask(question: str) -> str:
-    """What the user answers, without blanks around it; raises EOFError if there is no more input.
+    """The user's answer, without blanks around it; raises EOFError if there is no more input.
 
-    An answer that no terminal shows, as from a pipe, is repeated.
+    An answer from a pipe is echoed, since no terminal shows it.
     """
     answer = input(harmless(_text(question).plain)).strip()
     if not sys.stdin.isatty():
@@ -271,7 +271,7 @@ def ask(question: str) -> str:
 
 
 def print_problems(problems: Iterable[Problem]) -> None:
-    """Problems on stderr: place, what was found and expected, the line with a caret, and what mends it."""
+    """Problems on stderr: place, what was found and expected, the line with a caret, and how to mend it."""
     console = diagnostics()
     for problem in problems:
         line = Text.assemble((f"{problem.severity}: ", SEVERITY_STYLES[problem.severity]))
@@ -303,7 +303,7 @@ def blocks(share: float) -> str:
 
 
 class Advance(Protocol):
-    """Called when more parts of the work are done."""
+    """Called when parts of the work are done."""
 
     def __call__(self, count: int = 1) -> None:
         """Count them."""
@@ -313,7 +313,7 @@ class Advance(Protocol):
 def progress(title: str, total: int | None) -> Iterator[Advance]:
     """Progress on stderr with done/total and time left; it vanishes when done, and log files get none.
 
-    total: None where it is not known beforehand.
+    total: None if it is not known beforehand.
     """
     console = diagnostics()
     columns = [
@@ -322,7 +322,7 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
         MofNCompleteColumn(),
         TimeRemainingColumn(compact=True),
     ]
-    # What comes after the title is cut off first where a line is too long, but matters more.
+    # Rich cuts the end of a long line first, but what follows the title matters more.
     rest = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- ")
     shown = _text(title)
     shown.truncate(max(console.width - rest - 1, LEAST_WIDTH), overflow="ellipsis")
@@ -332,7 +332,7 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
 
 
 class Show(Protocol):
-    """Called with the text that is to be shown now."""
+    """Called with the new text to show."""
 
     def __call__(self, text: Styled) -> None:
         """Replace what was shown."""
@@ -340,7 +340,7 @@ class Show(Protocol):
 
 @contextmanager
 def live() -> Iterator[Show | None]:
-    """Text on stderr that changes in place and vanishes when done; None where stderr is no terminal."""
+    """Text on stderr that changes in place and vanishes when done; None if stderr is no terminal."""
     console = diagnostics()
     if not console.is_terminal:
         yield None
@@ -355,5 +355,5 @@ def plain(text: str, style: str = "") -> Text:
 
 
 def joined(parts: Sequence[Styled | tuple[str, str]]) -> Text:
-    """Pieces of text, each with its own style, in a row; those with a style have no line breaks."""
+    """Pieces of text in a row, each with its own style; styled ones have no line breaks."""
     return Text.assemble(*((one_line(part[0]), part[1]) if isinstance(part, tuple) else _text(part) for part in parts))

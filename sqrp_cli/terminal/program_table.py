@@ -13,7 +13,7 @@ from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain
 
 
 def print_program(program: Program, file: Path) -> None:
-    """A row per step, the totals, what the tool has to do when, and how to go on."""
+    """A row per step, the totals, the tool's actions with their times, and how to go on."""
     count = len(program.steps)
     totals = Totals.of(program)
     folder = workspace_path(program, file).parent

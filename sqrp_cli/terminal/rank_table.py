@@ -24,11 +24,11 @@ _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "delay": ("a mean delay of", 1.0, "{:.2f} s"),
     "expected_time": ("all done at", 1.0, "{:.1f} s"),
 }
-"""How the figure of each criterion is named, scaled and shown."""
+"""Name, scale and format of each criterion's figure."""
 
 
 def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked], by: Criterion) -> None:
-    """The table with a row per feasible candidate, the infeasible ones with reasons, and what to make of it."""
+    """The table with a row per feasible candidate, the infeasible ones with reasons, and a summary."""
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
     workspace = assignment.cell.workspace.name
     say(joined([(title, "bold"), f" in {workspace}: {summary(ranking, by)}\n"]))
@@ -57,7 +57,7 @@ def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked],
 
 
 def _print_infeasible(assessments: Sequence[Assessment]) -> None:
-    """A line for each reason, with the ways of doing it with the same objects that have it in common."""
+    """A line for each reason, with the candidates of the same objects that share it."""
     groups: dict[tuple[str, str], list[str]] = {}
     for assessment in assessments:
         objects = " ".join(assessment.candidate.binding.values())
@@ -68,7 +68,7 @@ def _print_infeasible(assessments: Sequence[Assessment]) -> None:
 
 
 def _print_calibration(assignment: Assignment, feasible: Sequence[Ranked], by: Criterion) -> None:
-    """What inexact camera poses do to the qualities and to who is first."""
+    """The effect of inexact camera poses on the qualities and on the first place."""
     calibration = assignment.calibration
     if calibration is None:
         return
@@ -122,7 +122,7 @@ def _row(ranked: Ranked, parameters: Sequence[str]) -> list[Cell]:
 
 
 def _fault_cells(faults: Mapping[str, FaultMetrics], retried: Collection[str]) -> list[Styled]:
-    """Delays of the worst fault in each, and when all is done after the worst that is retried; none without faults."""
+    """Columns for the worst fault: its delays, and the time until all is done after a retry; none without faults."""
     if not faults:
         return []
     style = "red" if any(fault.unseen > 0 for fault in faults.values()) else ""
@@ -156,7 +156,7 @@ def _strengths(assessment: Assessment) -> str:
 
 
 def _margin(first: Assessment, second: Assessment, by: Criterion) -> str:
-    """How the first compares with the second, by the criterion or by what broke the tie."""
+    """The first compared with the second, by the criterion or by what broke the tie."""
     rival = second.candidate.name
     for criterion in (by, "q_avg", "time"):
         own, other = criterion_figure(first, criterion), criterion_figure(second, criterion)

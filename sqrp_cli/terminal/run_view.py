@@ -1,4 +1,4 @@
-"""How runs look in the terminal: live while they happen, and as tables when they are over."""
+"""Runs in the terminal: a live view while they happen, then tables."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ if TYPE_CHECKING:
     from sqrp_cli.runtime.run.simulation import SweepRun, SweepSummary
 
 MOST_DISAGREEMENTS = 8
-"""Groups of disagreements that a table lists."""
+"""Groups of disagreements in a table."""
 
 _STYLES = {Truth.TRUE: "green", Truth.FALSE: "cyan", Truth.UNKNOWN: "yellow"}
 
 _REPLAY_SPEED = 4.0
-"""How many times as fast as it happened a replay is shown."""
+"""Speed of a replay, as a multiple of real time."""
 
 
 class LiveView:
-    """What happens now, on stderr if that is a terminal: a listener of a run and a context manager."""
+    """Shows live what happens, on stderr if it is a terminal: a listener of a run and a context manager."""
 
     def __init__(self, cameras: Sequence[str], *, pace: bool = False) -> None:
         """pace: show events at a steady pace, not as they come."""
@@ -96,7 +96,7 @@ class LiveView:
 
 
 def _in_words(event: Event) -> str | None:
-    """What happens; None for what is told elsewhere in the view."""
+    """The event in words; None if the view shows it elsewhere."""
     match event:
         case FaultInjected(fault=fault):
             return f"{fault} is made to happen"
@@ -140,7 +140,7 @@ def print_run(workspace: str, report: RunReport, period: float | None = None) ->
 
 
 def _print_unseen(report: RunReport) -> None:
-    """What no camera saw at the end of steps that are done, so that nobody knows whether it held."""
+    """The literals that no camera saw at the end of finished steps, so that a fault may be unnoticed."""
     for number, step in enumerate(report.steps, 1):
         if step.end is not None and step.unseen:
             end = "the motion" if len(report.steps) == 1 else f"step {number}"
@@ -177,7 +177,7 @@ def _print_faults(report: RunReport) -> None:
 
 
 def _print_late(faults: Sequence[FaultRecord], period: float | None) -> None:
-    """Which faults were seen later than predicted, and what that may be due to."""
+    """The faults that were seen later than predicted, and a possible reason."""
     for fault in faults:
         if fault.delay is None or fault.predicted_delay is None or period is None:
             continue

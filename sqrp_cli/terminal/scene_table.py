@@ -1,4 +1,4 @@
-"""What `sqrp show` and `sqrp init` print about a cell."""
+"""The output of `sqrp show` and `sqrp init`."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def print_scene(cell: Cell) -> None:
     say()
     X_WO = cell.initial_world.X_WO
     objects = [
-        (thing.name, " ".join(filter(None, (thing.color, thing.type, *thing.attributes))), _numbers(thing.size),
-         _numbers(X_WO[thing.name][:3, 3]) if thing.name in X_WO else "unknown",
-         "fixed" if thing.fixed else "movable", "tool" if thing.X_TO is not None else thing.on or "")
-        for thing in workspace.objects.values()
+        (obj.name, " ".join(filter(None, (obj.color, obj.type, *obj.attributes))), _numbers(obj.size),
+         _numbers(X_WO[obj.name][:3, 3]) if obj.name in X_WO else "unknown",
+         "fixed" if obj.fixed else "movable", "tool" if obj.X_TO is not None else obj.on or "")
+        for obj in workspace.objects.values()
     ]  # fmt: skip
     print_table(
         [Column("object"), Column("what"), Column("size [m]"), Column("at [m]"), Column(""), Column("on")], objects
@@ -62,7 +62,7 @@ def print_scene(cell: Cell) -> None:
 
 
 def print_new_cell(folder: Path, starter: Starter, *, own_arm: bool) -> None:
-    """What was made, and how to go on. folder: as it was given; own_arm: whether the arm is the user's."""
+    """The new workspace, and how to go on. folder: as it was given; own_arm: whether the arm is the user's."""
     where = shlex.quote(str(folder))
     say(f"{where} is a new workspace: workspace.yaml says what is in the cell, skills/pickup how a task is done.")
     if own_arm:
@@ -73,7 +73,7 @@ def print_new_cell(folder: Path, starter: Starter, *, own_arm: bool) -> None:
 
 
 def _print_hand(robot: Robot) -> None:
-    """The fingers and the markers on links, where there are any."""
+    """The fingers and the markers on links, if there are any."""
     if robot.fingers is not None:
         joints = (
             f"{name} {1000 * opened:.0f} mm open, {1000 * robot.fingers.closed[name]:.0f} mm closed"
@@ -86,7 +86,7 @@ def _print_hand(robot: Robot) -> None:
 
 
 def _checked_pairs(cell: Cell) -> str:
-    """Which pairs of links are checked against each other, and which are not."""
+    """Which pairs of links are checked for contact, and which are not."""
     checked = len(cell.collision.self_pairs)
     contacts = cell.self_contacts
     if contacts is None:

@@ -1,4 +1,4 @@
-"""What `sqrp score`, with and without `--vary`, and `sqrp diff` print."""
+"""The output of `sqrp score`, with and without `--vary`, and `sqrp diff`."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table
 _STYLES = {"passed": "green", "failed": "red", "error": "bold red"}
 
 ROWS = 20
-"""Variants that the table shows; the document has all."""
+"""Variants in the table; the document has all."""
 
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "can be\ndone", "tasks\npassed")
 
 
 def print_report(findings: Scorecard) -> None:
-    """The table with a row per task, then a sentence for everything that is not as it should be."""
+    """The table with a row per task, then a sentence for every failure."""
     if findings.results:
         print_results(findings.results)
     for result in findings.results:
@@ -64,7 +64,7 @@ def print_comparison(findings: Scorecard) -> None:
 
 
 def print_difference(findings: Scorecard) -> None:
-    """What differs between two versions, and what that does to every way of doing a task."""
+    """What differs between two versions, and the effect on every way of doing a task."""
     if findings.interrupted:
         say("Interrupted before the two versions could be compared.")
         return
@@ -102,7 +102,7 @@ def verdict(findings: Scorecard) -> str:
 
 
 def print_sweep(sweep: Sweep, patch: Path) -> None:
-    """The table of variants, the best first, and what to do with it. patch: the file that makes the best of it."""
+    """The table of variants, the best first, and how to apply it. patch: the file with the best variant."""
     paths = [path for path, _ in max((scored.variant.values for scored in sweep.variants), key=len)]
     columns = [Column("#", right=True), *(Column(name, right=True, shrink=True) for name in column_titles(paths))]
     columns += [Column(title, right=True) for title in _FIGURES]
@@ -121,7 +121,7 @@ def print_sweep(sweep: Sweep, patch: Path) -> None:
 
 
 def column_titles(paths: list[str]) -> list[str]:
-    """The end of each path under the name of what it belongs to, such as a camera; whole paths if two look alike."""
+    """Titles: the end of each path under the name of its owner, such as a camera; whole paths if two look alike."""
     titles = ["\n".join(_owner_and_end(path.split("."))) for path in paths]
     return titles if len(set(titles)) == len(titles) else paths
 
@@ -168,7 +168,7 @@ def _variant_row(rank: int, scored: ScoredVariant, paths: list[str]) -> list[Sty
 
 
 def _reasons(shown: list[tuple[int, ScoredVariant]]) -> dict[str, list[int]]:
-    """Why variants cannot be scored, each reason with the ranks of those that it keeps."""
+    """Why variants cannot be scored: each reason with the ranks of its variants."""
     found: dict[str, list[int]] = {}
     for rank, scored in shown:
         errors = [result.score for result in scored.findings.results if result.score.status == "error"]

@@ -18,10 +18,10 @@ from sqrp_cli.report.sentences import accuracy
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
 
 MOST_SIGNS = 50
-"""Signs in a row, where the terminal is wide enough; each stands for an equal share of the motion's time."""
+"""Signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time."""
 
 LEAST_SIGNS = 20
-"""Signs in a row, however narrow the terminal is."""
+"""Least number of signs in a row, even in a narrow terminal."""
 
 FIGURES = 12
 """Width of the figures behind the rows."""
@@ -42,16 +42,18 @@ SIGNS: dict[Cause, tuple[str, str]] = {
 }
 """Sign and colour of each cause."""
 
-NOT_ASKED = ("·", "dim")
-"""Sign where no formula asks for a literal."""
+NOT_REQUIRED = ("·", "dim")
+"""Sign where no formula requires a literal."""
 
-LEGEND = "█ covered  h hidden  o out of image  f too far  n too near  a angle  s too small  - not covered  · not asked"
+LEGEND = (
+    "█ covered  h hidden  o out of image  f too far  n too near  a angle  s too small  - not covered  · not required"
+)
 
 
 def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampling) -> None:
-    """The timeline of a candidate, the totals of its causes, the verdict and how exact that is.
+    """The timeline of a candidate, the totals of its causes, the verdict and its accuracy.
 
-    Of an infeasible one the reasons.
+    For an infeasible candidate, the reasons.
     """
     assessment = ranked.assessment
     if study is None:
@@ -88,7 +90,7 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampl
 
 
 def print_comparison(explained: Sequence[tuple[Ranked, Study | None]], sampling: Sampling) -> None:
-    """Every candidate's coverage on one scale of time, a row each, and the verdicts."""
+    """The coverage of every candidate on one time scale, a row each, and the verdicts."""
     longest = max((study.motion.time for _, study in explained if study is not None), default=0.0)
     say(plain(" " * LABEL + _axis(longest)))
     for ranked, study in explained:
@@ -113,7 +115,7 @@ def print_comparison(explained: Sequence[tuple[Ranked, Study | None]], sampling:
 
 
 def _label(name: str, style: str = "bold") -> list[Styled | tuple[str, str]]:
-    """A name in front of a row; one that is too long gets a line of its own."""
+    """A name in front of a row; a long one gets its own line."""
     return [(name.ljust(LABEL), style), *(["\n" + " " * LABEL] if len(name) >= LABEL else [])]
 
 
@@ -132,7 +134,7 @@ def _axis(time: float) -> str:
 
 
 def _camera_failures(cell: Cell, study: Study, assessment: Assessment) -> str:
-    """One sentence about what each camera's failure would cost."""
+    """One sentence about the cost of each camera's failure."""
     needed, spare = [], []
     for name, without in without_each_camera(cell, study).items():
         losses = [
@@ -189,20 +191,20 @@ class _Chart:
             rows += ["", self._coverage(str(target.atom), observation.covered[:, column], required)]
             for index, camera in enumerate(cell.observer.cameras):
                 causes = [failure.cause for failure in first_failures(boxes, np.arange(len(required)), index)]
-                signs = [SIGNS[causes[row]] if required[row] else NOT_ASKED for row in self._row]
+                signs = [SIGNS[causes[row]] if required[row] else NOT_REQUIRED for row in self._row]
                 seen = np.array([cause is Cause.NONE for cause in causes])
                 share = self._share(seen & required, required)
                 rows.append(joined([*_label(f"  {camera.name}", ""), *signs, share]))
         return rows
 
     def state_signs(self) -> list[tuple[str, str]]:
-        """The coverage of the state, with what is not covered in an event of interest marked."""
+        """The coverage of the state; gaps in an event of interest are marked."""
         timeline = self._study.timeline
         missed = np.where(timeline.interesting, "!", "-")
         return self._signs(timeline.covered, timeline.monitored, missed)
 
     def primitives_row(self) -> str:
-        """Where each primitive begins: its name, as far as there is room until the next one."""
+        """The name of each primitive at its beginning, as far as there is room before the next."""
         primitives = self._study.motion.primitives
         starts = [round(primitive.start * self._scale) for primitive in primitives]
         row = [" "] * len(self._row)
@@ -211,21 +213,21 @@ class _Chart:
             row[start : start + len(name)] = name
         return "".join(row)
 
-    def _coverage(self, label: str, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> Styled:
-        signs = self._signs(covered, asked, np.full(len(asked), "-"))
-        return joined([*_label(label), *signs, self._share(covered, asked)])
+    def _coverage(self, label: str, covered: NDArray[np.bool_], required: NDArray[np.bool_]) -> Styled:
+        signs = self._signs(covered, required, np.full(len(required), "-"))
+        return joined([*_label(label), *signs, self._share(covered, required)])
 
     def _signs(
-        self, covered: NDArray[np.bool_], asked: NDArray[np.bool_], missed: NDArray[np.str_]
+        self, covered: NDArray[np.bool_], required: NDArray[np.bool_], missed: NDArray[np.str_]
     ) -> list[tuple[str, str]]:
         return [
-            NOT_ASKED if not asked[row] else ("█", "green") if covered[row] else (str(missed[row]), "red")
+            NOT_REQUIRED if not required[row] else ("█", "green") if covered[row] else (str(missed[row]), "red")
             for row in self._row
         ]
 
-    def _share(self, covered: NDArray[np.bool_], asked: NDArray[np.bool_]) -> str:
+    def _share(self, covered: NDArray[np.bool_], required: NDArray[np.bool_]) -> str:
         """Share of the time between neighbouring samples that are both covered, as Q counts it."""
         steps = np.nan_to_num(self._study.timeline.steps)
-        total = float(steps[asked[:-1] & asked[1:]].sum())
-        seen = covered & asked
+        total = float(steps[required[:-1] & required[1:]].sum())
+        seen = covered & required
         return f" {100 * float(steps[seen[:-1] & seen[1:]].sum()) / total:5.1f} %" if total else ""

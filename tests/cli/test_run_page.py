@@ -80,7 +80,7 @@ def test_the_time_is_told_in_words(opened):
     assert opened.texts("#now-time") == ["2.50 s, a2"]
     assert not opened.page.locator("#view").is_visible()
     (note,) = opened.texts("#note")
-    assert note == "There is no playback in three dimensions: this log does not tell where everything was."
+    assert note == "There is no playback in three dimensions: this log does not say where everything was."
 
 
 def test_what_an_image_shows_counts_from_when_it_was_taken(opened):

@@ -36,7 +36,7 @@ class CandidateFigures(Record):
     q_avg: float | None
     q_eoi: float | None
     t_total: float | None
-    """T, the time that formulas ask about [s]."""
+    """T, the time that formulas monitor [s]."""
     t_eoi: float | None
     """T_eoi, the time of the events of interest [s]."""
     faults: Mapping[str, FaultMetrics]
@@ -102,7 +102,7 @@ class SamplingDone(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class RecalibratedCandidate(Record):
-    """What inexact camera poses do to a candidate."""
+    """Effect of inexact camera poses on a candidate."""
 
     parameters: Mapping[str, float | str]
     first: int
@@ -115,7 +115,7 @@ class RecalibratedCandidate(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Recalibrated(Record):
-    """What inexact camera poses do."""
+    """Effect of inexact camera poses."""
 
     position: float
     """Standard deviation along each axis of each camera [m]."""
@@ -127,7 +127,7 @@ class Recalibrated(Record):
 
     @classmethod
     def of(cls, assignment: Assignment, assessments: Sequence[Assessment], by: Criterion) -> Recalibrated | None:
-        """How often each candidate is first, and the spread of its qualities; None if that was not asked for."""
+        """How often each candidate is first, and the spread of its qualities; None if not requested."""
         calibration = assignment.calibration
         if calibration is None:
             return None
@@ -168,6 +168,6 @@ class RankDocument(TaskDocument):
     calibration: Recalibrated | None = field(default=None, metadata=LEFT_OUT)
     """With `--calibration`."""
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
-    """True where Ctrl-C came before all candidates were finished."""
+    """True if Ctrl-C came before all candidates were finished."""
     candidates: tuple[CandidateFigures, ...]
     """Best first, infeasible ones last."""

@@ -42,7 +42,7 @@ class ReportedProblem(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedStep(Record):
-    """A step that has to be done first, in the best of its ways."""
+    """A step that has to be done first, in its best way."""
 
     action: str
     feasible: bool
@@ -125,7 +125,7 @@ class RuleEntry(Record):
     meaning: str
     why: str
     file: str | None
-    """The file that the examples are from; null for a command line or a description."""
+    """The file of the examples; null if they are command lines or descriptions."""
     passes: str
     """An example without the finding."""
     fails: str

@@ -41,8 +41,8 @@ class TaskDocument(Document):
 def as_text(document: Document) -> str:
     """A document as one line of JSON. Raises ValueError if a figure is not finite.
 
-    What is no ASCII is escaped, so that it is exact on any stream and no terminal obeys it; of two `#` in a row, with
-    which commands to CI servers begin, so is the second.
+    Non-ASCII characters are escaped, so that they survive any stream and no terminal obeys them. So is the second of
+    two `#` in a row, with which commands to CI servers begin.
     """
     return json.dumps(document, default=plain, allow_nan=False).replace("##", "#\\u0023")
 

@@ -1,4 +1,4 @@
-"""`explain`: a candidate with everything from which its figures can be computed again."""
+"""`explain`: a candidate with all data from which its figures can be recomputed."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Formula(Record):
     end: float
     literals: list[str]
     fault: str | None
-    """The fault that the formula is of, if any."""
+    """The fault that the formula describes, if any."""
 
     @classmethod
     def of(cls, formula: GroundFormula) -> Formula:
@@ -75,7 +75,7 @@ class CameraTiming(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class RecoveryTimes(Record):
-    """How long it takes to stop at a time and move back to the start, linear in between."""
+    """Time to stop and move back to the start, from given instants; linear in between."""
 
     t: list[float]
     duration: list[float]
@@ -83,7 +83,7 @@ class RecoveryTimes(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class ExplainedBox(Record):
-    """Where to look for what."""
+    """A box: where to look, and what for."""
 
     name: str
     detector: str
@@ -121,7 +121,7 @@ class Verdict(Record):
     cause: str | None
     """The first limit that fails."""
     by: str | None
-    """What hides it, or on which side it is out of the image."""
+    """What hides it, or the side on which it is out of the image."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,7 +152,7 @@ class LiteralCoverage(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class Sample(Record):
-    """An instant. One that is sampled twice, as it is on its left and on its right, is two samples of equal t."""
+    """An instant. At a change there are two samples of equal t, before and after it."""
 
     t: float
     q: Mapping[str, float]
@@ -161,7 +161,7 @@ class Sample(Record):
     """In the world."""
     held: str | None
     covered: bool | None
-    """Null where no formula asks."""
+    """Null where no formula requires anything."""
     literals: Mapping[str, LiteralCoverage]
 
 
@@ -181,7 +181,7 @@ class CandidateStudy(CandidateFigures):
 
     @classmethod
     def of_study(cls, cell: Cell, study: Study, ranked: Ranked, sampling: Sampling) -> CandidateStudy:
-        """A feasible candidate with all that was computed of it."""
+        """A feasible candidate with everything computed about it."""
         return cls(
             **vars(CandidateFigures.of(ranked)),
             sampling=SamplingDone.of(sampling, [ranked.assessment]),

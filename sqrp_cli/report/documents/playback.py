@@ -1,4 +1,4 @@
-"""What a page plays: a candidate's motion as predicted, or a run as it was, with what images showed."""
+"""What a page plays: a candidate's motion as predicted, or a run with what images showed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sqrp_cli.report.documents.explanation import CandidateStudy, Sample, Span
 
 @dataclass(frozen=True, kw_only=True)
 class PlayedCandidate(CandidateStudy):
-    """A candidate without what follows from the rest: corners of boxes, and poses of objects that never move."""
+    """A candidate without redundant data: corners of boxes, and poses of objects that never move."""
 
     still: Mapping[str, Pose]
     """Objects that never move, in the world."""
@@ -52,7 +52,7 @@ class ShownLiteral(Shown):
     boxes: list[None]
     cameras: Mapping[str, Shown]
     really: bool | None
-    """The value in the simulation then."""
+    """The value in the simulation at that time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,7 +61,7 @@ class ShownInstant(Record):
 
     t: float
     covered: bool | None
-    """Whether they showed every literal that is asked about; null where none is."""
+    """Whether they showed every required literal; null where none is required."""
     kind: str
     literals: Mapping[str, ShownLiteral]
 

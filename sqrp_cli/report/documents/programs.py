@@ -80,9 +80,9 @@ class ProgramTotal(Record):
     delay_worst: float | None
     """The slowest alarm [s]."""
     fault: str | None
-    """Of which fault it is."""
+    """Its fault."""
     step: int | None
-    """In which step, from 1."""
+    """Its step, from 1."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""`run` and `audit`: what happened, and how well predictions came true."""
+"""`run` and `audit`: what happened, and which predictions came true."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Counts = Mapping[str, Mapping[str, Confusion]]
 
 @dataclass(frozen=True, kw_only=True)
 class Fault(Record):
-    """A fault with its times on the run's clock [s]; null for what never came."""
+    """A fault with its times on the run's clock [s]; null for what never happened."""
 
     name: str
     injected: float | None
@@ -29,9 +29,9 @@ class Fault(Record):
     recovered: float | None
     predicted_delay: float | None
     moved_on: float | None
-    """For how long the robot moved on to look after `detected` [s]."""
+    """How long the robot moved on to look, after `detected` [s]."""
     camera: str | None
-    """The camera that it befell; null for a fault of the step."""
+    """The camera that failed; null for a fault of the step."""
     delay: float | None
     """From `happened` to `detected` [s]."""
 
@@ -43,7 +43,7 @@ class Fault(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class StopTimes(Record):
-    """When the robot was last commanded to stop, and stood [s]."""
+    """When the robot was last commanded to stop, and when it stood still [s]."""
 
     told: float | None
     standing: float | None
@@ -156,7 +156,7 @@ class AuditDocument(Document):
     skipped: int
     """Images of times at which the step did not go as planned."""
     repeated: int
-    """Images that were the very image before them."""
+    """Images identical to the one before them."""
     precision: float | None
     """Share of the predicted images that showed the literal."""
     threshold: float

@@ -1,4 +1,4 @@
-"""`show` and `init`: what was understood of a workspace, and one that was just made."""
+"""`show` and `init`: a workspace as understood, and one just made."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class RobotScene(Record):
     geometry: Literal["collision", "visual"]
     """The geometry of the links that is opaque."""
     unchecked_pairs: list[list[str]]
-    """Links whose contact is not checked, beside neighbours."""
+    """Pairs of links that are not checked for contact, besides neighbours."""
 
     @classmethod
     def of(cls, cell: Cell) -> RobotScene:
@@ -168,7 +168,7 @@ class ObjectScene(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class OpaquePart(Record):
-    """Something solid that neither the URDF nor the box of an object tells."""
+    """A solid part that is neither in the URDF nor the box of an object."""
 
     name: str
     parent: str
@@ -190,7 +190,7 @@ class OpaquePart(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class ShowDocument(Document):
-    """What `sqrp show` understood."""
+    """What `sqrp show` prints."""
 
     workspace: str
     digest: str

@@ -34,16 +34,16 @@ DOCUMENTS: Mapping[str, Any] = {
 """What each command prints with `--json`."""
 
 RECORDS: Mapping[str, Any] = {"log": Event}
-"""What stands in each line of a file that commands write."""
+"""The content of each line of a file that commands write."""
 
 NAMES = (*FILES, *DOCUMENTS, *RECORDS)
 """Everything that has a schema."""
 
 
 def schema_of(name: str) -> dict[str, Any]:
-    """JSON Schema (2020-12) of files of that name, of the document of a command, or of a line of a log.
+    """JSON Schema (2020-12) of a kind of file, of a command's document, or of a line of a log.
 
-    Raises InputError for others.
+    Raises InputError for other names.
     """
     if name in FILES:
         return file_schema(name)

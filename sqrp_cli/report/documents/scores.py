@@ -64,7 +64,7 @@ class ComparedTask(Record):
     verdict: Verdict
     ways: list[ChangedWay]
     gone: list[str]
-    """Ways of doing it that are no longer there."""
+    """Ways of doing it that no longer exist."""
 
     @classmethod
     def of(cls, comparison: Comparison) -> ComparedTask:
@@ -101,7 +101,7 @@ class TaskResult(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class VanishedTask(Record):
-    """A task that only the baseline has."""
+    """A task that exists only in the baseline."""
 
     workspace: str
     task: str
@@ -109,16 +109,16 @@ class VanishedTask(Record):
 
 @dataclass(frozen=True, kw_only=True)
 class ScoreDocument(Document):
-    """What `sqrp score` and `sqrp diff` find; the same bytes however and wherever it was computed."""
+    """What `sqrp score` and `sqrp diff` find; the same bytes wherever it is computed."""
 
     results: list[TaskResult]
     changes: Mapping[str, list[Change]]
     """By workspace, since the baseline."""
     vanished: list[VanishedTask]
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
-    """True where Ctrl-C came before all was scored."""
+    """True if Ctrl-C came before everything was scored."""
     unfinished: int | None = field(default=None, metadata=LEFT_OUT)
-    """Then, how many results are missing."""
+    """If so, how many results are missing."""
     passed: bool
 
     @classmethod
@@ -140,11 +140,11 @@ class VariantResult(Record):
 
     rank: int
     values: Mapping[str, str]
-    """What differs from the workspace as it is, by path."""
+    """Values that differ from the workspace as it is, by path."""
     choices: int
     """Choices of objects of every task."""
     feasible: int
-    """Those of them that can be done; the figures are means over these."""
+    """Feasible ones among them; the figures are means over these."""
     q_eoi: float | None
     q_avg: float | None
     time: float | None

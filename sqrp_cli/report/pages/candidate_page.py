@@ -1,4 +1,4 @@
-"""The pages about candidates, of a ranking and of scores: the documents of `--json` with all that is shown beside."""
+"""The pages of a ranking and of scores: the documents of `--json` with everything that is shown beside them."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
         "task": task,
         "best": "" if best is None else best.assessment.candidate.name,
     }
-    # How the best compares with the others of its task says nothing about the other rows.
+    # The other rows are about other tasks, so a comparison within this one says nothing about them.
     candidate = None if best is None else replace(CandidateFigures.of(best), pareto=False)
     return PageRow(
         ", ".join(filter(None, labels.values())),
@@ -146,7 +146,7 @@ def cell_scene(cell: Cell) -> CellScene:
 
 
 def origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
-    """Where a page comes from: the command's arguments, and the version."""
+    """The command and the version that made the page."""
     return [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
 
 

@@ -1,4 +1,4 @@
-"""What comes from trimesh: the three.js viewer library that it ships, and simpler meshes."""
+"""From trimesh: the three.js viewer library that it ships, and simplified meshes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.platform.interrupts import interrupts_later
 
 MOST_TRIANGLES = 3000
-"""Triangles of a part in a page; a larger mesh is simplified to this many."""
+"""Triangles of a part in a page; larger meshes are simplified to this many."""
 
 _VIEWER = ("templates/viewer.zip", "viewer.html.template")
-"""Where trimesh keeps the page that it shows scenes with: an archive among its resources, and the file in it."""
+"""Where trimesh keeps its own viewer page: an archive among its resources, and the file in it."""
 
 
 def check_libraries() -> None:

@@ -1,6 +1,6 @@
-"""One self-contained page: it opens in any browser and asks no network for anything.
+"""One self-contained page: it opens in any browser and needs no network.
 
-It carries documents as text that is small and cannot become markup.
+Its documents are small texts that cannot become markup.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ DIGITS = 6
 """Decimals that figures keep: micrometres and microseconds."""
 
 _UNSEEN = ("Cc", "Cf", "Co", "Cs", "Zl", "Zp")
-"""Unicode's categories of characters that change a line without being seen in it."""
+"""Unicode categories of invisible characters that change a line."""
 
 SCRIPTS = ("data", "motion", "table", "plot", "timeline", "shape", "orbit", "camera", "sight", "scene", "main")
-"""The page's own scripts in the order in which they need each other."""
+"""The page's own scripts, each after those that it needs."""
 
 
 @dataclass(frozen=True, eq=False)
 class PageRow:
-    """A row of the page's table, with what is shown where it is chosen.
+    """A row of the page's table, with what is shown when it is selected.
 
-    name: of the whole. mark: what the row begins with, such as a rank; labels: what tells it from the others, by title.
-    candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of the cell
-    that it belongs to. detail: a `packed` `playback` of it; None without a motion.
-    figures: what is told instead of the candidate's figures, as pairs of a term and its value. retried: names of the
-    candidate's faults after which the robot tries again; after any other nothing is done, so no time for it is told.
+    name: of the whole. mark: the row's beginning, such as a rank; labels: what sets it apart from the others, by title.
+    candidate: its document in `rank --json`, None where there is none. reasons: what is wrong. scene: index of its
+    cell. detail: its `packed` `playback`; None without a motion.
+    figures: shown instead of the candidate's figures, as pairs of a term and its value. retried: names of the
+    candidate's faults after which the robot tries again; only these have a time for it.
     """
 
     name: str
@@ -65,10 +65,10 @@ class CellScene:
 
 @dataclass(frozen=True, eq=False)
 class PageContent:
-    """What a page tells.
+    """What a page shows.
 
     heading: of the table. about: what was computed, as pairs of a term and its value, such as version and command.
-    of_images: whether the details tell what images showed, and not what is predicted.
+    of_images: whether the details are what images showed, not what is predicted.
     """
 
     title: str
@@ -125,7 +125,7 @@ def packed(document: object) -> str:
 
 
 def tidy(value: Any) -> Any:  # noqa: ANN401 # a record, or a JSON value of any kind
-    """A record as a JSON value with figures rounded to `DIGITS`, and with strings that nothing can hide in."""
+    """A record as a JSON value, with figures rounded to `DIGITS` and invisible characters spelled out."""
     match value:
         case bool() | int() | None:
             return value
@@ -140,7 +140,7 @@ def tidy(value: Any) -> Any:  # noqa: ANN401 # a record, or a JSON value of any 
 
 
 def visible(text: str) -> str:
-    """A text with control and format characters spelled out, such as marks that turn the direction of writing."""
+    """A text with control and format characters spelled out, such as marks of writing direction."""
     return "".join(
         f"\\u{{{ord(character):x}}}" if unicodedata.category(character) in _UNSEEN else character for character in text
     )
@@ -161,7 +161,7 @@ def _row(entry: PageRow) -> dict[str, Any]:
 
 
 def _digest(script: str) -> str:
-    """How the page's policy names a script that may run; any other one may not."""
+    """How the page's policy names a script that may run; no other may."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 

@@ -12,7 +12,7 @@ Color = tuple[int, int, int]
 COVERED: Color = (42, 157, 111)
 HIDDEN: Color = (208, 58, 75)
 CULPRIT: Color = (238, 158, 166)
-"""What hides a target, in pictures; its outline must stand out from it."""
+"""Colour in pictures of what hides a target; the target's outline must stand out from it."""
 
 _NAMED: dict[str, Color] = {
     "red": (207, 74, 63),
@@ -34,7 +34,7 @@ _OTHER: Color = (170, 178, 185)
 
 
 def solid_colors(cell: Cell) -> list[Color]:
-    """A colour for every solid: objects have their own where it is known, links alternate, the tool stands out."""
+    """A colour for every solid: objects have their own if it is known, links alternate, the tool stands out."""
     shades = cycle(_ROBOT)
     colors = []
     for solid in cell.observer.solids:
@@ -47,5 +47,5 @@ def solid_colors(cell: Cell) -> list[Color]:
 
 
 def css(color: Color) -> str:
-    """As style sheets write it."""
+    """A colour in CSS."""
     return "#{:02x}{:02x}{:02x}".format(*color)

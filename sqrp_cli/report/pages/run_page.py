@@ -1,4 +1,4 @@
-"""The page about a run: what really happened in the simulated cell, what the images showed of it, and when."""
+"""The page about a run: what really happened in the simulated cell, and what the images showed when."""
 
 from __future__ import annotations
 
@@ -43,17 +43,17 @@ if TYPE_CHECKING:
 
 WITNESSED = (
     "The robot and the objects move here as they really did in the simulation. The monitors do not know that: they"
-    " judge by images alone. Boxes are where a thing was looked for; their colours, and those of the lines to the"
-    " cameras, say what the images taken at that time showed."
+    " judge by images alone. Boxes are where monitors looked for something; their colours, and those of the lines to"
+    " the cameras, say what the images taken at that time showed."
 )
 """What is shown in three dimensions, in words."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunCell:
-    """The cell of a run. digest: of its workspace's files then.
+    """The cell of a run. digest: of its workspace's files at the time.
 
-    workspace: the same, if its files are at hand. why_flat: what is missing for playback in three dimensions, if so.
+    workspace: None if its files are not at hand. why_flat: why there is no playback in three dimensions, if so.
     """
 
     name: str
@@ -77,7 +77,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
         if fault.delay is not None and fault.predicted_delay is not None:
             figures.append(("predicted: within", f"{fault.predicted_delay:.2f} s"))
     track = Track.of(events)
-    why_flat = cell.why_flat if track is not None else "this log does not tell where everything was"
+    why_flat = cell.why_flat if track is not None else "this log does not say where everything was"
     scenes = [] if cell.workspace is None or track is None else [cell_scene(Cell.load(cell.workspace))]
     watched = any(isinstance(event, EvidenceSeen) for event in events)
     entry = PageRow(
@@ -99,7 +99,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
 
 
 def _detail(cell: RunCell, report: RunReport, events: Sequence[Event], track: Track | None, why_flat: str) -> PlayedRun:
-    """What the page reads of a motion, with what images showed in place of what was predicted."""
+    """The playback of a run: a motion with what images showed in place of predictions."""
     marks = [(report.label_of(fault), _spans(report, fault)) for fault in report.faults]
     return PlayedRun(
         time=report.time,
@@ -117,12 +117,12 @@ def _detail(cell: RunCell, report: RunReport, events: Sequence[Event], track: Tr
 
 
 def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> list[ShownInstant | EndOfImages]:
-    """What the images of each time showed. The last ones count for as long as any before them, and nothing after.
+    """What the images of each time showed. The last ones count for as long as any before them, then none.
 
-    Images of one time may arrive one after the other: what all of them showed is told last.
+    Images of one time may arrive one after the other: the last event has what all of them showed.
     """
-    told = {event.exposed: event for event in events if isinstance(event, EvidenceSeen)}
-    samples = [_sample(cameras, told[t]) for t in sorted(told)]
+    seen = {event.exposed: event for event in events if isinstance(event, EvidenceSeen)}
+    samples = [_sample(cameras, seen[t]) for t in sorted(seen)]
     times = [sample.t for sample in samples]
     longest = max((after - t for t, after in pairwise(times)), default=end)
     over = min(end, times[-1] + longest) if times else 0.0
@@ -130,7 +130,7 @@ def _samples(cameras: Sequence[str], events: Sequence[Event], end: float) -> lis
 
 
 def _doings(events: Sequence[Event], end: float) -> list[Span]:
-    """What the robot does: primitives, and what it does between them in words."""
+    """The primitives, and in words what the robot does between them."""
     starts: list[tuple[float, str]] = []
     for event in events:
         match event:
@@ -148,7 +148,7 @@ def _doings(events: Sequence[Event], end: float) -> list[Span]:
 
 
 def _targets(events: Sequence[Event], end: float) -> dict[str, dict[str, list[Mapping[str, object]]]]:
-    """The boxes of each atom, with the time `from` when `to` when they count: attempts have their own."""
+    """The boxes of each atom, with the times `from` and `to` between which they count: each attempt has its own."""
     starts = [event for event in events if isinstance(event, StepBegan)]
     ends = [*(event.t for event in starts), end + 1.0][1:]
     spans: dict[str, list[tuple[AskedBox, float, float]]] = {}
@@ -176,7 +176,7 @@ def _track(track: Track) -> Positions:
 
 
 def _moments(report: RunReport, events: Sequence[Event]) -> list[ShownMoment]:
-    """The times to look at, with what happens then."""
+    """Times worth a look, with what happens then."""
     happens: dict[float, list[str]] = {}
     for fault in report.faults:
         injected, label = fault.injected if fault.happened is None else None, report.label_of(fault)
@@ -201,7 +201,7 @@ def _moments(report: RunReport, events: Sequence[Event]) -> list[ShownMoment]:
 
 
 def _spans(report: RunReport, fault: FaultRecord) -> list[Mark]:
-    """When a fault had happened and was not seen, and when it was seen and not yet made good."""
+    """When a fault had happened but was not seen, and when it was seen but not yet mended."""
     label, end = report.label_of(fault), report.time
     spans = []
     if fault.happened is not None:
@@ -214,13 +214,13 @@ def _spans(report: RunReport, fault: FaultRecord) -> list[Mark]:
 
 
 def _sample(cameras: Sequence[str], event: EvidenceSeen) -> ShownInstant:
-    asked = {name: found for name, found in event.literals.items() if found.asked}
-    told = all(found.value is not Truth.UNKNOWN for found in asked.values())
+    required = {name: found for name, found in event.literals.items() if found.asked}
+    known = all(found.value is not Truth.UNKNOWN for found in required.values())
     return ShownInstant(
         t=event.exposed,
-        covered=told if asked else None,
-        kind="told" if told else "untold",
-        literals={name: _literal(cameras, found) for name, found in asked.items()},
+        covered=known if required else None,
+        kind="known" if known else "unknown",
+        literals={name: _literal(cameras, found) for name, found in required.items()},
     )
 
 

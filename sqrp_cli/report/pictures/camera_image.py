@@ -24,7 +24,7 @@ SUN: Array = np.array([0.35, -0.5, 1.0]) / np.linalg.norm([0.35, -0.5, 1.0])
 """Direction to the light, in the world."""
 
 _AMBIENT, _DIRECT, _SHADE = 0.62, 0.44, 0.45
-"""Brightness without the light, what the light adds, and the share of it that reaches what lies in a shadow."""
+"""Ambient brightness, what the light adds, and the share of the light that reaches a shadow."""
 
 _SKY_LOW, _SKY_HIGH = np.array([215.0, 224.0, 232.0]), np.array([247.0, 250.0, 252.0])
 _OUTSIDE = 24.0
@@ -34,7 +34,7 @@ _SAME_SURFACE = 0.95
 """Cosine of the angle between neighbouring normals below which there is an edge."""
 
 _QUARTERS = np.array([[x, y] for x in (-0.25, 0.25) for y in (-0.25, 0.25)])
-"""Where a pixel on an edge is looked at instead of at its centre."""
+"""Where a pixel on an edge is sampled instead of at its centre."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ class Photographer:
         )
 
     def image(self, camera: Camera, colors: Sequence[Color]) -> Image:
-        """What the camera sees; colors: of every solid. Pixels on edges are looked at four times."""
+        """What the camera sees; colors: of every solid. Pixels on edges are sampled four times."""
         width, height = camera.width, camera.height
         paint = np.array(colors, dtype=float)
         pixels = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).reshape(-1, 2).astype(float)
@@ -82,7 +82,7 @@ class Photographer:
         return PixelView(X_WC[:3, 3], rays, shown, self._scene.first_hits(X_WC[:3, 3], rays))
 
     def _shades(self, view: PixelView, paint: Array) -> Array:
-        """Colours of what is seen, shape (n, 3), with a light and the shadows that it casts."""
+        """Colours of the hits, shape (n, 3), with a light and its shadows."""
         rays, hits = view.rays, view.hits
         shades: Array = _SKY_LOW + np.clip(0.5 + rays[:, 2:], 0, 1) * (_SKY_HIGH - _SKY_LOW)
         rows = np.flatnonzero(hits.mesh >= 0)
@@ -98,7 +98,7 @@ class Photographer:
 
 
 def _edges(hits: Hits, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels whose neighbour shows another part, or a surface that is turned otherwise."""
+    """Pixels next to one that shows another part, or a surface with another normal."""
     mesh, normal = hits.mesh.reshape(shape), hits.normal.reshape(*shape, 3)
     edges = np.zeros(shape, dtype=bool)
     for before, after in (np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:]):

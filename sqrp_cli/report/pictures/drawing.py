@@ -26,20 +26,20 @@ _THUMB = 320
 """Width of a picture in a contact sheet [pixels]."""
 
 _TALLEST = 4 * _THUMB
-"""Greatest height of one; the image of a camera may be a single column."""
+"""Greatest height of such a picture; an image may be a single column."""
 
 _INK, _FAINT, _PAPER = (23, 33, 43), (91, 104, 117), (255, 255, 255)
 _EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if np.abs(BOX_SIGNS[a] - BOX_SIGNS[b]).sum() == 2]
 _LEAST_Z = 0.01
-"""Nearest that an edge is drawn before the camera [m]."""
+"""Edges are drawn from this distance to the camera on [m]."""
 
 _FARTHEST = 1e4
-"""Farthest from the image that an edge is drawn [pixels]."""
+"""Edges are drawn up to this distance outside the image [pixels]."""
 
 
 @dataclass(frozen=True)
 class Caption:
-    """A line under a picture; a spot of `color` is put before it, if there is one."""
+    """A line under a picture, after a spot of `color` if there is one."""
 
     text: str
     color: Color | None = None
@@ -55,7 +55,7 @@ class BoxOutline:
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """A camera's image with what it shows outlined, as Pillow's image, and the lines under it."""
+    """A camera's image with outlined boxes, as Pillow's image, and the lines under it."""
 
     photo: Any
     captions: tuple[Caption, ...]
@@ -111,7 +111,7 @@ def check_drawing() -> None:
 
 
 def _silhouette(corners: Array, projection: Projection) -> list[tuple[float, float]]:
-    """The outline of a box in the image, bent as the lens bends its edges, as far as it lies before the camera."""
+    """The outline of a box in the image, its edges bent by the lens, as far as it lies before the camera."""
     points = np.concatenate([np.linspace(corners[a], corners[b], 17) for a, b in _EDGES])
     pixels, inside = projection.pixels(points[points[:, 2] > _LEAST_Z])
     pixels = pixels[inside]
@@ -125,7 +125,7 @@ def _small(picture: Picture) -> Any:  # noqa: ANN401
 
 
 def _framed(photo: Any, captions: Sequence[Caption], size: int) -> Any:  # noqa: ANN401
-    """A photo with lines of text under it, each cut where it is too long."""
+    """A photo with lines of text under it; long lines are cut."""
     frame = _pillow("Image").new("RGB", (photo.width, photo.height + len(captions) * LINE + 2 * _MARGIN), _PAPER)
     frame.paste(photo, (0, 0))
     draw, font = _pillow("ImageDraw").Draw(frame), _font(size)

@@ -9,7 +9,7 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.projection import Projection
 
 CLOSE = 1e-2
-"""How exactly a direction leads back to its pixel [pixels]."""
+"""Greatest distance of a projected direction from its pixel [pixels]."""
 
 _ITERATIONS = 25
 _STEP = 1e-5

@@ -41,12 +41,12 @@ from sqrp_cli.report.pictures.rays import check_rays
 SHEET = "contact-sheet.png"
 
 MOST_PIXELS = 4_000_000
-"""Most pixels of a picture; that of a camera with more is drawn smaller."""
+"""Most pixels of a picture; a camera with more gets a smaller picture."""
 
 
 @dataclass(frozen=True)
 class BlindInterval:
-    """A stretch in which a state is not covered [s], and the sample that is nearest to its middle."""
+    """A stretch in which a state is not covered [s], and the sample nearest to its middle."""
 
     start: float
     end: float
@@ -127,7 +127,7 @@ def _picture(
 
 
 def _drawable(camera: Camera) -> tuple[Camera, int]:
-    """A camera with the same view and at most `MOST_PIXELS`, and how many of its pixels in a row become one."""
+    """A camera with the same view and at most `MOST_PIXELS`, and the factor by which width and height shrink."""
     step = ceil(sqrt(camera.width * camera.height / MOST_PIXELS))
     width, height = max(1, camera.width // step), max(1, camera.height // step)
     if step == 1:
@@ -138,7 +138,7 @@ def _drawable(camera: Camera) -> tuple[Camera, int]:
 
 
 def _asked(study: Study, row: int, camera: int) -> Iterator[tuple[Target, Failure, list[Cause]]]:
-    """The targets that must be seen at a sample, with how the camera fails them first and the cause of every box."""
+    """The targets that must be seen at a sample, each with the camera's first failure and the cause of every box."""
     observation = study.timeline.observation
     for column, (target, boxes) in enumerate(zip(study.targets, observation.full_matrix, strict=True)):
         if observation.required[row, column]:
@@ -165,5 +165,5 @@ def _write(path: Path, image: Any) -> None:  # noqa: ANN401
 
 
 def _file_name(name: str) -> str:
-    """A name that every file system takes."""
+    """A name that every file system accepts."""
     return re.sub(r"[^\w.=+-]+", "_", name).strip("_.") or "unnamed"

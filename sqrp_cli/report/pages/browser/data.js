@@ -42,8 +42,8 @@ const KINDS = {
   nothing: ['nothing', '–', 'no image shows it'],
   truly_true: ['covered', 't', 'true'],
   truly_false: ['out', 'f', 'false'],
-  told: ['covered', '', 'images tell of all that is asked'],
-  untold: ['missed', '–', 'no image tells of some of what is asked'],
+  known: ['covered', '', 'images show every required literal'],
+  unknown: ['missed', '–', 'images do not show every required literal'],
   missed: ['missed', '–', 'not covered'],
 };
 
@@ -52,7 +52,7 @@ const kindOf = (verdict) => verdict.kind ?? (verdict.covered ? 'covered' : verdi
 // The kind of a literal or of a whole state.
 const stateOf = (state) => state.kind ?? (state.covered ? 'covered' : 'missed');
 
-// The kind of what is really so, which only a simulation knows; null where nobody does.
+// The kind of the true value, which only a simulation knows; null where it is unknown.
 const truthOf = ({ really }) => (typeof really === 'boolean' ? `truly_${really}` : null);
 
 function because(verdict) {

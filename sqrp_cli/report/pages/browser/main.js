@@ -1,6 +1,6 @@
 // The page: one candidate and one time are chosen; table, plot, timeline, list and scene all show them.
 
-// Words of the legend for kinds of which it stands for several, or that read the same elsewhere.
+// Words of the legend where one entry stands for several kinds, or kinds share their words.
 const LEGEND = {
   too_far: 'too far or near',
   oblique: 'too flat an angle, or too small',
@@ -111,7 +111,7 @@ class Page {
     }
   }
 
-  // Show an entry, as soon as it is decoded and if no other one has been chosen by then.
+  // Show an entry once it is decoded, unless another one has been selected by then.
   async select(i) {
     this.pause();
     const turn = (this.turn = {});
@@ -157,12 +157,12 @@ class Page {
   }
 
   figures({ candidate, figures, retried }) {
-    const told = [...figures];
+    const rows = [...figures];
     if (candidate) {
       const { q_eoi: qEoi, q_avg: qAvg, time, faults } = candidate;
-      told.push(['Q_eoi', percent(qEoi)], ['Q_avg', percent(qAvg)], ['time', seconds(time)]);
+      rows.push(['Q_eoi', percent(qEoi)], ['Q_avg', percent(qAvg)], ['time', seconds(time)]);
       for (const [name, fault] of Object.entries(faults))
-        told.push(
+        rows.push(
           [`${name}: noticed after`, seconds(fault.delay_mean)],
           ['at worst', seconds(fault.delay_worst)],
           ['longest blind stretch', seconds(fault.blind_longest)],
@@ -170,7 +170,7 @@ class Page {
         );
     }
     byId('figures').replaceChildren(
-      ...told.map(([term, value]) => make('div', {}, make('dt', {}, named(term)), make('dd', {}, value))),
+      ...rows.map(([term, value]) => make('div', {}, make('dt', {}, named(term)), make('dd', {}, value))),
     );
   }
 
@@ -213,14 +213,14 @@ class Page {
     const held = this.motion.detail.track && this.scene.place.held;
     byId('tool').replaceChildren(`tool at ${tool.join(', ')} m`, ...(held ? [', holds ', named(held)] : []));
     const eye = this.scene.through ? `as ${this.scene.through} sees it` : 'from outside';
-    const told = sentence(this.motion.at(this.time));
-    byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${told}`);
+    const state = sentence(this.motion.at(this.time));
+    byId('view').setAttribute('aria-label', `The cell at ${text}, ${eye}. ${state}`);
   }
 
   // What every camera sees now, in words.
   now(sample) {
-    const asked = this.motion.atoms.map((atom) => [atom, found(sample, atom)]).filter(([, state]) => state);
-    const literals = asked.map(([atom, state]) =>
+    const required = this.motion.atoms.map((atom) => [atom, found(sample, atom)]).filter(([, state]) => state);
+    const literals = required.map(([atom, state]) =>
       make(
         'section',
         {},
@@ -291,7 +291,7 @@ class Page {
   }
 }
 
-// What is really so, where a simulation tells it.
+// The true value, if it is known from a simulation.
 function truthLine(state) {
   const kind = truthOf(state);
   if (kind === null) return [];
@@ -300,15 +300,15 @@ function truthLine(state) {
 }
 
 const nothing = ({ ofImages }) =>
-  ofImages ? 'No image tells of anything that a formula asks for now.' : 'No formula asks for anything now.';
+  ofImages ? 'No image shows anything that a formula requires now.' : 'No formula requires anything now.';
 
 function sentence(sample) {
-  const told = Object.entries(sample.literals).map(([literal, state]) =>
+  const parts = Object.entries(sample.literals).map(([literal, state]) =>
     state.kind
       ? `${atomOf(literal)}: ${KINDS[state.kind][2]}`
       : `${atomOf(literal)} is ${state.covered ? 'covered' : 'not covered'}`,
   );
-  return told.length ? `${[...new Set(told)].join('; ')}.` : 'No formula asks for anything.';
+  return parts.length ? `${[...new Set(parts)].join('; ')}.` : 'No formula requires anything.';
 }
 
 unpack('overview')

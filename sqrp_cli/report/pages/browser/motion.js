@@ -1,9 +1,9 @@
 const atomOf = (literal) => literal.replace(/^not /, '');
 
-// What a sample says about an atom, or null where no formula asks for it.
+// What a sample says about an atom, or null where no formula requires it.
 const found = (sample, atom) => sample.literals[atom] ?? sample.literals[`not ${atom}`] ?? null;
 
-// Where everything was in a run, at each of its times, as samples tell it: rows of changes become whole states.
+// Where everything was at each time of a run: rows of changes become whole states.
 function unroll({ t, joints, q, held, objects }) {
   const changes = t.map(() => ({}));
   for (const [name, rows] of Object.entries(objects))
@@ -17,7 +17,7 @@ function unroll({ t, joints, q, held, objects }) {
 }
 
 // The motion of a candidate: what was computed at its samples, and what lies between them. Of a run: what images showed
-// at its samples; where everything was is told apart from them.
+// at its samples; where everything was is kept apart from them.
 
 class Motion {
   constructor(detail) {
@@ -42,7 +42,7 @@ class Motion {
     return low;
   }
 
-  // The sample whose verdicts hold at t: the nearest one; of images the last, as nobody knows what later ones show.
+  // The sample whose verdicts hold at t: the nearest one; of images the last, as later ones are not known yet.
   at(t) {
     const i = this.before(t);
     if (this.ofImages) return this.samples[i];
@@ -59,13 +59,13 @@ class Motion {
     return [this.places[i], this.places[next], step > 0 ? Math.min(1, (t - times[i]) / step) : 0];
   }
 
-  // What is asked about: a literal and its negation are decided by one target, so both are one row.
+  // The atoms: one target decides a literal and its negation, so both are one row.
   get atoms() {
     return [...new Set(this.samples.flatMap((sample) => Object.keys(sample.literals).map(atomOf)))];
   }
 
   // Stretches in which `look(sample)` gives the same kind: [{start, end, key, value}], those without a key left out.
-  // A change lies half way between two samples, of images where the first of them shows it.
+  // A change lies half way between two samples; of images, where the first of them shows it.
   runs(look) {
     const runs = [];
     let current = null;

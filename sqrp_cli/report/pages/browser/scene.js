@@ -68,8 +68,8 @@ class Scene3D {
       [0, 0, 1, 0],
       [0, 0, 0, 1],
     ];
-    for (const [name, thing] of Object.entries(this.scene.objects))
-      this.nodes.set(name, this.fixed(this.world, thing.pose || identity));
+    for (const [name, object] of Object.entries(this.scene.objects))
+      this.nodes.set(name, this.fixed(this.world, object.pose || identity));
     this.solids = model.solids.map((solid) => {
       const tint = solid.color,
         metalness = solid.parent in this.scene.objects ? 0 : 0.12;
@@ -185,16 +185,16 @@ class Scene3D {
     this.sample = this.motion.at(t);
     this.world.updateMatrixWorld(true);
     if (this.following) this.orbit.aim(this.tool());
-    this.tell();
+    this.colour();
     this.draw();
   }
 
   // Colour what is seen and what hides it.
-  tell() {
+  colour() {
     const kinds = ['covered', 'hidden', 'out', 'range', 'angle', 'nothing'];
     const shades = Object.fromEntries(kinds.map((kind) => [kind, linear(colour(kind))]));
     shades.missed = shades.hidden;
-    const culprits = new Set(this.sights.flatMap((sight) => sight.tell(this.sample, this.through, shades)));
+    const culprits = new Set(this.sights.flatMap((sight) => sight.show(this.sample, this.through, shades)));
     for (const { name, mesh, tint } of this.solids)
       mesh.material.color = culprits.has(name) ? shades.hidden : linear(tint);
     for (const camera of this.cameras) {
@@ -204,7 +204,7 @@ class Scene3D {
     }
   }
 
-  // Keep the tool in the middle of the view from outside, from near; or look again from where it was left.
+  // Keep the tool in the middle of the outside view, close up; or return to the last viewpoint.
   follow(wanted) {
     const { target, distance } = this.orbit;
     if (wanted) this.left = { target: target.clone(), distance };
@@ -216,7 +216,7 @@ class Scene3D {
   look(name) {
     this.through = name;
     this.orbit.enabled = name === null;
-    if (this.sample) this.tell();
+    if (this.sample) this.colour();
     this.draw();
   }
 

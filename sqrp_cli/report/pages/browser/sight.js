@@ -21,8 +21,8 @@ class Sight {
     });
   }
 
-  // Show what a sample says; through: the camera that is looked through, or null. Returns what hides the box.
-  tell(sample, through, shades) {
+  // Show a sample; through: the camera of the view, or null. Returns what hides the box.
+  show(sample, through, shades) {
     const counts = sample.t >= this.from && sample.t < this.to,
       state = counts ? found(sample, this.atom) : null,
       culprits = [];
@@ -30,8 +30,8 @@ class Sight {
     for (const { mesh } of this.lines) mesh.visible = state !== null && byId('show-lines').checked && through === null;
     if (state === null) return culprits;
     const verdicts = state.boxes[this.index]?.cameras ?? state.cameras;
-    const told = through === null ? state : verdicts[through];
-    const shade = told.kind ? KINDS[told.kind][0] : told.covered ? 'covered' : 'hidden';
+    const shown = through === null ? state : verdicts[through];
+    const shade = shown.kind ? KINDS[shown.kind][0] : shown.covered ? 'covered' : 'hidden';
     this.edges.material.depthTest = through === null; // a camera's view shows it also where something hides it
     this.edges.material.color = this.fill.material.color = shades[shade];
     const center = new THREE.Vector3().setFromMatrixPosition(this.node.matrixWorld);

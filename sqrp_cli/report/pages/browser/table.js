@@ -116,8 +116,8 @@ class EntryTable {
       .map((e, i) => i)
       .filter((i) => {
         const { name, mark, labels, candidate } = this.entries[i],
-          told = { ...labels, ...candidate?.parameters };
-        const text = [name, mark, ...Object.entries(told).map(([key, value]) => `${key}=${value}`)]
+          values = { ...labels, ...candidate?.parameters };
+        const text = [name, mark, ...Object.entries(values).map(([key, value]) => `${key}=${value}`)]
           .join(' ')
           .toLowerCase();
         return (

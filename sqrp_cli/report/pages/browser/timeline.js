@@ -110,12 +110,12 @@ class Timeline {
     });
   }
 
-  // state: what a sample says, or null where no formula asks.
+  // state: what a sample says, or null where no formula requires it.
   coverage(label, state) {
     const look = (sample) => {
-      const told = state(sample);
-      if (told === null) return null;
-      const kind = stateOf(told);
+      const literal = state(sample);
+      if (literal === null) return null;
+      const kind = stateOf(literal);
       return { key: kind, kind, words: KINDS[kind][2] };
     };
     return this.row(
@@ -136,7 +136,7 @@ class Timeline {
     return this.row(camera, 'camera', this.runs(`${camera}, ${atom}`, look), share);
   }
 
-  // What is really so, to be held against what is seen.
+  // The true values, to compare with what is seen.
   truth(atom) {
     const look = (sample) => {
       const kind = truthOf(found(sample, atom) ?? {});
