@@ -1,4 +1,4 @@
-"""The front door: a cell, and what can be asked about it.
+"""The Python API: a cell, and methods that answer questions about it.
 
     from sqrp_cli import open_cell
 

@@ -1,4 +1,4 @@
-"""What a caller passes, checked before anything is computed: one message with what was expected."""
+"""Arguments, checked before anything is computed: one message says what was expected."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.sampling import Sampling
 
 LEAST_TOLERANCE = 1e-5
-"""Smallest error of Q that sampling may leave; below it rounding decides."""
+"""Smallest tolerance of Q in sampling; below it rounding decides."""
 
 LEAST_STEP = 1e-4
 """Smallest time between two samples [s]."""
@@ -25,7 +25,7 @@ MOST_SAMPLES = 20_000
 
 
 def refused(name: str, value: object, expected: str) -> InputError:
-    """The error that says what an argument is and what was expected."""
+    """The error that says what an argument was and what was expected."""
     return InputError(Problem("bad-option", f"{name} is {short(value)}, expected {expected}"))
 
 
@@ -42,31 +42,31 @@ def optional_path(value: object, name: str) -> Path | None:
 
 
 def check_text(value: object, name: str, expected: str) -> None:
-    """Raises InputError for what is no text."""
+    """Raises InputError for anything but text."""
     if not isinstance(value, str):
         raise refused(name, value, expected)
 
 
 def check_texts(value: object, name: str, expected: str) -> None:
-    """Raises InputError for what is no sequence of texts; one text alone is none."""
+    """Raises InputError for anything but a sequence of texts; a single text is none."""
     if isinstance(value, str) or not isinstance(value, Sequence) or any(not isinstance(one, str) for one in value):
         raise refused(name, value, expected)
 
 
 def check_count(value: object, name: str, least: int) -> None:
-    """Raises InputError for what is no whole number of at least `least`."""
+    """Raises InputError for anything but a whole number of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
         raise refused(name, value, f"a whole number from {least} on")
 
 
 def check_share(value: object, name: str) -> None:
-    """Raises InputError for what is no number in 0..1."""
+    """Raises InputError for anything but a number in 0..1."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
         raise refused(name, value, "a number from 0 to 1")
 
 
 def check_sampling(value: Sampling | None) -> None:
-    """Raises InputError for what is no sampling, or one that is too fine to be computed."""
+    """Raises InputError for anything but a sampling that is coarse enough to be computed."""
     from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, FixedStep
 
     match value:
@@ -86,7 +86,7 @@ def check_sampling(value: Sampling | None) -> None:
 
 
 def check_calibration(value: Calibration | None) -> None:
-    """Raises InputError for what is no calibration, or one with deviations that no camera has."""
+    """Raises InputError for anything but a calibration with plausible deviations."""
     from sqrp_cli.programming.coverage.robustness import Calibration
 
     match value:

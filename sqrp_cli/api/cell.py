@@ -1,4 +1,4 @@
-"""A cell that is open for questions."""
+"""A cell, read once, and its methods: rank, explain, check, score."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ def open_cell(path: str | Path, *, seed: int = 0) -> OpenCell:
 
 
 def new_cell(folder: str | Path, *, urdf: str | Path | None = None, crowd: Crowd | None = None) -> NewCell:
-    """Make a new workspace with its skill, which ranks at once, in a folder that does not exist or is empty.
+    """Make a new workspace with its skill, ready to rank, in a folder that does not exist or is empty.
 
-    urdf: the arm; by default one that comes with the package. crowd: how many objects and cameras stand in it at
-    random. Raises InputError for an arm that cannot be used; nothing is ever overwritten.
+    urdf: the arm; by default one that comes with the package. crowd: how many random objects and cameras to put in.
+    Raises InputError for an arm that cannot be used; nothing is ever overwritten.
     """
     from sqrp_cli.api.results import NewCell
     from sqrp_cli.starter.make import make_starter
@@ -67,12 +67,12 @@ def new_cell(folder: str | Path, *, urdf: str | Path | None = None, crowd: Crowd
 
 @dataclass(frozen=True, eq=False)
 class OpenCell:
-    """A cell, and what can be asked about it.
+    """A cell, with a method for each question about it.
 
     path: as it was given. seed: of everything that planning draws at random.
 
-    Every question takes `jobs`, the processes to use at most, and raises InputError for input that cannot be used. What
-    cannot be done is a result with reasons, no exception.
+    Every method takes `jobs`, the processes to use at most, and raises InputError for input that cannot be used. What
+    cannot be done is a result with reasons, not an exception.
     """
 
     path: Path
@@ -87,14 +87,14 @@ class OpenCell:
 
     @classmethod
     def read(cls, path: Path, seed: int = 0) -> OpenCell:
-        """A workspace, whatever there is to say about it. Raises InputError for one that cannot be read at all."""
+        """A workspace, even one with problems. Raises InputError if it cannot be read at all."""
         from sqrp_cli.knowledge.workspace.load import load_workspace
 
         return cls(path, load_workspace(path), seed)
 
     @cached_property
     def findings(self) -> tuple[Problem, ...]:
-        """Warnings about the workspace, and errors where nothing but `check` and `scene` can be asked."""
+        """Warnings about the workspace; with errors, only `check` and `scene` work."""
         from sqrp_cli.checks.lint import lint
 
         return (*self.workspace.warnings, *lint(self.workspace))
@@ -119,7 +119,7 @@ class OpenCell:
         calibration: Calibration | None = None,
         after: str | Path | None = None,
     ) -> Session:
-        """A task in the cell, before anything is computed; see `rank`."""
+        """A task in the cell, with nothing computed yet; see `rank`."""
         from sqrp_cli.api.session import Session
         from sqrp_cli.programming.coverage.sampling import Adaptive
 
@@ -142,8 +142,8 @@ class OpenCell:
     ) -> Ranking:
         """Rank the ways of doing a task, such as `pickup green`.
 
-        by: what counts first. sampling: of the motions, adaptive by default. calibration: how exactly the cameras are
-        calibrated, if what that does is to be computed. after: a program from whose final world to start.
+        by: what counts first. sampling: of the motions, adaptive by default. calibration: accuracy of the camera poses,
+        to compute its effect. after: a program; the task starts where it ends.
         """
         from sqrp_cli.api.results import Ranking
         from sqrp_cli.api.session import assess
@@ -199,8 +199,8 @@ class OpenCell:
     ) -> Check:
         """Check the workspace, and which candidates of a task can be done, why the others cannot, and what to do first.
 
-        plan: whether to look for what has to be done, each step in its best way; by default where no candidate can be
-        done at once. planner: that of this package by default.
+        plan: whether to plan the steps to do first, each in its best way; by default if no candidate can be done at
+        once. planner: that of this package by default.
         """
         from sqrp_cli.api.results import Check
         from sqrp_cli.checks.cell_warnings import cell_warnings
@@ -230,9 +230,9 @@ class OpenCell:
         return Check(path, name, task, problems, tuple(found), suggested)
 
     def _doubts(self) -> Iterator[Problem]:
-        """Warnings that need the geometry of the cell, among them what the robot hits at home.
+        """Warnings that need the geometry of the cell, among them contacts of the robot at home.
 
-        That is no error, because a program may have left the robot elsewhere.
+        A contact is no error, because a program may have left the robot elsewhere.
         """
         from sqrp_cli.checks.cell_warnings import cell_warnings
 
@@ -246,7 +246,7 @@ class OpenCell:
             yield Problem("contact-at-home", message, place, severity="warning", mend=mend)
 
     def scene(self) -> Scene:
-        """What was understood of the workspace."""
+        """The workspace as understood."""
         from sqrp_cli.api.results import Scene
 
         return Scene(self.cell)
@@ -259,7 +259,7 @@ class OpenCell:
         jobs: int = 1,
         progress: Progress = silent,
     ) -> Scores:
-        """Score all tasks that the workspace lists. out: a folder in which results are kept for a later call."""
+        """Score all tasks of the workspace. out: a folder that keeps results for a later call."""
         from sqrp_cli.api.results import Scores
         from sqrp_cli.programming.coverage.sampling import Adaptive
         from sqrp_cli.scoring.cells import read_cells

@@ -1,4 +1,4 @@
-"""A program that is open for runs: in the simulated cell, from a log, or against recorded frames."""
+"""A program, to run in the simulated cell, replay from a log, or compare with recorded frames."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ def open_program(path: str | Path, *, seed: int = 0) -> OpenProgram:
 
 
 def read_run(log: str | Path) -> SimulatedRun:
-    """A run as its log tells it. Raises InputError for what is no log of a whole run."""
+    """A run read from its log. Raises InputError for anything but the log of a complete run."""
     return LoggedRun.read(checked_path(log, "log")).replay()
 
 
 @dataclass(frozen=True, eq=False)
 class OpenProgram:
-    """A program, and what can be done with it. What goes wrong in a run is a result; bad input raises InputError."""
+    """A program to run, sweep or audit. What goes wrong in a run is a result; bad input raises InputError."""
 
     path: Path
     program: Program
@@ -66,7 +66,7 @@ class OpenProgram:
 
     @classmethod
     def read(cls, path: Path, seed: int = 0) -> OpenProgram:
-        """A program and its workspace as it is now, whether or not they still fit."""
+        """A program and its current workspace, whether or not they still fit."""
         from sqrp_cli.program.file import load_program, workspace_path
 
         program = load_program(path)
@@ -92,7 +92,7 @@ class OpenProgram:
 
     @property
     def warnings(self) -> list[Problem]:
-        """Formulas about which monitors can say nothing, as the motion itself contradicts them."""
+        """Warnings about formulas that monitors cannot judge because the motion itself contradicts them."""
         from sqrp_cli.report.sentences import short_times
         from sqrp_cli.runtime.monitor.program_formulas import contradictions
         from sqrp_cli.runtime.robot_body import RobotBody
@@ -117,8 +117,8 @@ class OpenProgram:
         """Run the program in the simulated cell, watched through camera images alone.
 
         faults: as `sqrp run --fault` takes them, such as `slip@a4+0.4`. film, log, frames: a file, a file and a folder
-        in which to keep the images as an MP4 film, the events, and every image. listeners: are given each event as it
-        happens. witnessed: whether the events hold where everything really is, for a page; a log always does.
+        in which to keep the images as an MP4 film, the events, and every image. listeners: called with each event as
+        it happens. witnessed: whether the events have the true poses, for a page; a log always has them.
         """
         import numpy as np
 
@@ -142,7 +142,7 @@ class OpenProgram:
         def keep(event: Event) -> None:
             events.append(event)
 
-        with ExitStack() as closing:  # one that cannot be closed keeps no other from being
+        with ExitStack() as closing:  # closes the others even if one fails to close
             gallery = _gallery(workspace, film, frames)
             if gallery is not None:
                 closing.callback(gallery.close)
@@ -212,18 +212,18 @@ class OpenProgram:
 
 @dataclass(frozen=True, eq=False)
 class LoggedRun:
-    """The log of a run, of which the header has been read."""
+    """The log of a run; its header is read."""
 
     log: Path
     header: RunBegan
     events: Iterator[Event]
     """The rest of it, which can be read once."""
     program: OpenProgram | None = None
-    """What was run, which tells where everything stands."""
+    """The program that was run; it knows where everything stands."""
 
     @classmethod
     def read(cls, log: Path) -> LoggedRun:
-        """Raises InputError for what is no log."""
+        """Raises InputError for anything but a log."""
         from sqrp_cli.runtime.record.events import RunBegan
         from sqrp_cli.runtime.record.log import read_log
 
@@ -244,7 +244,7 @@ class LoggedRun:
         return replace(self, program=opened)
 
     def replay(self, *listeners: Callable[[Event], None]) -> SimulatedRun:
-        """The run; listeners: are given each event. Raises InputError for a log that breaks off."""
+        """The run; listeners: called with each event. Raises InputError for a log that breaks off."""
         from sqrp_cli.api.results import SimulatedRun
         from sqrp_cli.runtime.record.events import RunReported
 
@@ -265,7 +265,7 @@ class LoggedRun:
 
     @property
     def cell(self) -> RunCell:
-        """The cell that the log is about; a workspace that is not as it was then is not used."""
+        """The cell of the log; without its workspace if that has changed since."""
         from sqrp_cli.report.pages.run_page import RunCell
 
         header, workspace = self.header, None if self.program is None else self.program.workspace
@@ -280,9 +280,9 @@ class LoggedRun:
         return RunCell(header.workspace, header.cameras, header.digest, None if why_flat else workspace, why_flat)
 
     def _no_rates(self) -> Problem:
-        """That neither the log nor a workspace tells how often the cameras took images."""
+        """A warning if neither the log nor a workspace has the cameras' frame rates."""
         message = (
-            "this log does not tell how often its cameras took images, so what was seen later than predicted is not"
+            "this log does not say how often its cameras took images, so faults seen later than predicted are not"
             " pointed out"
         )
         name_it = f"name the program that was run: sqrp run PROGRAM --replay {self.log}"
@@ -295,7 +295,7 @@ class LoggedRun:
 
     @property
     def _period(self) -> float | None:
-        """Between images of the slowest camera [s]; None where neither the log nor the workspace tells."""
+        """Between images of the slowest camera [s]; None if neither the log nor the workspace says."""
         if self.header.rates:
             return 1.0 / min(self.header.rates.values())
         workspace = self.cell.workspace
@@ -303,7 +303,7 @@ class LoggedRun:
 
 
 class LazyReplanner:
-    """A replanner that loads what planning needs when a step has to be planned again."""
+    """A replanner that loads the planning code only when a step is planned again."""
 
     def __init__(self, workspace: Workspace) -> None:
         self._workspace = workspace
@@ -325,7 +325,7 @@ def _period(workspace: Workspace) -> float:
 
 
 def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) -> list[InjectedFault]:
-    """The faults whose time never came."""
+    """The faults that never happened."""
     from sqrp_cli.runtime.record.events import FaultInjected
 
     injected = [event.fault for event in events if isinstance(event, FaultInjected)]
@@ -339,7 +339,7 @@ def _never_happened(faults: Sequence[InjectedFault], events: Sequence[Event]) ->
 
 
 def _gallery(workspace: Workspace, film: Path | None, frames: Path | None) -> ImageRecorder | None:
-    """What takes the images of a run, if they are kept as a film or one by one."""
+    """Writers of the images of a run, as a film or one by one."""
     if film is None and frames is None:
         return None
     from sqrp_cli.runtime.record.film import Film, ImageRecorder

@@ -1,4 +1,4 @@
-"""What questions about a cell result in: typed documents that show themselves as the terminal's tables."""
+"""Results of questions about a cell: typed documents that show themselves as the terminal's tables."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ AnyDocument = TypeVar("AnyDocument", bound=Document, covariant=True)
 
 
 class Answer(ABC, Generic[AnyDocument]):
-    """An answer. `print` and a notebook show it as the command of the same name does."""
+    """A result. `print` and a notebook show it like the command of the same name."""
 
     @property
     @abstractmethod
     def document(self) -> AnyDocument:
-        """All of it, with the fields of `--json`."""
+        """The whole result, with the fields of `--json`."""
 
     @abstractmethod
     def show(self) -> None:
@@ -91,7 +91,7 @@ class Ranking(Answer[RankDocument]):
     def document(self) -> RankDocument:
         """The document of `sqrp rank`."""
         assignment = self.session.assignment
-        # In the order of the task: draws that are equal go to the candidate that comes first there.
+        # In the order of the task: of equal candidates the first one wins a draw.
         order = {id(candidate): place for place, candidate in enumerate(self.session.task.candidates)}
         assessments = sorted((one.assessment for one in self.ranked), key=lambda one: order[id(one.candidate)])
         return RankDocument(
@@ -105,7 +105,7 @@ class Ranking(Answer[RankDocument]):
         )
 
     def write(self, path: str | Path, choose: str = "best") -> None:
-        """Append a candidate to a program file, which is made if it does not exist.
+        """Append a candidate to a program file, which is created if it does not exist.
 
         choose: the candidate's name, or `best` for the first. Raises InputError where it is infeasible, or does not
         begin where the program ends.
@@ -133,8 +133,8 @@ class Ranking(Answer[RankDocument]):
 class Explanation(Answer[TaskDocument]):
     """Some candidates over time.
 
-    task: as it was asked. ranking: of all candidates. explained: those that were asked about, each with its study, None
-    where it is infeasible. several: whether they are compared, not explained one by one.
+    task: its text. ranking: of all candidates. explained: the requested ones, each with its study, or None if it is
+    infeasible. several: whether they are compared, not explained one by one.
     """
 
     session: Session
@@ -145,7 +145,7 @@ class Explanation(Answer[TaskDocument]):
 
     @property
     def candidates(self) -> list[CandidateStudy]:
-        """The candidates with everything from which their figures can be computed again."""
+        """The candidates with all data from which their figures can be recomputed."""
         document = self.document
         return document.candidates if isinstance(document, ExplainAllDocument) else [document]
 
@@ -215,7 +215,7 @@ class Check(Answer[CheckDocument]):
 
 @dataclass(frozen=True, eq=False)
 class Scene(Answer[ShowDocument]):
-    """What was understood of a workspace."""
+    """A workspace as understood."""
 
     cell: Cell
 
@@ -261,7 +261,7 @@ class Scores(Answer[ScoreDocument]):
 
 @dataclass(frozen=True, eq=False)
 class Difference(Scores):
-    """What differs between two versions of a workspace, and what that does to its tasks."""
+    """What differs between two versions of a workspace, and the effect on its tasks."""
 
     def show(self) -> None:
         """Print what `sqrp diff` prints."""
@@ -279,15 +279,15 @@ class SimulatedRun(Answer[RunDocument]):
     events: Sequence[Event]
     """What happened, in order."""
     period: float | None
-    """Between images of the slowest camera [s]; None where a log does not tell."""
+    """Between images of the slowest camera [s]; None if the log does not say."""
     never_happened: tuple[str, ...] = ()
-    """Faults whose time never came."""
+    """Faults that never happened."""
     problems: tuple[Problem, ...] = ()
-    """Warnings about what a log does not tell."""
+    """Warnings about data that the log lacks."""
 
     @property
     def done(self) -> bool:
-        """Whether the program got done."""
+        """Whether the program was completed."""
         return self.report.outcome == "done"
 
     @cached_property
@@ -315,7 +315,7 @@ class SlipSweep(Answer[SweepDocument]):
     program: Program
     workspace: str
     text: str
-    """What was swept, as it was asked."""
+    """The swept slip, such as `slip@a4`."""
     step: int
     """Number of the step that was swept, from 1."""
     runs: Sequence[SweepRun]
@@ -323,7 +323,7 @@ class SlipSweep(Answer[SweepDocument]):
 
     @property
     def done(self) -> bool:
-        """Whether all runs got done."""
+        """Whether all runs were completed."""
         return all(run.report.outcome == "done" for run in self.runs)
 
     @cached_property
@@ -368,13 +368,13 @@ class Audit(Answer[AuditDocument]):
 
 @dataclass(frozen=True, eq=False)
 class NewCell(Answer[InitDocument]):
-    """A workspace that was just made."""
+    """A new workspace."""
 
     starter: Starter
     path: Path
     """Of its folder, as it was given."""
     own_arm: bool
-    """Whether the arm is the user's, about which some things were guessed."""
+    """Whether the arm is the user's, so that some values were guessed."""
 
     @property
     def problems(self) -> Sequence[Problem]:

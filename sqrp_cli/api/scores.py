@@ -1,4 +1,4 @@
-"""Scoring many workspaces: read, computed, compared with a baseline, and written for a CI server."""
+"""Scoring many workspaces: read them, compute, compare with a baseline, and write files for a CI server."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sqrp_cli.scoring.work.compute import Computer, Means, open_computer
 
 @dataclass(frozen=True, eq=False)
 class ScoreRun:
-    """Workspaces, and what computes their candidates. `progress` shows how far each part has come."""
+    """Workspaces, and what computes their candidates. `progress` shows the progress of each part."""
 
     cells: tuple[ScoredCell, ...]
     computer: Computer
@@ -32,9 +32,9 @@ class ScoreRun:
     def open(
         cls, paths: Sequence[str], outputs: Sequence[Path], means: Means, progress: Progress
     ) -> Iterator[ScoreRun]:
-        """Hire workers and read the workspaces; workers begin with those that are read.
+        """Start workers and read the workspaces; workers begin with the first while others are read.
 
-        Raises InputError for paths and folders of no use, and where an output is a file of a workspace.
+        Raises InputError for unusable paths and folders, and if an output is a file of a workspace.
         """
         files = find_workspaces(paths)
         check_not_read(outputs, files)
@@ -50,18 +50,18 @@ class ScoreRun:
             yield cls(tuple(cells), computer, progress)
 
     def score(self) -> Scorecard:
-        """Score all; at Ctrl-C those that are finished. Raises InputError where results cannot be kept."""
+        """Score all, at Ctrl-C only the finished ones. Raises InputError if results cannot be kept."""
         return score_cells(self.cells, self.computer, self.progress)
 
     @property
     def doubts(self) -> Iterator[Problem]:
-        """Warnings about formulas whose intervals lie outside the motion; to be asked after `score`."""
+        """Warnings about formulas with intervals outside the motion; valid after `score`."""
         for cell in self.cells:
             outcomes = filter(None, map(self.computer.outcome, wanted_of(cell)))
             yield from intervals_outside(outcome.assessment for outcome in outcomes)
 
     def count(self, *, interrupted: bool) -> str:
-        """How many candidates were computed, and what of the others."""
+        """How many candidates were computed, failed, or were known."""
         total = sum(len(wanted_of(cell)) for cell in self.cells)
         computed, failed = self.computer.computed, self.computer.failed
         parts = [f"{computed} of {total} candidates were computed"]
@@ -70,14 +70,14 @@ class ScoreRun:
         return ", ".join(parts) + (", then interrupted" if interrupted else "")
 
     def compare(self, findings: Scorecard, baseline: Baseline, allowance: float) -> Scorecard:
-        """The findings beside a baseline; at Ctrl-C those without. allowance: see `comparison.compare`."""
+        """The findings compared with a baseline; at Ctrl-C without. allowance: see `comparison.compare`."""
         try:
             return compare_with(findings, self.cells, baseline, allowance, self._lookup, self.progress)
         except KeyboardInterrupt:
             return replace(findings, interrupted=True)
 
     def write(self, findings: Scorecard, *, junit: Path | None, summary: Path | None, baseline: Path | None) -> None:
-        """Write the files that are wanted. Raises InputError for one that cannot be written."""
+        """Write the requested files. Raises InputError for one that cannot be written."""
         if junit is not None:
             write_junit(findings, junit)
         if summary is not None:
@@ -93,13 +93,13 @@ class ScoreRun:
 
 
 def nothing_scored(*found: Scorecard) -> bool:
-    """Whether every task or workspace is an error, so that there is no result to print."""
+    """Whether every task or workspace is an error, so that there is nothing to print."""
     statuses = {result.score.status for findings in found for result in findings.results}
     return statuses == {"error"} and not any(findings.interrupted for findings in found)
 
 
 def why_not_scored(*found: Scorecard) -> list[Problem]:
-    """Why what could not be scored could not be, each reason once."""
+    """The reasons for tasks that could not be scored, each once."""
     scores = (result.score for findings in found for result in findings.results if result.score.status == "error")
     return [Problem("not-scored", why) for why in dict.fromkeys(reason for one in scores for reason in one.reasons)]
 

@@ -1,4 +1,4 @@
-"""What questions about a task share: its cell, world and candidates, which one is meant, and the step it becomes."""
+"""A task in a cell: its world and candidates, the chosen candidate, and the program step that it becomes."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ class Session:
     ) -> Session:
         """Read the task, and load the world to start from.
 
-        before: a program whose final world that is; the workspace's own state by default. Raises InputError for input
-        that cannot be used.
+        before: a program; the task starts where it ends, by default in the workspace's own state. Raises InputError for
+        input that cannot be used.
         """
         read = read_task(task, cell.workspace)
         world = cell.initial_world if before is None else _world_after(before, cell)
@@ -78,7 +78,7 @@ def check_choice(task: Task, choice: str) -> None:
 
 
 def choose_candidate(ranking: Sequence[Ranked], choice: str) -> Ranked:
-    """The candidate that `best` or a name stands for: the first in the ranking whose name has all its words."""
+    """The candidate that `choice` means: the first in the ranking, or the first whose name has all its words."""
     if choice == "best":
         return ranking[0]
     return next(ranked for ranked in ranking if _is_meant(ranked.assessment.candidate.name, choice))
@@ -90,9 +90,9 @@ def _is_meant(name: str, choice: str) -> bool:
 
 
 def world_before(after: Path | None, program: Path | None) -> Path | None:
-    """The program whose final world a task starts from: a step that is appended starts where its program ends.
+    """The program after which a task starts: an appended step starts where its program ends.
 
-    Raises InputError where that contradicts `--after`, or where the program cannot be written.
+    Raises InputError if that contradicts `--after`, or if the program cannot be written.
     """
     if program is None:
         return after
@@ -113,7 +113,7 @@ def world_before(after: Path | None, program: Path | None) -> Path | None:
 
 @dataclass(frozen=True, eq=False)
 class ChosenStep:
-    """A feasible candidate that is to become a step of a program, with its task and the world that it starts from."""
+    """A feasible candidate to append to a program, with its task and the world that it starts from."""
 
     task: str
     assessment: Assessment
@@ -126,9 +126,9 @@ def chosen_steps(suggested: Sequence[SuggestedStep]) -> list[ChosenStep]:
 
 
 def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path: Path) -> Program:
-    """Append steps to a program file, all or none; it is made if it does not exist. Returns the program.
+    """Append steps to a program file, all or none; it is created if it does not exist. Returns the program.
 
-    Raises InputError where the file has changed since the steps were computed, so that they do not begin where it ends.
+    Raises InputError if the file has changed meanwhile, so that the steps do not begin where it ends.
     """
     cameras = tuple(camera.name for camera in cell.observer.cameras)
     added = []

@@ -42,12 +42,12 @@ def options(
 
 
 def execute(arguments: list[str]) -> int:
-    """Run a command; returns its exit code. Every error ends up here, but Ctrl-C and results that cannot be written.
+    """Run a command; returns its exit code. Handles every error but Ctrl-C and results that cannot be written.
 
-    Raises KeyboardInterrupt at a Ctrl-C that the command has not told about itself, and ResultsLost.
+    Raises KeyboardInterrupt at a Ctrl-C that the command has not reported itself, and ResultsLost.
     """
     try:
-        # Not by calling `app`, which takes errors of the system for Ctrl-C or for a reader that has left.
+        # Calling `app` itself would take system errors for Ctrl-C or for a reader that has left.
         with typer.main.get_command(app).make_context("sqrp", [*arguments], obj=arguments) as context:
             return int(context.command.invoke(context) or ExitCode.OK)
     except typer.Exit as leaving:
@@ -63,17 +63,17 @@ def execute(arguments: list[str]) -> int:
     except ResultsLost:
         raise
     except MemoryError:
-        _tell("error: there is not enough memory")
+        _print_error("error: there is not enough memory")
         return ExitCode.BAD_INPUT
     except OSError as error:
-        where = error.filename or "what the system was asked for cannot be done"  # files have a name
-        _tell(f"error: {where}: {error.strerror or error}")
+        where = error.filename or "the system refused an operation"  # files have a name
+        _print_error(f"error: {where}: {error.strerror or error}")
         return ExitCode.BAD_INPUT
     except Exception as error:
         if "--debug" in arguments:
             raise
         what = " ".join(f"{type(error).__name__}: {error}".split())
-        _tell(f"internal error: {what}; run `sqrp --debug ...` for the traceback")
+        _print_error(f"internal error: {what}; run `sqrp --debug ...` for the traceback")
         return ExitCode.INTERNAL_ERROR
 
 
@@ -82,11 +82,11 @@ def _print_usage_error(error: Exception) -> None:
     if message.startswith("Usage:"):  # no command at all
         typer.echo(message, err=True)
         return
-    _tell(f"error: {message}")
+    _print_error(f"error: {message}")
     context = getattr(error, "ctx", None)
     if context is not None:
-        _tell(f"  to see what is expected: {context.command_path} --help")
+        _print_error(f"  to see what is expected: {context.command_path} --help")
 
 
-def _tell(line: str) -> None:
+def _print_error(line: str) -> None:
     typer.echo(harmless(one_line(line)), err=True)

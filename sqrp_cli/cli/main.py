@@ -1,4 +1,4 @@
-"""The entry point, which imports next to nothing before it heeds Ctrl-C."""
+"""The entry point; it imports next to nothing before it handles Ctrl-C."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def main() -> None:
 
 
 def run(arguments: list[str]) -> int:
-    """Run a command; returns its exit code once all that it says is written."""
+    """Run a command; returns its exit code once all its output is written."""
     try:
         _prepare()
         from sqrp_cli.cli.app import execute
@@ -32,7 +32,7 @@ def run(arguments: list[str]) -> int:
         sys.stderr.write(f"error: the output cannot be written: {lost}\n")
         return BAD_INPUT
     except KeyboardInterrupt:
-        # A terminal shows `^C` on a line that nobody has ended.
+        # A terminal shows `^C` on a line that is not ended yet.
         sys.stderr.write("\ninterrupted\n" if sys.stderr.isatty() else "interrupted\n")
         with suppress(ResultsLost):
             sys.stdout.flush()

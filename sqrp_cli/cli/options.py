@@ -53,7 +53,7 @@ Images = Annotated[
 ]
 
 DEFAULT_ALLOWANCE = 0.5
-"""What may get worse without being a regression: points of Q, percent of times."""
+"""Changes for the worse that are no regression yet: points of Q, percent of times."""
 
 Paths = Annotated[
     list[str],
@@ -108,7 +108,7 @@ def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
 
 
 def read_program(path: Path, seed: int = 0) -> OpenProgram:
-    """Read a program, which may no longer fit its workspace, and print the warnings about that."""
+    """Read a program that may no longer fit its workspace, and print the warnings about that."""
     from sqrp_cli.api.program import OpenProgram
 
     program = OpenProgram.read(path, seed)
@@ -152,7 +152,7 @@ def _print_warnings(cell: OpenCell) -> None:
 
 
 def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) -> Sampling:
-    """The sampling that the options ask for. Raises InputError for contradictory or senseless values."""
+    """The sampling of the options. Raises InputError for contradictory or senseless values."""
     from sqrp_cli.knowledge.text.units import TIME, expected_quantity, read_quantity
     from sqrp_cli.programming.coverage.sampling import Adaptive, FixedCount, FixedStep
 
@@ -180,7 +180,7 @@ def read_sampling(samples: int | None, dt: str | None, tolerance: float | None) 
 
 
 def read_calibration(text: str | None, seed: int) -> Calibration | None:
-    """The standard deviations of camera poses that `5 mm, 0.5 deg` states, either of which may be left out."""
+    """Standard deviations of camera poses, such as `5 mm, 0.5 deg`; either may be left out."""
     from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, read_quantity
     from sqrp_cli.programming.coverage.robustness import Calibration
 
@@ -195,8 +195,8 @@ def read_calibration(text: str | None, seed: int) -> Calibration | None:
     return Calibration(deviations[LENGTH], deviations[ANGLE], seed)
 
 
-def tell(text: str) -> None:
-    """A line about what a run waits for; loads what it is printed with when there is one."""
+def note_late(text: str) -> None:
+    """Print a line about what a run waits for; loads the console only then."""
     from sqrp_cli.terminal.console import note
 
     note(text)

@@ -1,4 +1,4 @@
-"""Standard streams that take whatever is written, wherever it goes; of what is lost, only results are an error."""
+"""Standard streams that accept anything, wherever it goes; only lost results are an error."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from typing import Any, TextIO
 
 
 class ResultsLost(Exception):  # noqa: N818 - no error of the program's
-    """The results cannot be written; its text is what the system says of that."""
+    """The results cannot be written; the text is the system's reason."""
 
 
 def prepare_streams() -> None:
-    """Make the streams of this process cope with whatever they are connected to."""
+    """Make the streams of this process work with anything that they are connected to."""
     _open_closed()
     if sys.stdin is None:
         sys.stdin = Path(os.devnull).open(encoding="utf-8")  # noqa: SIM115 - for good
@@ -25,7 +25,7 @@ def prepare_streams() -> None:
 
 
 def _open_closed() -> None:
-    """Connect closed descriptors to nothing, or the next file that is opened would take what is printed."""
+    """Connect closed descriptors to the null device; otherwise the next opened file would receive the output."""
     for descriptor in range(3):
         try:
             os.fstat(descriptor)
@@ -47,9 +47,9 @@ def _writable(stream: TextIO | None, *, results: bool) -> TextIO:
 
 
 class _Output(io.FileIO):
-    """Where a stream goes. Whoever reads it may leave early, as `head` does: what is still to be done is done.
+    """The target of a stream. Its reader may leave early, as `head` does; the command still finishes its work.
 
-    That results cannot be written is raised once, as ResultsLost; then, as with anything else, the rest is dropped.
+    If results cannot be written, ResultsLost is raised once; then the rest is dropped, as on other streams.
     """
 
     def __init__(self, descriptor: int, *, results: bool) -> None:

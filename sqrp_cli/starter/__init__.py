@@ -1,1 +1,1 @@
-"""New workspaces: what stands around an arm so that a first task can be ranked at once."""
+"""New workspaces: a cell around an arm in which a first task can be ranked at once."""

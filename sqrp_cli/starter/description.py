@@ -1,4 +1,4 @@
-"""A user's robot description: how a workspace refers to it, and what belongs to it nearby."""
+"""A user's robot description: how a workspace refers to it, and the files near it."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ PACKAGE = "package://"
 class Description:
     """A robot description.
 
-    urdf: read. reference, srdf: as a workspace file names them. package_roots: folders that its meshes need besides
-    those that are known anyway, as the file names them. warnings: what was found but cannot be used.
+    urdf: parsed. reference, srdf: as a workspace file names them. package_roots: folders that its meshes need besides
+    the known ones, as the file names them. warnings: about files that were found but cannot be used.
     """
 
     urdf: UrdfModel
@@ -41,7 +41,7 @@ def describe_robot(reference: str, folder: Path) -> Description:
 
     Raises InputError for a URDF that cannot be used.
     """
-    # Not by `Path`, which has errors of its own for users that there are not and for names that no file can have.
+    # `Path` would raise errors of its own for unknown users and for impossible names.
     named = os.path.expanduser(reference)  # noqa: PTH111
     if "://" not in reference and not os.path.isfile(named):  # noqa: PTH113
         raise InputError(missing_file(Path(named)))
@@ -68,7 +68,7 @@ def _named(path: Path, folder: Path) -> str:
 
 
 def resolve_or_none(reference: str) -> Path | None:
-    """The file of a `package://` reference in the folders that are known anyway."""
+    """The file of a `package://` reference in the known folders."""
     try:
         return resolve(reference, Path.cwd(), package_roots(), Place(Path.cwd())).resolve()
     except InputError:
@@ -76,7 +76,7 @@ def resolve_or_none(reference: str) -> Path | None:
 
 
 def _missing_roots(urdf: UrdfModel) -> Iterator[Path]:
-    """Folders around the URDF with the packages that its meshes name and that are found nowhere else."""
+    """Folders around the URDF with packages of its meshes that are found nowhere else."""
     pieces = [piece for link in urdf.links.values() for piece in (*link.collision, *link.visual)]
     references = [piece.shape.reference for piece in pieces if isinstance(piece.shape, MeshReference)]
     needed = dict.fromkeys(name.removeprefix(PACKAGE).split("/")[0] for name in references if name.startswith(PACKAGE))
@@ -92,7 +92,7 @@ def _missing_roots(urdf: UrdfModel) -> Iterator[Path]:
 
 
 def _srdf_beside(path: Path, urdf: UrdfModel) -> tuple[Path | None, list[Problem]]:
-    """The SRDF near a URDF that has its file name or its robot's name, and why others of that name do not fit."""
+    """The SRDF near a URDF with its file name or robot name, and why other such files do not fit."""
     warnings: list[Problem] = []
     for folder in dict.fromkeys((path.parent / name).resolve() for name in _SRDF_FOLDERS):
         for file in sorted(folder.glob("*.srdf")) if folder.is_dir() else ():

@@ -1,4 +1,4 @@
-"""What a starter workspace holds, and its file as text."""
+"""The contents of a starter workspace, and its file as text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from math import degrees
 from sqrp_cli.geometry import Array, matrix_to_rpy
 
 TASK = "pickup green"
-"""The task that a starter workspace is made for."""
+"""The task of a starter workspace."""
 
 TOOL_FRAME = "suction_tip"
 """The grasping link of the shipped suction cup."""
@@ -53,10 +53,10 @@ class Position:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Everything that the file of a starter workspace says.
+    """Everything in the file of a starter workspace.
 
-    urdf, srdf, package_roots: as the file names them. guessed: whether the robot is the user's own, so that what was
-    guessed is marked. lift: height above the table from which the root link stands [m].
+    urdf, srdf, package_roots: as the file names them. guessed: whether the robot is the user's own, so that guesses
+    are marked. lift: height of the root link above the table [m].
     tip: the link of the robot that carries the suction cup, or grasps itself while there is none.
     X_LT: pose of the cup's root in that link, shape (4, 4); None while there is no cup.
     home: of every joint of the arm by name. table_side: of the square table, 0 for none [m].
@@ -79,7 +79,7 @@ class Layout:
 
 
 def workspace_text(layout: Layout) -> str:
-    """The workspace file. What was guessed about a robot carries a comment that begins with `check:`."""
+    """The workspace file. Guesses about a robot carry a comment that begins with `check:`."""
     sections = [_head(layout), _robot(layout), _DETECTORS, _cameras(layout), _skills(layout), _objects(layout)]
     sections += [_state(layout), _tasks(layout)]
     return "\n".join(section for section in sections if section)
@@ -90,9 +90,9 @@ def _check(layout: Layout, what: str) -> str:
 
 
 def _head(layout: Layout) -> str:
-    whose = "your arm" if layout.guessed else "a six-axis arm"
+    arm = "your arm" if layout.guessed else "a six-axis arm"
     return (
-        f"# A cell with {whose}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` do too.\n"
+        f"# A cell with {arm}, a suction cup and cameras. SI units and radians; `30 deg`, `20 mm`, `50 ms` work too.\n"
         + ("# Lines marked `check:` were guessed; `sqrp show` prints what was understood.\n" if layout.guessed else "")
         + "# Every key: sqrp schema\n"
     )
@@ -194,7 +194,7 @@ def _tasks(layout: Layout) -> str:
 
 
 def _text(value: str) -> str:
-    """Text as YAML; in quotes where it could be taken for something else."""
+    """Text as YAML, in quotes where it would be ambiguous."""
     plain = value[:1].isalpha() or value.startswith(("../", "./", "/"))
     harmless = all(character.isalnum() or character in "/._-:" for character in value) and not value.endswith(":")
     words = {"true", "false", "null"}

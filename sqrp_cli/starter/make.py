@@ -1,4 +1,4 @@
-"""Making a new workspace: tried out in a folder of its own before that takes its name."""
+"""Making a new workspace: in a draft folder, which is renamed when everything works."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from sqrp_cli.starter.layout import Layout, Position, workspace_text
 from sqrp_cli.starter.random_cell import Crowd, crowded
 
 SHIPPED = Path(__file__).parent
-"""Folder with the skills and robots that come with the program."""
+"""Folder of the shipped skills and robots."""
 
 OWN_ARM = "robots/six_axis_arm.urdf"
 SUCTION_CUP = "robots/suction_cup.urdf"
@@ -33,7 +33,7 @@ LARGEST_TABLE = 100.0
 """Side of the largest table, for arms on long rails [m]."""
 
 LIFTS = (0.0, 0.15, 0.3, 0.45)
-"""Heights of a pedestal that are tried, as shares of the reach: small arms cannot point a tool down from less."""
+"""Pedestal heights to try, as shares of the reach: small arms need one to point a tool down."""
 
 LIFT = 0.1
 """How far the skill lifts a cube [m]."""
@@ -43,8 +43,8 @@ LIFT = 0.1
 class Starter:
     """A workspace that was made.
 
-    folder: where. tip: the link that carries the tool. cubes: those within reach. task: what can be ranked there; None
-    if nothing is within reach. warnings: what could not be guessed.
+    folder: its path. tip: the link that carries the tool. cubes: those within reach. task: a task to rank; None if
+    nothing is within reach. warnings: about what could not be guessed.
     """
 
     folder: Path
@@ -57,8 +57,8 @@ class Starter:
 def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None) -> Starter:
     """Make a workspace in a folder that does not exist or is empty.
 
-    robot: the URDF of the user's arm, a path or `package://...`; None for an arm that comes with the program.
-    crowd: what to fill it with at random, in place of the few cubes and cameras of a first workspace.
+    robot: the URDF of the user's arm, a path or `package://...`; None for a shipped arm.
+    crowd: random contents, in place of the few cubes and cameras of a first workspace.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
     """
     folder = folder.absolute()
@@ -81,7 +81,7 @@ def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None) ->
 
 
 def _check_free(folder: Path) -> None:
-    """Raises InputError where a new folder cannot be made, or something is in it already."""
+    """Raises InputError if the folder cannot be made, or is not empty."""
     parent = folder.parent
     if folder.is_dir():
         if any(folder.iterdir()):
@@ -104,7 +104,7 @@ def _copy_shipped(draft: Path, *, own_arm: bool) -> None:
 
 
 def _move(draft: Path, folder: Path) -> None:
-    """Give the draft its name; into a folder that is there already, its workspace file goes last."""
+    """Rename the draft; if the folder exists already, move the workspace file last."""
     if not folder.exists():
         draft.replace(folder)
         return
@@ -113,7 +113,7 @@ def _move(draft: Path, folder: Path) -> None:
 
 
 def _fill(draft: Path, description: Description, *, guessed: bool) -> tuple[Layout, tuple[Problem, ...]]:
-    """Find out, one thing after the other, what the workspace file is to say, and write it."""
+    """Determine the contents of the workspace file step by step, and write it."""
     arm = guess_arm(description.urdf)
     layout = Layout(
         urdf=description.reference,
@@ -147,7 +147,7 @@ def _fill(draft: Path, description: Description, *, guessed: bool) -> tuple[Layo
 
 
 def _with_work(draft: Path, layout: Layout, reach: float) -> Layout:
-    """The layout with a home position, cubes that the arm can pick up and cameras, as far as they are found."""
+    """The layout with a home position, reachable cubes and cameras, as far as they are found."""
     cell = _load(draft, layout)
     home = search.find_home(cell, reach)
     if home is None:

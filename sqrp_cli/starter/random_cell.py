@@ -1,4 +1,4 @@
-"""A starter workspace filled at random, for load tests: as many cubes and cameras as asked for, obstacles, tasks."""
+"""A starter workspace filled at random, for load tests: any number of cubes and cameras, obstacles, tasks."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.starter.layout import CameraView, Cube, Layout, Obstacle
 
 COLORS = ("green", "red", "blue")
-"""Colours of the cubes, in turn; there is a task for each that occurs."""
+"""Colours of the cubes, in turn; each colour in use gets a task."""
 
 CUBES_PER_OBSTACLE = 6
 
 NEAREST, FARTHEST = 0.3, 0.75
-"""Where the work lies: distances from the base as shares of the reach; further out if the cubes need more room."""
+"""Ring of the work: distances from the base as shares of the reach; larger if the cubes need more room."""
 
 CLEARANCE = 0.05
-"""Least distance between things on the table, beside the half diagonals of their sides [m]."""
+"""Least distance between items on the table, added to the half diagonals of their sides [m]."""
 
 HOME_CLEARANCE = 0.25
 """Radius around the tool at home in which nothing tall stands [m]."""
@@ -28,7 +28,7 @@ HOME_CLEARANCE = 0.25
 
 @dataclass(frozen=True)
 class Crowd:
-    """What to fill a cell with; seed: of all that is drawn."""
+    """Random contents of a cell; seed: of all random numbers."""
 
     seed: int
     objects: int
@@ -68,7 +68,7 @@ def crowded(layout: Layout, cell: Cell, reach: float, crowd: Crowd) -> Layout:
 
 
 class _Ground:
-    """Where on the table something stands already: circles around things [m]."""
+    """Occupied places on the table: circles around items [m]."""
 
     def __init__(self, base: Array, nearest: float) -> None:
         self._base, self._nearest = base, nearest
@@ -81,9 +81,9 @@ class _Ground:
         return float((np.abs(self._places).max(axis=1) + self._radii).max(initial=0.0))
 
     def draw(self, rng: np.random.Generator, farthest: float, radius: float, apart_from: Array, by: float) -> Array:
-        """A free place for a thing of a radius, uniform over the ring around the base; in whole millimetres, (2,).
+        """A free place for an item of a radius, uniform over the ring around the base; in whole millimetres, (2,).
 
-        apart_from, by: a point (2,) and the distance that is kept from it. The ring grows where no place is found.
+        apart_from, by: a point (2,) and the distance to keep from it. The ring grows if no place is found.
         """
         while True:
             for _ in range(200):

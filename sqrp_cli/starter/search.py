@@ -21,28 +21,28 @@ from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
 
 TOOL_GAP = 0.002
-"""How far the suction cup begins beyond whatever the arm carries [m]."""
+"""Gap between what the arm carries and the suction cup [m]."""
 
 DIRECTIONS = tuple(turn * pi / 180 for turn in (0, -90, 90, 180))
 """Directions from the base in which the work may lie [rad], the preferred one first."""
 
 HOME_SHARES = ((0.55, 0.35), (0.45, 0.3), (0.65, 0.3), (0.5, 0.5), (0.35, 0.35), (0.7, 0.2))
-"""Places of the tool at home: distance from the base and height above the table, as shares of the reach."""
+"""Tool positions at home: distance from the base and height above the table, as shares of the reach."""
 
 CUBE_SHARES = (0.5, 0.62, 0.4, 0.72, 0.3)
 """Distances of cubes from the base, as shares of the reach."""
 
 CUBE_TURNS = tuple(turn * pi / 180 for turn in (0, -25, 25, -50, 50))
-"""Directions of cubes, against that of the work [rad]."""
+"""Directions of cubes relative to that of the work [rad]."""
 
 COLORS = ("green", "green", "green", "red")
-"""Colours of the cubes, in the order in which places for them are found."""
+"""Colours of the cubes, in the order in which they are placed."""
 
 VIEW_HEIGHT = 35 * pi / 180
-"""Height of the cameras above what they look at, as an angle [rad]."""
+"""Elevation of the cameras above what they look at [rad]."""
 
 BEHIND, ASIDE = 150 * pi / 180, -60 * pi / 180
-"""Where the first camera stands, over the arm's shoulder, and the second, against the direction of the work [rad]."""
+"""Directions of the first camera, over the arm's shoulder, and of the second, relative to that of the work [rad]."""
 
 HALF_VIEW = 20 * pi / 180
 """Half the angle within which the first camera sees all cubes [rad]; its image is wider, for arm and lift."""
@@ -53,14 +53,14 @@ CLOSE_UP = 0.35
 
 @dataclass(frozen=True)
 class Home:
-    """Where programs start: position of every joint of the arm, and the direction of the work from the base [rad]."""
+    """A home position: of every joint of the arm, and the direction of the work from the base [rad]."""
 
     positions: Mapping[str, Position]
     direction: float
 
 
 def tool_seat(cell: Cell, tip: str, carried: Sequence[str], out: Array) -> Array:
-    """Pose X_LT of a tool in the link `tip`, z along `out` (3,), beyond all that the arm carries there; (4, 4)."""
+    """Pose X_LT of a tool in the link `tip`, z along `out` (3,), beyond everything that the arm carries; (4, 4)."""
     X_WL = cell.model.link_poses(cell.model.home[None])
     X_TW = np.linalg.inv(X_WL[tip][0])
     solids = load_solids([part for part in cell.model.parts if part.parent in carried])
@@ -82,17 +82,17 @@ def lowest_point(cell: Cell) -> float:
 
 
 def arm_reach(model: RobotModel) -> float:
-    """About how far the tool gets from the arm's first joint, along the ground [m]."""
+    """Approximate horizontal reach of the tool from the arm's first joint [m]."""
     q = spread_starts(model, 512)
     places = model.tool_poses_and_jacobians(q)[0][:, :2, 3]
     return float(np.quantile(np.linalg.norm(places - _root(model), axis=1), 0.98))
 
 
 def find_home(cell: Cell, reach: float) -> Home | None:
-    """A position with the tool pointing down and nothing in touch.
+    """A position with the tool pointing down and without contact.
 
-    Of the branches at the first place that has any, one that holds the arm's joints high and turns them little. None if
-    there is none.
+    Of the IK branches at the first place that has any, the one that keeps the joints high and turns them little. None
+    if there is none.
     """
     model = cell.model
     for far, high in HOME_SHARES:
@@ -106,7 +106,7 @@ def find_home(cell: Cell, reach: float) -> Home | None:
 
 
 def _free_branches(cell: Cell, X_WT: Array) -> list[Array]:
-    """The positions (n,) near X_WT, in whole degrees or millimetres, within the limits and with nothing in touch."""
+    """The positions (n,) near X_WT, in whole degrees or millimetres, within the limits and without contact."""
     model = cell.model
     solutions = all_solutions(model, X_WT).solutions
     solutions = np.where(model.turns, np.radians(np.round(np.degrees(solutions))), np.round(solutions, 3))
@@ -116,13 +116,13 @@ def _free_branches(cell: Cell, X_WT: Array) -> list[Array]:
 
 
 def tool_down(model: RobotModel, far: float, direction: float, high: float) -> Array:
-    """The pose of a tool frame that points down, so far from the first joint in a direction, so high; (4, 4)."""
+    """The pose of a tool frame that points down, at a distance and direction from the first joint; (4, 4)."""
     place = _root(model) + far * _heading(direction)
     return pose(axis_rotation(0, pi), [*place, high])
 
 
 def places_to_try(model: RobotModel, reach: float, direction: float, size: float) -> Iterator[Cube]:
-    """Cubes on the table, the most likely to be in reach first, none close to another."""
+    """Cubes on the table with some distance between them, the most likely reachable ones first."""
     chosen: list[Array] = []
     for share in CUBE_SHARES:
         for turn in CUBE_TURNS:
@@ -165,7 +165,7 @@ def views_of(cubes: Sequence[Cube], direction: float, lift: float) -> tuple[Came
 
 
 def _view(name: str, looks_at: Array, distance: float, turn: float) -> CameraView:
-    """A camera that stands so far from a point, in a direction [rad]."""
+    """A camera at a distance from a point, in a direction [rad]."""
     ray = np.array([*(np.cos(VIEW_HEIGHT) * _heading(turn)), np.sin(VIEW_HEIGHT)])
     x, y, z = (looks_at + distance * ray).round(2).tolist()
     at_x, at_y, at_z = looks_at.round(2).tolist()

@@ -43,7 +43,7 @@ def test_a_log_without_rates_says_what_is_not_known(sqrp: Callable[..., Any], tm
     shown = sqrp("run", "--replay", log)
     assert shown.code == 3
     assert LATE not in " ".join(shown.out.split())
-    assert shown.err.startswith(f"warning: {log}:1: this log does not tell how often its cameras took images")
+    assert shown.err.startswith(f"warning: {log}:1: this log does not say how often its cameras took images")
     assert f"to mend it: name the program that was run: sqrp run PROGRAM --replay {log}\n" in shown.err
     assert sqrp("run", "--replay", log, "--json").err == ""
 

@@ -23,7 +23,7 @@ def command(
 ) -> ExitCode:
     """Compare recorded camera frames with what a program predicts.
 
-    Tells how often each camera showed each literal when it was predicted to.
+    Shows how often each camera showed each literal when it was predicted to.
     """
     from sqrp_cli.runtime.cell.requirements import check_packages
     from sqrp_cli.terminal.console import progress

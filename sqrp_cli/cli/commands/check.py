@@ -37,7 +37,7 @@ def command(
 ) -> ExitCode:
     """Validate a workspace, and a task in it.
 
-    With a task, say which of its candidates can be done, why the others cannot, and what would have to be done first.
+    With a task, show which candidates can be done, why the others cannot, and what would have to be done first.
     """
     from sqrp_cli.report.documents.checks import CheckDocument
     from sqrp_cli.report.documents.document import as_text
@@ -76,7 +76,7 @@ def command(
 def _check(
     path: Path, task: str | None, after: Path | None, program: Path | None, planner: str | None, jobs: int, seed: int
 ) -> Check:
-    """Check everything, and write the program if one is asked for and there is something to do."""
+    """Check everything; write the program if one is requested and there is something to do."""
     from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.api.session import add_steps, chosen_steps, world_before
     from sqrp_cli.programming.coverage.sampling import Adaptive

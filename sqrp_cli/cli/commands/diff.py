@@ -1,4 +1,4 @@
-"""`sqrp diff`: two versions of a workspace, what differs and what that does to its tasks."""
+"""`sqrp diff`: what differs between two versions of a workspace, and the effect on its tasks."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from sqrp_cli.cli.options import (
     Seed,
     Tolerance,
     job_count,
+    note_late,
     read_sampling,
-    tell,
 )
 from sqrp_cli.errors import ExitCode, InputError
 
@@ -42,11 +42,11 @@ def command(
 ) -> ExitCode:
     """Compare two versions of a workspace.
 
-    Say what differs, field by field, and which literal is no longer seen by which camera, and when, because of it.
+    Show what differs, field by field, and which camera therefore no longer sees which literal, and when.
     """
     from sqrp_cli.scoring.work.cluster import connected
 
-    with connected(cluster, tell) as workers:
+    with connected(cluster, note_late) as workers:
         from sqrp_cli.api.results import Difference
         from sqrp_cli.api.scores import why_not_scored
         from sqrp_cli.cli.commands.score import show

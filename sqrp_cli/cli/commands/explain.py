@@ -50,7 +50,7 @@ def command(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
-    """Explain how well a way of doing a task is seen.
+    """Explain how well the cameras see a way of doing a task.
 
     Shows when each camera sees each literal, and what is in the way when it does not.
     """
@@ -80,7 +80,7 @@ def command(
 
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:
-    """Pictures of every blind interval, in a folder per candidate if there may be several."""
+    """Take pictures of every blind interval, in a folder per candidate if there may be several."""
     from sqrp_cli.report.pictures.pictures import SHEET, folder_of, write_pictures
     from sqrp_cli.terminal.console import note, progress
 

@@ -36,7 +36,7 @@ def command(
 ) -> ExitCode:
     """Make a new workspace with its skill.
 
-    What is guessed about your arm is marked `check:` in the file. Nothing is ever overwritten.
+    Guesses about your arm are marked `check:` in the file. Nothing is ever overwritten.
     """
     from sqrp_cli.api.cell import new_cell
     from sqrp_cli.starter.random_cell import Crowd

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 NAME = "program"
 
 NEW = "new"
-"""What stands in place of a file to make a new program in questions and answers."""
+"""Given instead of a file, it makes a new program in questions and answers."""
 
 DEFAULT_RATE = 100.0
 """Points per second of an export [Hz]."""
@@ -96,9 +96,9 @@ def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as
 
 
 def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Problem]]:
-    """The program's workspace, and why the program cannot be relied on: it has changed, or is not there.
+    """The program's workspace, and why the program is not reliable: the workspace has changed, or is missing.
 
-    Raises InputError where it was edited, or contradicts a workspace that has not changed.
+    Raises InputError if the program was edited, or contradicts an unchanged workspace.
     """
     from sqrp_cli.knowledge.workspace.load import load_workspace
     from sqrp_cli.program.file import check_program, check_unedited, stale, workspace_path
@@ -118,7 +118,7 @@ def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Proble
 
 
 def _without_last(program: Program, file: Path) -> tuple[Program, str]:
-    """Save a program without its last step; returns it with what was done."""
+    """Save a program without its last step; returns it with a message."""
     from sqrp_cli.program.file import save_program
 
     if not program.steps:
@@ -129,9 +129,9 @@ def _without_last(program: Program, file: Path) -> tuple[Program, str]:
 
 
 def _export(program: Program, workspace: Workspace, file: Path, target: Path, rate: float) -> str:
-    """Write the joint trajectory, for ROS without the fingers, which have a controller of their own.
+    """Write the joint trajectory; for ROS without the fingers, which have their own controller.
 
-    Returns what was written.
+    Returns a message.
     """
     from sqrp_cli.platform.files import check_not_read, write_atomically
     from sqrp_cli.program.joint_trajectory import FORMATS, YAML_MARK

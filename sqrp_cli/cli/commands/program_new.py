@@ -1,4 +1,4 @@
-"""`sqrp program new`: a program made step by step in questions and answers; every step is saved at once."""
+"""`sqrp program new`: makes a program step by step in questions and answers; every step is saved at once."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def make_program(path: Path) -> ExitCode:
 
 @dataclass
 class _Dialog:
-    """The program as far as it is made, all of which is in its file."""
+    """The program so far; its file has all of it."""
 
     cell: Cell
     file: Path | None
@@ -69,7 +69,7 @@ class _Dialog:
         return f"{self.file} holds the program: {count} step{'s' * (count != 1)}"
 
     def ask_for_file(self) -> None:
-        """Until there is a file that can be written, or a program that can be gone on with."""
+        """Ask until there is a file that can be written, or a program to continue."""
         proposal = f"{self.cell.workspace.name}-program.yaml"
         while self.file is None:
             file = Path(ask(f"File for the program [{proposal}]: ") or proposal)
@@ -91,12 +91,12 @@ class _Dialog:
 
     @property
     def world(self) -> World:
-        """The world that the steps so far leave."""
+        """The world after the steps so far."""
         steps = self.program.steps
         return steps[-1].after if steps else self.cell.initial_world
 
     def add_step(self) -> bool:
-        """Show what can be done, and ask for a task and for one of its ways; whether there was an answer."""
+        """Show what can be done, and ask for a task and one of its ways; returns whether there was an answer."""
         doable = self._show_possibilities()
         example = self.cell.workspace.tasks[0].task if self.cell.workspace.tasks else "pickup red screw"
         say()
@@ -115,7 +115,7 @@ class _Dialog:
         return False
 
     def _show_possibilities(self) -> list[Possibility]:
-        """Print what can be done now, and why not the rest; returns what can."""
+        """Print what can be done now, and why the rest cannot; returns the former."""
         with progress("Looking for what can be done", None) as advance:
             found = []
             for possibility in possibilities(self.cell, self.world):
@@ -138,7 +138,7 @@ class _Dialog:
         return doable
 
     def _choose(self, task: Task) -> list[ChosenStep]:
-        """Rank the ways of a task and ask for one; where there is none, propose what has to be done first."""
+        """Rank the ways of a task and ask for one; if there is none, propose what to do first."""
         session = Session(task, Assignment(self.cell, self.world, Adaptive()))
         ranking = rank(list(assess(session, job_count(None), progress)), "q_eoi")
         say()
@@ -166,7 +166,7 @@ class _Dialog:
 
 
 def _chosen(feasible: Sequence[Ranked]) -> Ranked | None:
-    """The way that the user wants; None for none of them."""
+    """The way that the user chooses; None: none of them."""
     while True:
         answer = ask("Which one becomes the step, by its #; 0 for none [1]: ") or "1"
         if answer.isdecimal() and int(answer) <= len(feasible):

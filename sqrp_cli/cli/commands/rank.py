@@ -65,7 +65,7 @@ def command(
 ) -> ExitCode:
     """Rank the ways of doing a task.
 
-    The best are those in which the cameras will see what matters. The chosen one can be written as a program.
+    The best are those in which the cameras see what matters. The chosen one can be written as a program.
     """
     from sqrp_cli.api.results import Ranking
     from sqrp_cli.api.session import check_choice
@@ -88,24 +88,24 @@ def command(
     ranked = rank(assessments, criterion)
     if report is not None and not interrupted:
         interrupted = not _page_is_written(session, ranked, criterion, report, context.obj, job_count(jobs))
-    # Written before it is told, because whoever reads may leave early.
-    code, told = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choose, program)
+    # Written before the output, because its reader may leave early.
+    code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choose, program)
     ranking = Ranking(session, ranked, criterion, interrupted)
     if as_json:
         say_raw(ranking.to_json())
     else:
         ranking.show()
-    if told:
-        note(told)
+    if message:
+        note(message)
     return code
 
 
 def _checked_files(
     workspace: Path, seed: int, after: Path | None, program: Path | None, report: Path | None
 ) -> tuple[OpenCell, Path | None]:
-    """The cell, and the program whose final world the task starts from.
+    """The cell, and the program after which the task starts.
 
-    Raises InputError, before anything is computed, where files cannot be read or written or are one another.
+    Raises InputError, before anything is computed, if files cannot be read or written, or two are the same.
     """
     from sqrp_cli.api.session import world_before
     from sqrp_cli.platform.files import check_distinct, check_not_read
@@ -120,7 +120,7 @@ def _checked_files(
 
 
 def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
-    """The assessments of all candidates, or of those that are finished at Ctrl-C; and whether that came."""
+    """The assessments of all candidates, or at Ctrl-C of the finished ones; and whether it was interrupted."""
     from sqrp_cli.api.session import assess
     from sqrp_cli.terminal.console import note, progress
 
@@ -136,7 +136,7 @@ def _assess(session: Session, jobs: int) -> tuple[list[Assessment], bool]:
 def _page_is_written(
     session: Session, ranking: Sequence[Ranked], by: Criterion, file: Path, arguments: Sequence[str], jobs: int
 ) -> bool:
-    """Write the page about a ranking; whether that was done before a Ctrl-C."""
+    """Write the page about a ranking; returns False if Ctrl-C came first."""
     from sqrp_cli.report.pages.candidate_page import write_ranking
     from sqrp_cli.terminal.console import note, progress
 
@@ -153,9 +153,9 @@ def _page_is_written(
 def _write_chosen(
     session: Session, ranking: Sequence[Ranked], choose: str, program: Path | None
 ) -> tuple[ExitCode, str]:
-    """Append the chosen candidate to a program, if one was named; nothing is written if it is infeasible.
+    """Append the chosen candidate to a program, if one was named, unless it is infeasible.
 
-    Returns the exit code, and what there is to say about it.
+    Returns the exit code and a message.
     """
     from sqrp_cli.api.session import ChosenStep, add_steps, choose_candidate
 
@@ -168,8 +168,8 @@ def _write_chosen(
         why = "no candidate can be done" if choose == "best" else f"{name} is infeasible ({reason})"
         return ExitCode.NONE_FEASIBLE, f"{why}{consequence}"
     if program is None:
-        told = "" if choose == "best" else f"{chosen.assessment.candidate.name} is chosen; --program FILE writes it"
-        return ExitCode.OK, told
+        message = "" if choose == "best" else f"{chosen.assessment.candidate.name} is chosen; --program FILE writes it"
+        return ExitCode.OK, message
     step = ChosenStep(session.task.text, chosen.assessment, session.assignment.world)
     add_steps(session.cell, [step], session.assignment.sampling, program)
     return ExitCode.OK, f"{chosen.assessment.candidate.name} is now the last step of {program}"

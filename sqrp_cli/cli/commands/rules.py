@@ -18,9 +18,9 @@ Code = Annotated[
 
 
 def command(code: Code = None, as_json: Json = False) -> ExitCode:
-    """What can be found in the input: codes, what they look for, and why.
+    """List all findings: their codes, what each looks for, and why.
 
-    With CODE one finding in full, with an example that passes and one that fails.
+    With CODE, show one finding in full, with an example that passes and one that fails.
     """
     from sqrp_cli.checks.registry import rule_of, rules
 

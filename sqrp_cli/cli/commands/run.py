@@ -27,7 +27,7 @@ _FORMS = (
 
 @dataclass(frozen=True)
 class Kept:
-    """Where a film, a log and the images of a run go; None for what is not kept."""
+    """Where to keep a film, a log and the images of a run; None: nowhere."""
 
     record: Path | None
     log: Path | None
@@ -92,7 +92,7 @@ def command(
 def _check_options(
     replay: Path | None, sweep: str | None, n: int | None, fault: list[str] | None, kept: Kept, report: Path | None
 ) -> None:
-    """Raises InputError for options that do not go together, and for a film that is no film."""
+    """Raises InputError for options that exclude each other, and for a name that is no film's."""
     files = {"--record": kept.record, "--log": kept.log, "--frames": kept.frames}
     if replay is not None:
         _refuse_with("--replay", {"--fault": fault, "--sweep": sweep, "--n": n, **files})
@@ -114,7 +114,7 @@ def _is_text(path: Path) -> bool:
 
 
 def _refuse_with(option: str, others: Mapping[str, object]) -> None:
-    """Raises InputError where an option is given together with one that it leaves no room for."""
+    """Raises InputError if an option is given together with one that it excludes."""
     for name, value in others.items():
         if value:
             raise InputError(Problem("bad-option", f"{option} and {name} exclude each other; give one of them"))
@@ -135,7 +135,7 @@ def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
 
 
 def _run(opened: OpenProgram, faults: Sequence[str], kept: Kept, *, witnessed: bool) -> SimulatedRun:
-    """Run a program, shown live. witnessed: whether a page will show where everything really was."""
+    """Run a program with a live view. witnessed: whether a page will show where everything really was."""
     from sqrp_cli.terminal.run_view import LiveView
 
     with LiveView(list(opened.workspace.cameras)) as view:
@@ -145,7 +145,7 @@ def _run(opened: OpenProgram, faults: Sequence[str], kept: Kept, *, witnessed: b
 
 
 def _replay(log: Path, program: Path | None, page: Path | None, *, as_json: bool) -> SimulatedRun:
-    """Show a run again. program: tells where its workspace is, for a page that plays it in three dimensions."""
+    """Show a run again. program: leads to the workspace, for a page with 3D playback."""
     from sqrp_cli.api.program import LoggedRun
     from sqrp_cli.platform.files import check_not_read
     from sqrp_cli.terminal.run_view import LiveView

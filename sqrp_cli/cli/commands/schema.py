@@ -14,8 +14,8 @@ Name = Annotated[
     str,
     typer.Argument(
         metavar="NAME",
-        help="workspace or skill, for files; log, for a line of what run --log writes; or a command, such as rank, for"
-        " what its --json prints.",
+        help="workspace or skill, for files; log, for a line of the file of run --log; or a command, such as rank, for"
+        " its --json.",
     ),
 ]
 JsonAnyway = Annotated[

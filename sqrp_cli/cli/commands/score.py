@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from sqrp_cli.cli import options as option
-from sqrp_cli.cli.options import answer, job_count, read_sampling, tell
+from sqrp_cli.cli.options import answer, job_count, note_late, read_sampling
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem
 from sqrp_cli.platform.files import check_distinct, check_writable
 
@@ -42,7 +42,7 @@ class Outputs:
         return tuple(path for path in (self.junit, self.summary, self.baseline, self.report) if path is not None)
 
     def check(self) -> None:
-        """Raises InputError before anything is computed where one of them cannot be written, or two are the same."""
+        """Raises InputError before anything is computed if one of them cannot be written, or two are the same."""
         options = ("--junit", "--summary", "--save-baseline", "--report")
         check_distinct(dict(zip(options, (self.junit, self.summary, self.baseline, self.report), strict=True)))
         for path in self.paths:
@@ -77,7 +77,7 @@ def command(
 ) -> ExitCode:
     """Score all tasks of many workspaces.
 
-    Each task's best candidate is held against the thresholds that its workspace states, and against a baseline.
+    Each task's best candidate is compared with the thresholds in its workspace, and with a baseline.
     """
     from sqrp_cli.scoring.work.cluster import connected
 
@@ -91,7 +91,7 @@ def command(
     if vary and (baseline is not None or outputs.paths):
         raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
     outputs.check()
-    with connected(cluster, tell) as workers:
+    with connected(cluster, note_late) as workers:
         from sqrp_cli.scoring.work.compute import Means
 
         means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
@@ -110,10 +110,10 @@ def _score(
     *,
     as_json: bool,
 ) -> ExitCode:
-    """Score all, compare with the baseline, write the files that were asked for and print; arguments: of the command.
+    """Score all, compare with the baseline, write the requested files and print; arguments: of the command.
 
-    Raises InputError for paths, folders and files of no use, and where nothing at all can be scored; else what could be
-    is printed, with the rest in it as errors.
+    Raises InputError for unusable paths, folders and files, and if nothing at all can be scored. Otherwise prints what
+    could be scored, and the rest as errors.
     """
     from sqrp_cli.api.results import Scores
     from sqrp_cli.api.scores import ScoreRun, nothing_scored, why_not_scored
@@ -150,7 +150,7 @@ def _score(
 
 
 def _findings(run: ScoreRun) -> Scorecard:
-    """What was scored, with warnings printed on the way."""
+    """Score; prints warnings on the way."""
     from sqrp_cli.terminal.console import note, print_problems
 
     for cell in run.cells:
@@ -172,7 +172,7 @@ def _write_page(run: ScoreRun, findings: Scorecard, means: Means, page: Path, ar
 
 
 def show(scores: Scores, *, as_json: bool) -> ExitCode:
-    """Print what was found; returns the exit code that it stands for."""
+    """Print the findings; returns their exit code."""
     answer(scores, as_json=as_json)
     if scores.findings.interrupted:
         return ExitCode.INTERRUPTED
@@ -211,8 +211,8 @@ def _vary(
         document, read = read_variants(files[0], values, advance)
     with open_computer(means) as computer:
         found = sweep(document, read, grid_shape(variations, draws), computer, progress)
-        asked = [want for variant in read for want in wanted_of(variant.cell)]
-        assessments = [outcome.assessment for outcome in map(computer.outcome, asked) if outcome is not None]
+        wants = [want for variant in read for want in wanted_of(variant.cell)]
+        assessments = [outcome.assessment for outcome in map(computer.outcome, wants) if outcome is not None]
     print_problems(problem for problem in read[0].cell.problems if problem.severity == "warning")
     print_problems(intervals_outside(assessments))
     if found.interrupted:
@@ -234,7 +234,7 @@ def _vary(
 
 
 def _check_patch(path: Path) -> None:
-    """Raises InputError for a file that cannot be written, or that is there and that no sweep has written."""
+    """Raises InputError for a file that cannot be written, or that exists and was not written by a sweep."""
     check_writable(path)
     if path.is_file():
         with path.open("rb") as file:

@@ -9,7 +9,7 @@ NAME = "show"
 
 
 def command(workspace: WorkspacePath, as_json: Json = False) -> ExitCode:
-    """Show what was understood of a workspace.
+    """Show how a workspace is understood.
 
     Robot, cameras, objects, skills and state, with every path and pose resolved.
     """
