@@ -8,13 +8,13 @@ import re
 import subprocess
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "sqrp_cli"
-IDEAS = ("Box", "Fault", "Camera", "Frame")
-"""Ideas of which there should be few records: classes with this word in their name."""
+IDEAS = {"target's box": "encloses", "fault's figures": "delay_worst", "camera": "latency", "camera's pose": "X_FC"}
+"""Ideas of which there should be few records, each with a field by which every record of it is known."""
 LONG = 30
 """Lines of a function, without its docstring, that are many."""
 
@@ -55,13 +55,28 @@ class House:
             "modules with one importer": counted(self.with_one_importer()),
             "dict[str, Any]": counted(hits),
         }
-        for idea in IDEAS:
-            pattern = re.compile(rf"{idea}(?![a-z])|{idea}s\b")
-            found[f"classes named ..{idea}.."] = counted(name for name in self.classes() if pattern.search(name))
+        for idea, field in IDEAS.items():
+            found[f"records of a {idea}"] = counted(self.records_with(field))
+            found[f"modules that write a {idea}"] = counted(self.modules_that_write(field))
         found["class names used twice"] = counted(name for name, count in Counter(self.classes()).items() if count > 1)
         found[f"functions over {LONG} lines"] = counted(self.long_functions())
         found["public functions that return bare tuples"] = counted(self.bare_tuples())
         found["broken import contracts"] = (self.broken_contracts(), [])
+        return found
+
+    def records_with(self, field: str) -> list[str]:
+        """The classes that declare the field."""
+        classes = ((module, node) for module, node in self.nodes(ast.ClassDef) if isinstance(node, ast.ClassDef))
+        return [f"{module}.{node.name}" for module, node in classes if field in declared(node)]
+
+    def modules_that_write(self, field: str) -> set[str]:
+        """The modules that declare the field, or hand it over by name: all that another one like it might change."""
+        found = {record.rpartition(".")[0] for record in self.records_with(field)}
+        for module, node in self.nodes(ast.Call, ast.Dict):
+            if isinstance(node, ast.Call) and field in [keyword.arg for keyword in node.keywords]:
+                found.add(module)
+            if isinstance(node, ast.Dict) and field in keys_with_values(node):
+                found.add(module)
         return found
 
     def with_one_importer(self) -> Iterator[str]:
@@ -99,7 +114,19 @@ class House:
         return int(match[2]) if match else "-"
 
 
-def counted(names: Iterator[str] | list[str]) -> Figure:
+def declared(node: ast.ClassDef) -> set[str]:
+    """The fields of a class, as annotated in its body."""
+    targets = (part.target for part in node.body if isinstance(part, ast.AnnAssign))
+    return {target.id for target in targets if isinstance(target, ast.Name)}
+
+
+def keys_with_values(node: ast.Dict) -> set[object]:
+    """The keys of a dict that is written out, where the value is no constant."""
+    items = zip(node.keys, node.values, strict=True)
+    return {key.value for key, value in items if isinstance(key, ast.Constant) and not isinstance(value, ast.Constant)}
+
+
+def counted(names: Iterable[str]) -> Figure:
     found = sorted(names)
     return len(found), found
 

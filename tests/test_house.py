@@ -6,12 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from tests.house import ROOT, House, main
+from tests.house import IDEAS, ROOT, House, main
 
 SOURCE = """
-class FaultSeen: ...
-class Defaults: ...
-class FaultSeen: ...
+class Box:
+    encloses: tuple[str, ...]
+
+class Image: ...
+class Image: ...
+
+def told(box: Box) -> dict[str, object]:
+    return {"encloses": box.encloses, "latency": "later"}
 
 def pair() -> tuple[int, str]: ...
 def many() -> tuple[int, ...]: ...
@@ -24,14 +29,21 @@ def test_what_is_counted(tmp_path: Path) -> None:
     package.mkdir()
     (package / "__init__.py").touch()
     (package / "one.py").write_text(SOURCE)
-    (package / "two.py").write_text("from sqrp_cli.one import pair\n\ndef long():\n" + "    pair()\n" * 31)
+    (package / "two.py").write_text("from sqrp_cli.one import Box\n\ndef long():\n" + "    Box(encloses=())\n" * 31)
     figures = House(tmp_path).figures()
     assert figures["files"][0] == 3
-    assert figures["classes named ..Fault.."] == (2, ["FaultSeen", "FaultSeen"])
-    assert figures["class names used twice"] == (1, ["FaultSeen"])
+    assert figures["records of a target's box"] == (1, ["sqrp_cli.one.Box"])
+    assert figures["modules that write a target's box"] == (2, ["sqrp_cli.one", "sqrp_cli.two"])
+    assert figures["modules that write a camera"] == (0, [])
+    assert figures["class names used twice"] == (1, ["Image"])
     assert figures["public functions that return bare tuples"] == (1, ["sqrp_cli.one.pair"])
     assert figures["modules with one importer"] == (1, ["sqrp_cli.one"])
     assert figures["functions over 30 lines"] == (1, ["sqrp_cli.two.long"])
+
+
+@pytest.mark.parametrize("field", [IDEAS[idea] for idea in ("target's box", "fault's figures", "camera")])
+def test_a_new_field_touches_at_most_three_files(field: str) -> None:
+    assert 1 <= len(House(ROOT).modules_that_write(field)) <= 3
 
 
 def test_the_table_has_a_column_for_each_checkout(capsys: pytest.CaptureFixture[str]) -> None:
