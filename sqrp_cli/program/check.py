@@ -1,4 +1,4 @@
-"""What must hold between the fields of a program beyond their types: times that add up, motion that does not jump."""
+"""Consistency between the fields of a program: times add up, motion does not jump."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from sqrp_cli.program.record import Program, ProgramPrimitive, ProgramTarget, St
 from sqrp_cli.trajectory import Trajectory
 
 SAME_TIME = 1e-6
-"""Times that differ by less count as equal [s]."""
+"""Tolerance of times [s]."""
 
 LARGEST_JUMPS = (1e-6, 1e-4, 1e-2)
-"""By how much position, velocity and acceleration of a joint may jump [rad or m, and per s, and per s^2]."""
+"""Largest jumps of a joint's position, velocity and acceleration [rad or m, and per s, and per s^2]."""
 
 LARGEST_SKEW = 1e-6
-"""By how much the axes of a pose may deviate from unit length and right angles."""
+"""Largest deviation of the axes of a pose from unit length and right angles."""
 
 Keys = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
 class Flaw:
-    """Something in a program that cannot be; at: the keys that lead to it from the top of the file."""
+    """A contradiction in a program; at: the keys from the top of the file to its place."""
 
     code: str
     at: Keys
@@ -36,7 +36,7 @@ class Flaw:
 
 
 def flaws(program: Program) -> Iterator[Flaw]:
-    """What is wrong with a program in itself, from its first line to its last."""
+    """The contradictions of a program in itself, in the order of its lines."""
     if not program.joints or len(set(program.joints)) < len(program.joints):
         yield Flaw("program-joints", ("joints",), "expected the name of every joint that moves, each once")
         return
@@ -49,7 +49,7 @@ def flaws(program: Program) -> Iterator[Flaw]:
 
 
 def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
-    """Names in a program that its workspace does not know."""
+    """Names in a program that its workspace does not have."""
     joints = workspace.stated_world.joints
     if set(program.joints) != set(joints):
         message = f"the joints that the workspace's robot moves are {', '.join(joints)}"
@@ -67,7 +67,7 @@ def flaws_in(program: Program, workspace: Workspace) -> Iterator[Flaw]:
 
 
 def _names_in(step: Step, at: Keys) -> Iterator[tuple[str, str, Keys]]:
-    """What a step names of its workspace: the kind of thing, its name, and where that stands."""
+    """The names in a step that refer to its workspace: kind, name, and place."""
     yield "skill", step.skill, (*at, "skill")
     for moment, world in (("before", step.before), ("after", step.after)):
         for name in world.X_WO:
@@ -93,7 +93,7 @@ def _flaws_of(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
 
 
 def _held_flaws(step: Step, at: Keys) -> Iterator[Flaw]:
-    """Only `Grasp` and `Release` change at their end what the tool holds; the rest holds what was held before."""
+    """Only `Grasp` and `Release` change what the tool holds, at their end."""
     held = step.before.held
     for index, (primitive, then) in enumerate(zip(step.primitives, step.held_after, strict=True)):
         inside = (*at, "primitives", index, "held")
@@ -182,7 +182,7 @@ def _shape_flaws(step: Step, at: Keys, count: int) -> Iterator[Flaw]:
 
 
 def _jumps(step: Step, at: Keys, joints: Sequence[str]) -> Iterator[Flaw]:
-    """Where positions, velocities or accelerations jump, inside primitives, between them and at both ends."""
+    """Jumps of position, velocity or acceleration: inside primitives, between them and at both ends."""
     rest = np.zeros(len(joints))
     last: tuple[Array, ...] = (np.array([step.before.joints[joint] for joint in joints]), rest, rest)
     for index, primitive in enumerate(step.primitives):
@@ -216,11 +216,11 @@ def _derivatives(trajectory: Trajectory, t: float) -> tuple[Array, ...]:
 def _jump(
     before: tuple[Array, ...], after: tuple[Array, ...], at: Keys, where: str, joints: Sequence[str]
 ) -> Iterator[Flaw]:
-    """The first of position, velocity and acceleration that differs, with the joint that differs most."""
+    """The first of position, velocity and acceleration that jumps, with the joint that jumps most."""
     kinds = zip(("position", "velocity", "acceleration"), LARGEST_JUMPS, before, after, strict=True)
     for kind, most, left, right in kinds:
         jumps = np.abs(right - left)
-        if not jumps.max() <= most:  # so that no number counts as a jump, too
+        if not jumps.max() <= most:  # NaN counts as a jump, too
             joint = joints[int(jumps.argmax())]
             yield Flaw("program-jump", at, f"the {kind} of `{joint}` jumps by {jumps.max():.3g} {where}")
             return
@@ -237,7 +237,7 @@ def _target_flaws(target: ProgramTarget, at: Keys, time: float) -> Iterator[Flaw
 
 
 def _break_between(step: Step, following: Step, at: Keys) -> Iterator[Flaw]:
-    """A step must start in the world that the one before it leaves."""
+    """A step must start in the final world of the step before it."""
     left, start = (one.model_dump(by_alias=True) for one in (step, following))
     for field in left["after"]:
         if left["after"][field] != start["before"][field]:

@@ -1,4 +1,4 @@
-"""The program file: a YAML file that can be executed as it stands."""
+"""The program file: an executable YAML file."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _SIGNS = string.ascii_letters + string.digits + "+-"
 
 
 def load_program(path: Path) -> Program:
-    """Read and validate a program file. Raises InputError with the place of what is wrong, see `program_check`."""
+    """Read and validate a program file. Raises InputError with the place of each error, see `program.check`."""
     document = read_yaml(path, keys=_KEYS)
     if "sqrp_program" not in document.data:
         message = "this is no program: it lacks the key `sqrp_program`"
@@ -54,14 +54,14 @@ def _problems(document: SourceDocument, found: Iterable[Flaw]) -> list[Problem]:
 
 
 def save_program(program: Program, path: Path) -> None:
-    """Write a program file that can be executed, all or nothing.
+    """Write an executable program file, all or nothing.
 
-    Raises InputError where it cannot be written, or would be too large to be read again.
+    Raises InputError if it cannot be written, or would be too large to be read again.
     """
     head = f"{SHEBANG}\n# Written by sqrp; change the workspace and rank again instead of editing it.\n"
     sums = {"checksum": _checksum(program), "marks": "".join(_marks(program).values())}
     numbers = {**_as_written(program), **sums}
-    Program.model_validate(numbers)  # A figure that no file may hold is a bug, and seen before there is such a file.
+    Program.model_validate(numbers)  # An invalid figure is a bug; find it before the file is written.
     text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
     if len(text.encode()) > MAX_BYTES:
         message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
@@ -70,26 +70,26 @@ def save_program(program: Program, path: Path) -> None:
 
 
 def _as_written(program: Program, without: Collection[str] = ()) -> dict[str, Any]:
-    """What the file says of a program, but for some of its keys."""
+    """The content of a program's file, without some of its keys."""
     return program.model_dump(mode="json", by_alias=True, exclude=set(without))
 
 
 def _checksum(program: Program) -> str:
-    """Digest of what a program says, however its file is laid out and wherever it lies."""
+    """Digest of a program, independent of the layout and place of its file."""
     return _digest(_as_written(program, _NOT_SUMMED))
 
 
 def _marks(program: Program) -> dict[Keys, str]:
-    """A sign for each value, by the keys that lead to it: where the checksum does not fit, they tell which changed.
+    """A sign for each value, by its keys: if the checksum is wrong, they show which value changed.
 
-    Short, as there are hundreds: a changed value keeps its sign once in 64 times.
+    Signs are short, as there are hundreds: a changed value keeps its sign once in 64 times.
     """
     values = _values(_as_written(program, _NOT_SUMMED), ())
     return {keys: _SIGNS[int(_digest([keys, value])[:8], 16) % len(_SIGNS)] for keys, value in values}
 
 
 def _values(value: Any, at: Keys) -> Iterator[tuple[Keys, Any]]:  # noqa: ANN401
-    """What the file has on a line of its own: plain values and lists of them, with the keys that lead there."""
+    """The values that the file has on one line: plain values and lists of them, with their keys."""
     if isinstance(value, Mapping) and value:
         items: Iterable[tuple[str | int, Any]] = value.items()
     elif isinstance(value, list) and any(isinstance(item, Mapping) for item in value):
@@ -112,7 +112,7 @@ def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Pr
 
 
 def check_program(program: Program, path: Path, workspace: Workspace) -> None:
-    """Raises InputError if a program was made for another workspace, or if either of them has changed since."""
+    """Raises InputError if a program was made for another workspace, or if either has changed since."""
     made_for = workspace_path(program, path)
     if made_for != workspace.path:
         message = f"this program was made for {made_for}, not for {workspace.path}"
@@ -125,9 +125,9 @@ def check_program(program: Program, path: Path, workspace: Workspace) -> None:
 
 
 def check_unedited(program: Program, path: Path) -> None:
-    """Raises InputError if a program is not as it was written, with the first value that is not.
+    """Raises InputError if a program was edited, with the first changed value.
 
-    Nothing else tells a figure that was computed from one that was typed in.
+    Only this tells computed figures from typed ones.
     """
     if program.checksum != _checksum(program):
         changed = (keys for (keys, is_), was in zip(_marks(program).items(), program.marks, strict=False) if is_ != was)
@@ -137,18 +137,18 @@ def check_unedited(program: Program, path: Path) -> None:
 
 
 def workspace_path(program: Program, path: Path) -> Path:
-    """The workspace file that a program at `path` was made for."""
+    """The workspace file of a program at `path`."""
     return Path(os.path.normpath(path.absolute().parent / program.workspace))
 
 
 def stale(program: Program, path: Path, workspace: Workspace) -> Problem:
-    """The problem of a program whose workspace has changed, with the commands that make its steps anew."""
+    """The problem of a program with a changed workspace, with the commands that make its steps again."""
     message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
     return Problem("stale-program", message, Place(path), mend=_again(program, path))
 
 
 def _again(program: Program, path: Path) -> str:
-    """The commands that make a program anew."""
+    """The commands that make a program again."""
     tasks, workspace = [step.own_task for step in program.steps] or ["TASK"], workspace_path(program, path).parent
     again = (f"sqrp rank {_quoted(workspace)} {_quoted(task)} --program {_quoted(path)}" for task in tasks)
     return " && ".join([f"rm {_quoted(path)}", *again])
@@ -166,5 +166,5 @@ class _Dumper(yaml.SafeDumper):
         return super().represent_sequence(tag, sequence, flow_style=plain if flow_style is None else flow_style)
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ANN401, ARG002
-        """Write everything out: an alias would be refused or surprise whoever reads the file."""
+        """No aliases: they would be refused, or surprise readers of the file."""
         return True

@@ -1,7 +1,7 @@
-"""A program's joint motion as points in time, written so that a real arm can play it.
+"""A program's joint motion as points in time, for export to a real arm.
 
-The points stand at every multiple of the sampling period and where a primitive action begins or ends. What the tool
-has to do, which a joint trajectory has no field for, goes with the points at which it has to be told.
+There is a point at every multiple of the sampling period and where a primitive action begins or ends. A joint
+trajectory has no field for tool commands, so each goes with the point at which it has to be sent.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from sqrp_cli.geometry import Array
 from sqrp_cli.program.record import Program, ProgramPrimitive
 
 LEAST_GAP = 0.01
-"""A multiple of the period this near to a point where a primitive begins or ends gives way to it [periods]."""
+"""Points closer than this to the beginning or end of a primitive are left out [periods]."""
 
 YAML_MARK = "# trajectory_msgs/JointTrajectory"
-"""How an exported YAML file begins."""
+"""First words of an exported YAML file."""
 
 _DIGITS = 9
 
 
 @dataclass(frozen=True)
 class ToolCommand:
-    """What the tool has to do, on the clock of the whole program [s]."""
+    """A tool command, on the clock of the whole program [s]."""
 
     step: int
     """Its number, from 1."""
     action: Literal["grasp", "release"]
     object: str
     start: float
-    """When it is told to."""
+    """When it is sent."""
     end: float
     """When it is done."""
 
@@ -47,11 +47,11 @@ class ToolCommand:
 
 @dataclass(frozen=True)
 class Point:
-    """Where the arm is at one instant.
+    """The arm at one instant.
 
-    time: [s from the start of the program]. step: its number, from 1. primitive: the one that begins here or goes on.
-    tool: what the tool has to be told now. held: the object in the tool from now on. q, v, a: position, velocity and
-    acceleration of every joint [rad or m, and per s, and per s^2].
+    time: [s from the start of the program]. step: its number, from 1. primitive: the one that begins or continues.
+    tool: commands to send now. held: the object in the tool from now on. q, v, a: position, velocity and acceleration
+    of every joint [rad or m, and per s, and per s^2].
     """
 
     time: float
@@ -65,7 +65,7 @@ class Point:
 
 
 def tool_commands(program: Program) -> tuple[ToolCommand, ...]:
-    """What the tool has to do over the whole program, in order."""
+    """The tool commands of the whole program, in order."""
     commands, begin = [], 0.0
     for number, step in enumerate(program.steps, 1):
         for primitive, after in zip(step.primitives, step.held_after, strict=True):
@@ -89,9 +89,9 @@ def points(program: Program, rate: float) -> Iterator[Point]:
             local = times - begin - primitive.start
             states = (trajectory.positions(local), *(trajectory.derivatives(local, order) for order in (1, 2)))
             for time, q, v, a in zip(times.tolist(), *states, strict=True):
-                told = tuple(command for command in waiting if command.start <= time)
-                waiting = waiting[len(told) :]
-                yield Point(time, number, primitive, told, primitive.held, q, v, a)
+                due = tuple(command for command in waiting if command.start <= time)
+                waiting = waiting[len(due) :]
+                yield Point(time, number, primitive, due, primitive.held, q, v, a)
         begin += step.time
     end = np.array([trajectory.duration])
     states = (trajectory.positions(end), *(trajectory.derivatives(end, order) for order in (1, 2)))
@@ -99,7 +99,7 @@ def points(program: Program, rate: float) -> Iterator[Point]:
 
 
 def as_csv(program: Program, joints: Sequence[str], rate: float) -> str:
-    """A line per point under a line of column names: time [s], step, primitive, what the tool does, joint states.
+    """A line per point under a line of column names: time [s], step, primitive, tool command, joint states.
 
     joints: which of the program's joints to write. rate: [Hz].
     """
@@ -118,9 +118,9 @@ def as_csv(program: Program, joints: Sequence[str], rate: float) -> str:
 
 
 def as_ros_yaml(program: Program, joints: Sequence[str], rate: float) -> str:
-    """One message of type trajectory_msgs/JointTrajectory; steps, primitives and the tool's doings are comments.
+    """One message of type trajectory_msgs/JointTrajectory; steps, primitives and tool commands are comments.
 
-    joints: which of the program's joints to write; a controller takes its own and no others. rate: [Hz].
+    joints: which of the program's joints to write; a controller accepts only its own. rate: [Hz].
     """
     chosen = [program.joints.index(joint) for joint in joints]
     time = sum(step.time for step in program.steps)
@@ -137,8 +137,8 @@ def as_ros_yaml(program: Program, joints: Sequence[str], rate: float) -> str:
     last: ProgramPrimitive | None = None
     for point in points(program, rate):
         if point.primitive is not last or point.tool:
-            told = "".join(f", {command}" for command in point.tool)
-            lines.append(f"# step {point.step}, {point.primitive.name}: {action_name(point.primitive)}{told}")
+            commands = "".join(f", {command}" for command in point.tool)
+            lines.append(f"# step {point.step}, {point.primitive.name}: {action_name(point.primitive)}{commands}")
             last = point.primitive
         seconds, nanoseconds = divmod(round(point.time * 1e9), 10**9)
         lines += [
@@ -160,12 +160,12 @@ FORMATS: Mapping[str, Callable[[Program, Sequence[str], float], str]] = {
 
 
 def action_name(primitive: ProgramPrimitive) -> str:
-    """What a primitive does, as `joint_move` or `grasp`."""
+    """The kind of a primitive, such as `joint_move` or `grasp`."""
     return re.sub(r"(?<!^)(?=[A-Z])", "_", primitive.action).lower()
 
 
 def _times(start: float, end: float, rate: float) -> Array:
-    """The start and the multiples of the period before the end; nothing for a primitive that takes no time."""
+    """The start and the multiples of the period before the end; empty for a primitive without duration."""
     margin = LEAST_GAP / rate
     if end - start < margin:
         return np.zeros(0)

@@ -1,7 +1,7 @@
-"""The program: what the programming phase hands to the runtime, and all that it hands over.
+"""The program: everything that the programming phase hands to the runtime.
 
 Each step holds the exact motion (see `trajectory`), the formulas with their times and responses, where to look, which
-camera covers what when, and the world before and after. `Totals` is what the steps add up to.
+camera covers what when, and the world before and after. `Totals` sums up the steps.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ Seconds = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class _PathNumbers(Entry):
-    """What a file must say of a `trajectory.JointPath`."""
+    """Fields of a `trajectory.JointPath` in a file."""
 
     breaks: Numbers
     coefficients: tuple[tuple[Numbers, ...], ...]
 
 
 class _LawNumbers(Entry):
-    """What a file must say of a `trajectory.PiecewiseCubic`."""
+    """Fields of a `trajectory.PiecewiseCubic` in a file."""
 
     breaks: Numbers
     coefficients: tuple[Numbers, ...]
 
 
 class _TrajectoryNumbers(Entry):
-    """What a file must say of a `trajectory.Trajectory`: what its arrays can hold, checked before there are any."""
+    """Fields of a `trajectory.Trajectory` in a file, checked before arrays are made of them."""
 
     path: _PathNumbers
     law: _LawNumbers
@@ -71,7 +71,7 @@ def _trajectory(numbers: _TrajectoryNumbers) -> Trajectory:
 
 
 class ProgramPrimitive(Entry):
-    """A primitive action with its time [s] from the start of the step; held: the object in the tool all through it."""
+    """A primitive action with its time [s] from the start of the step; held: the object in the tool throughout."""
 
     name: str
     action: str
@@ -102,7 +102,7 @@ class ProgramFormula(Entry):
 
 
 class ProgramTarget(Entry):
-    """What decides an atom: so many cameras must each see all boxes. seen: from when to when each camera does [s]."""
+    """What decides an atom: `cameras` of them must each see all boxes. seen: when each camera does [s]."""
 
     cameras: int
     boxes: tuple[TargetBox, ...]
@@ -111,7 +111,7 @@ class ProgramTarget(Entry):
 
 @dataclass(frozen=True)
 class FaultMetrics(Stored):
-    """What a fault costs when it happens at a time x that is uniform over its interval."""
+    """The cost of a fault at a time x, uniform over its interval."""
 
     delay_mean: Seconds
     """From x until it is noticed, mean [s]."""
@@ -122,7 +122,7 @@ class FaultMetrics(Stored):
     unseen: Share
     """Share of x after which it is never seen, so that it is noticed at the end of the skill, in 0..1."""
     expected_time: Seconds
-    """Mean time from the start of the skill until it is done after one retry [s]."""
+    """Mean time from the start of the skill to its end after one retry [s]."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if a figure is not finite."""
@@ -130,7 +130,7 @@ class FaultMetrics(Stored):
 
 
 class Step(Entry):
-    """One candidate that was chosen: a skill with all its parameters."""
+    """A chosen candidate: a skill with all its parameters."""
 
     task: str
     skill: str
@@ -148,13 +148,13 @@ class Step(Entry):
 
     @property
     def short_task(self) -> str:
-        """The skill and the objects that it was done with, such as `pickup g2`: a task of just this."""
+        """The skill and its objects, such as `pickup g2`: a task with just this choice."""
         objects = (value for value in self.parameters.values() if value in self.before.X_WO)
         return " ".join([self.skill, *map(str, objects)])
 
     @property
     def own_task(self) -> str:
-        """The short task, with what the task said of the motion: of several values the one that was chosen."""
+        """The short task with the motion parameters of the task, each with the chosen value."""
         settings = [word.split("=", 1) for word in self.task.split() if "=" in word]
         chosen = [
             f"{name}={text}"
@@ -193,20 +193,20 @@ class Program(Entry):
         return self.model_copy(update={"steps": (*self.steps, *steps)})
 
     def without_last_step(self) -> Program:
-        """The program without its last step, of which there must be one."""
+        """The program without its last step; it must have one."""
         return self.model_copy(update={"steps": self.steps[:-1]})
 
 
 class Replanner(Protocol):
-    """Plans a step again from another world, for a retry; the runtime is given one and knows nothing of planning."""
+    """Plans a step again from another world, for a retry; passed to the runtime, which cannot plan itself."""
 
     def replan(self, step: Step, world: World) -> Step | None:
-        """The same skill with the same parameters from `world`; None where that is infeasible."""
+        """The same skill with the same parameters from `world`; None if that is infeasible."""
 
 
 @dataclass(frozen=True)
 class WorstDelay:
-    """The fault of a program that may be noticed latest: its delay at worst [s], its step (from 1) and its name."""
+    """The fault of a program with the longest delay at worst: the delay [s], its step (from 1) and its name."""
 
     seconds: float
     step: int

@@ -1,4 +1,4 @@
-"""What is to be scored: the workspaces that folders, files and patterns stand for, with their tasks."""
+"""What to score: the workspaces of folders, files and patterns, with their tasks."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ScoredTask:
     text: str
     expected: ExpectedTask
     task: Task | None
-    """With its candidates; None where the text cannot be read."""
+    """With its candidates; None if the text cannot be read."""
     content: str
     """Digest of what the figures depend on, see `identity.content_digest`."""
     problems: tuple[Problem, ...] = ()
@@ -35,15 +35,15 @@ class ScoredCell:
     """A workspace to be scored."""
 
     name: str
-    """What output calls it."""
+    """Its name in the output."""
     workspace: Workspace | None
-    """None where `problems` has an error."""
+    """None if `problems` has an error."""
     tasks: tuple[ScoredTask, ...] = ()
     problems: tuple[Problem, ...] = ()
 
 
 def read_cells(files: Sequence[Path]) -> Iterator[ScoredCell]:
-    """The workspaces in some files, each as soon as it is read."""
+    """The workspaces in some files, yielded one by one as they are read."""
     for file, name in short_names(files).items():
         yield read_cell(file, name)
 
@@ -78,10 +78,10 @@ def _tasks(workspace: Workspace) -> tuple[ScoredTask, ...]:
 
 
 def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
-    """The workspace files that patterns stand for, each once: in the order of the patterns, each pattern's by name.
+    """The workspace files that match patterns, each once: in the order of the patterns, each pattern's by name.
 
     A pattern is a workspace file, the folder of one, a folder with workspaces at any depth below it (hidden folders
-    left out), or a glob of those (`cells/*`, `**` for any depth). Raises InputError for one that no workspace fits.
+    left out), or a glob of those (`cells/*`, `**` for any depth). Raises InputError for one without a match.
     """
     found: dict[Path, None] = {}
     for pattern in patterns:
@@ -110,7 +110,7 @@ def _files(path: Path) -> list[Path]:
 
 
 def short_names(files: Sequence[Path]) -> Mapping[Path, str]:
-    """What output calls each workspace: its folder's name, or as much of its path as tells it from the others."""
+    """The name of each workspace in the output: its folder's, with as much of its path as makes it unique."""
     names: dict[Path, str] = {}
     paths = {file: (file.parent if file.name == WORKSPACE_FILE else file.with_suffix("")) for file in files}
     for file, path in paths.items():

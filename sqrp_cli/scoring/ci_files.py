@@ -15,7 +15,7 @@ from sqrp_cli.shown import one_line
 _HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
 
 _SIGNS = re.compile(r"[\\`*_|<>\[\]&~$]|:(?=//)|(?<=www)\.", re.IGNORECASE)
-"""What means something in Markdown within a line, besides in addresses that GitHub would make links of."""
+"""Characters with a meaning in Markdown within a line, except in addresses, which GitHub would turn into links."""
 
 
 def write_junit(scorecard: Scorecard, path: Path) -> None:
@@ -34,7 +34,7 @@ def write_junit(scorecard: Scorecard, path: Path) -> None:
 
 
 def write_summary(scorecard: Scorecard, path: Path) -> None:
-    """What needs attention first, then the table of all tasks. Raises InputError where the file cannot be written."""
+    """Failures first, then the table of all tasks. Raises InputError if the file cannot be written."""
     named = (("passed", "passed"), ("failed", "failed"), ("error", "could not be scored"))
     counts = ", ".join(f"{scorecard.count(status)} {words}" for status, words in named if scorecard.count(status))
     lines = [
@@ -109,5 +109,5 @@ def _name(result: ComparedScore) -> str:
 
 
 def _text(text: str) -> str:
-    """Text that Markdown shows as it is, addresses too; runs of blanks are one."""
+    """Text that Markdown shows literally, addresses too; runs of blanks become one."""
     return _SIGNS.sub(r"\\\g<0>", " ".join(one_line(text).split()))

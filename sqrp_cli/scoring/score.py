@@ -1,4 +1,4 @@
-"""Every task of every workspace: its best candidate, and whether that is good enough."""
+"""Every task of every workspace: its best candidate, and whether it is good enough."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Status = Literal["passed", "failed", "error"]
 
 @dataclass(frozen=True, eq=False)
 class TaskScore:
-    """How a task fares in a workspace."""
+    """The score of a task in a workspace."""
 
     workspace: str
     task: str | None
@@ -48,16 +48,16 @@ def _wanted(cell: ScoredCell, task: ScoredTask) -> tuple[Wanted, ...]:
 
 
 def score(cells: Sequence[ScoredCell], computer: Computer, advance: Callable[[int], None]) -> tuple[TaskScore, ...]:
-    """Score every task of some workspaces; a workspace that cannot be used has one score, of no task.
+    """Score every task of some workspaces; an unusable workspace has one score, without a task.
 
-    `advance` is told how many more candidates are done. Raises InputError where results cannot be kept.
+    `advance` is called with the number of finished candidates. Raises InputError if results cannot be kept.
     """
     computer.compute([want for cell in cells for want in wanted_of(cell)], advance)
     return tuple(result for cell in cells for result in scores_of(cell, computer))
 
 
 def scores_of(cell: ScoredCell, computer: Computer) -> Iterator[TaskScore]:
-    """The scores of a workspace's tasks of which every candidate is computed, or cannot be."""
+    """The scores of a workspace's finished tasks: each candidate is computed, or cannot be."""
     if cell.workspace is None:
         yield TaskScore(cell.name, None, "error", _sentences(cell.problems))
     for task in cell.tasks:
@@ -67,7 +67,7 @@ def scores_of(cell: ScoredCell, computer: Computer) -> Iterator[TaskScore]:
 
 
 def way_name(candidate: Candidate) -> str:
-    """What tells apart the choices of objects of a task, such as `g1` or `g1 tray`."""
+    """The name of a choice of objects of a task, such as `g1` or `g1 tray`."""
     return " ".join(candidate.binding.values()) or candidate.skill.name
 
 

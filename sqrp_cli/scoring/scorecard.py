@@ -19,30 +19,30 @@ from sqrp_cli.scoring.score import TaskScore, score, scores_of
 from sqrp_cli.scoring.work.compute import Computer, Wanted
 
 Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
-"""Shows how far something has come: its title and its number of parts; the result counts those that are done."""
+"""Shows progress: takes a title and the number of parts; the result counts those that are done."""
 
 CHANGES_SHOWN = 4
-"""Changes of a workspace that a sentence lists."""
+"""Most changes of a workspace in a sentence."""
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedScore:
-    """The score of a task and how it compares with its baseline."""
+    """The score of a task, compared with its baseline."""
 
     score: TaskScore
     comparison: Comparison | None
-    """None where there is no baseline."""
+    """None if there is no baseline."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scorecard:
-    """The whole of a scoring run: scores, what they are compared with, and what is wrong."""
+    """A scoring run: scores, comparisons with a baseline, and failures."""
 
     results: tuple[ComparedScore, ...]
     changes: Mapping[str, tuple[Change, ...]] = field(default_factory=dict)
     """By workspace, since the baseline."""
     vanished: tuple[VanishedTask, ...] = ()
-    """That only the baseline has."""
+    """Tasks that exist only in the baseline."""
     interrupted: bool = False
     unfinished: int = 0
     """How many results are missing because the run was interrupted."""
@@ -65,13 +65,13 @@ def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progr
             scores = score(cells, computer, advance)
     except KeyboardInterrupt:
         finished = tuple(ComparedScore(result, None) for cell in cells for result in scores_of(cell, computer))
-        asked = sum(1 if cell.workspace is None else len(cell.tasks) for cell in cells)
-        return Scorecard(finished, interrupted=True, unfinished=asked - len(finished))
+        total = sum(1 if cell.workspace is None else len(cell.tasks) for cell in cells)
+        return Scorecard(finished, interrupted=True, unfinished=total - len(finished))
     return Scorecard(tuple(ComparedScore(result, None) for result in scores))
 
 
 class CoverageLookup:
-    """The coverage of ways over time, computed before it is asked for."""
+    """The coverage of ways over time, computed in advance."""
 
     def __init__(self, cells: Sequence[ScoredCell], computer: Computer) -> None:
         self._workspaces = {cell.name: cell.workspace for cell in cells if cell.workspace is not None}
@@ -101,7 +101,7 @@ def compare_with(
     lookup: CoverageLookup,
     progress: Progress,
 ) -> Scorecard:
-    """The same with every task compared with its baseline; a task that got worse has failed.
+    """The scorecard with every task compared with its baseline; a task that got worse has failed.
 
     allowance: see `compare`. Raises InputError where results cannot be kept.
     """
@@ -135,7 +135,7 @@ def compare_with(
 
 
 def listed(changes: Sequence[Change]) -> str:
-    """The first few changes, and how many more there are."""
+    """The first changes, and the number of others."""
     shown = ", ".join(str(change) for change in changes[:CHANGES_SHOWN])
     more = len(changes) - CHANGES_SHOWN
     return shown + (f" and {more} more" if more > 0 else "")

@@ -1,4 +1,4 @@
-"""Variants of one workspace, scored and compared, as for the question where a camera should go."""
+"""Variants of one workspace, scored and compared, for example to place a camera."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from sqrp_cli.scoring.variation import Values, shares
 from sqrp_cli.scoring.work.compute import Computer
 
 AS_IT_IS: Values = ()
-"""The values of the workspace as its file has it."""
+"""The values in the workspace file."""
 
 _QUALITY_STEP = 1e-3
 """Qualities are compared rounded to this, as in a ranking."""
 
 _DELAY_STEP = 0.01
-"""Delays are compared rounded to this [s], as they are shown: finer differences may be those of sampling."""
+"""Delays are compared rounded to this [s], as they are shown: sampling may cause finer differences."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,15 +41,15 @@ class Variant:
     content: bytes
     """Of its file."""
     cell: ScoredCell
-    """What it reads as."""
+    """The workspace read from it."""
 
 
 @dataclass(frozen=True, eq=False)
 class ScoredVariant:
     """A variant with its scores.
 
-    Figures are means over the choices of objects that can be done, each by its best candidate; None where a variant
-    cannot be scored, or a figure is undefined for all.
+    Figures are means over the feasible choices of objects, each by its best candidate; None if a variant cannot be
+    scored, or a figure is undefined for all.
     """
 
     variant: Variant
@@ -83,10 +83,10 @@ class ScoredVariant:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """The variants of a workspace, the best first. The workspace as it is is one of them.
+    """The variants of a workspace, the best first. The unchanged workspace is one of them.
 
-    Of several that are best it is the workspace as it is, if it is one of them, else the one of most margin, see
-    `most_margin`; others that are equal are in the order of their values.
+    Of equally good ones the unchanged workspace comes first, else the one with most margin, see `most_margin`; the
+    others are in the order of their values.
     """
 
     document: SourceDocument
@@ -102,7 +102,7 @@ class Sweep:
 
     @property
     def patch(self) -> str:
-        """A unified diff that makes the best variant of the workspace file; empty if that is the best as it is."""
+        """A unified diff from the workspace file to the best variant; empty if nothing is better."""
         contents = (self.document.content, self.best.variant.content)
         before, after = ([*io.StringIO(content.decode(), newline="\n")] for content in contents)  # lines of `patch`
         name = from_here(self.document.path)
@@ -115,7 +115,7 @@ def read_variants(
 ) -> tuple[SourceDocument, list[Variant]]:
     """A workspace as it is, and with each of these values; `advance` is called after each.
 
-    Raises InputError where a value is not in the file, or the workspace as it is cannot be used.
+    Raises InputError if a value is not in the file, or the workspace as it is cannot be used.
     """
     document = read_workspace_document(file)
     variants = []
@@ -137,7 +137,7 @@ def sweep(
     computer: Computer,
     progress: Progress,
 ) -> Sweep:
-    """Score variants of a workspace: as it is, and others; shape: of the grid of these, see `variation.grid_shape`.
+    """Score a workspace and its variants; shape: of their grid, see `variation.grid_shape`.
 
     Raises InputError where results cannot be kept.
     """
@@ -157,7 +157,7 @@ def sweep(
 
 
 def most_margin(equal: Sequence[bool], values: Sequence[Values], shape: tuple[int, ...] | None) -> int:
-    """The index of the variant of most margin among equals, on a grid of a shape or among draws."""
+    """The index of the variant with most margin among equals, on a grid or among draws."""
     marked = np.array(equal)
     return middle_of_draws(marked, shares(values)) if shape is None else middle_of_grid(marked.reshape(shape))
 
@@ -185,7 +185,7 @@ def _scored(variant: Variant, findings: Scorecard) -> ScoredVariant:
 
 
 def from_here(path: Path) -> str:
-    """How a patch, and a command typed here, name a file: from the current folder if it is below it."""
+    """The name of a file in a patch and in a command: relative if it is below the current folder."""
     current = Path.cwd()
     return (path.relative_to(current) if path.is_relative_to(current) else path).as_posix()
 
@@ -196,10 +196,9 @@ Mask = NDArray[np.bool_]
 def middle_of_grid(equal: Mask) -> int:
     """The index, in row-major order, of the middle of the largest block of equals on a grid, shape one axis per value.
 
-    A block is connected by steps of one in one value. Its middle is the point of most margin, which is the number of
-    steps that all values may be off at once, either way, without leaving the block; beyond the ends of the grid nothing
-    is known, so that leaves it too. Of points with as much margin it is the one nearest the mean of the block, and of
-    blocks and points that are alike the first.
+    A block is connected by steps of one in one value. Its middle is the point with most margin: the number of steps by
+    which all values may be off at once, either way, without leaving the block. Beyond the ends of the grid nothing is
+    known, so these count as outside. Ties go to the point nearest the mean of the block, then to the first.
     """
     block = _largest_block(equal)
     margin = _margins(block)
@@ -209,10 +208,10 @@ def middle_of_grid(equal: Mask) -> int:
 
 
 def middle_of_draws(equal: Mask, points: Array) -> int:
-    """The index of the equal whose nearest draw that is no equal is farthest away; the first of those that are alike.
+    """The index of the equal that is farthest from its nearest worse draw; the first on ties.
 
-    equal: shape (n,). points: of all draws, as shares of the range of each value, shape (n, values). Where all draws
-    are equals it is the one nearest the middle of the ranges.
+    equal: shape (n,). points: of all draws, as shares of the range of each value, shape (n, values). If all draws are
+    equal, it is the one nearest the middle of the ranges.
     """
     others = points[~equal] if not equal.all() else np.full((1, points.shape[1]), 0.5)
     nearest = np.array([np.linalg.norm(others - point, axis=1).min() for point in points])
@@ -233,7 +232,7 @@ def _largest_block(equal: Mask) -> Mask:
 
 
 def _block(start: Sequence[int], left: set[tuple[int, ...]]) -> list[tuple[int, ...]]:
-    """Everything that is connected with a point, which is taken out of what is left."""
+    """Everything connected with a point; it is removed from the rest."""
     found = [tuple(start)]
     left.remove(found[0])
     for point in found:  # grows on the way
@@ -246,7 +245,7 @@ def _block(start: Sequence[int], left: set[tuple[int, ...]]) -> list[tuple[int, 
 
 
 def _margins(block: Mask) -> NDArray[np.int_]:
-    """How many steps from leaving the block each point is, 0 outside; values that are not varied cannot be off."""
+    """The steps from each point to the outside of the block, 0 outside; unvaried values do not count."""
     margins = np.zeros(block.shape, dtype=int)
     while block.any() and margins.max() < max(block.shape):
         margins += block

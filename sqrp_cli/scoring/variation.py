@@ -14,7 +14,7 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array
 
 MAX_VARIANTS = 10_000
-"""More variants than this are refused."""
+"""Most variants of a sweep."""
 
 _END = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D*?)\s*")
 _INDEX = re.compile(r"\[(\d+)\]")
@@ -32,12 +32,12 @@ class Variation:
     start: float
     end: float
     unit: str
-    """As both ends have it; empty for SI units."""
+    """The unit of both ends; empty for SI units."""
     count: int | None
     """Steps of a grid; None where values are drawn."""
 
     def text(self, value: float) -> str:
-        """A value as YAML text; what is nothing beside the ends is 0."""
+        """A value as YAML text; 0 if it is negligible beside the ends."""
         value = 0.0 if abs(value) <= 1e-9 * max(abs(self.start), abs(self.end)) else value
         return f"{value:.6g}{f' {self.unit}' if self.unit else ''}"
 
@@ -68,7 +68,7 @@ def read_variation(text: str) -> Variation:
 
 
 def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> tuple[Values, ...]:
-    """The values of every variant: all combinations, or so many draws, uniform between the ends.
+    """The values of every variant: all combinations, or random draws, uniform between the ends.
 
     Raises InputError for a path that is varied twice, a grid without numbers of steps, or too many variants.
     """
@@ -87,18 +87,18 @@ def variants(variations: Sequence[Variation], draws: int | None, seed: int) -> t
     counts = [variation.count or 1 for variation in variations]
     total = int(np.prod(counts, dtype=object))
     if total > MAX_VARIANTS:
-        raise InputError(Problem("bad-option", f"{total:,} variants are asked for, the limit is {MAX_VARIANTS:,}"))
+        raise InputError(Problem("bad-option", f"{total:,} variants are requested, the limit is {MAX_VARIANTS:,}"))
     grids = [np.linspace(v.start, v.end, count).tolist() for v, count in zip(variations, counts, strict=True)]
     return tuple(_values(variations, point) for point in product(*grids))
 
 
 def grid_shape(variations: Sequence[Variation], draws: int | None) -> tuple[int, ...] | None:
-    """How many values of each path `variants` combines, in row-major order; None where they are drawn."""
+    """How many values of each path `variants` combines, in row-major order; None if they are drawn."""
     return None if draws is not None else tuple(variation.count or 1 for variation in variations)
 
 
 def shares(values: Sequence[Values]) -> Array:
-    """Where each variant is between the least and the greatest of all, 0 to 1 for each path; shape (n, paths)."""
+    """The values of each variant, scaled to 0..1 between the least and the greatest per path; shape (n, paths)."""
     numbers = np.array([[float(text.split()[0]) for _, text in chosen] for chosen in values])
     low, high = numbers.min(axis=0), numbers.max(axis=0)
     found: Array = (numbers - low) / np.where(high > low, high - low, 1.0)

@@ -1,1 +1,1 @@
-"""What scores are held against: thresholds, baselines and other cells."""
+"""What scores are compared with: thresholds, baselines and other cells."""

@@ -1,4 +1,4 @@
-"""The baseline file: scores to compare later ones with, and what is needed to explain how they changed."""
+"""The baseline file: scores to compare later ones with, and the data that explains changes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MAX_BYTES = 100_000_000
 """Largest baseline that is read, and written."""
 
 MOST_PROBLEMS = 10
-"""Problems of a baseline that are told."""
+"""Most problems of a baseline that are reported."""
 
 _Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -42,7 +42,7 @@ _SAMPLINGS: dict[str, Callable[[str], Sampling]] = {
     "FixedCount(samples": lambda number: FixedCount(int(number)),
     "FixedStep(dt": lambda number: FixedStep(float(number)),
 }
-"""How a sampling is made of its number, by how its text begins."""
+"""Makes a sampling from its number, by the beginning of its text."""
 
 
 def _sampling(value: object) -> Sampling:
@@ -132,7 +132,7 @@ class Baseline(Entry):
     """How motions were sampled, such as `Adaptive(tolerance=0.001)`."""
     workspaces: dict[str, WorkspaceRecord]
     fields: dict[str, dict[str, Annotated[Any, PlainValidator(_scalar)]]] = Field(default={})
-    """What files say, by their digest."""
+    """Fields of files, by their digest."""
 
 
 def baseline_of(
@@ -141,7 +141,7 @@ def baseline_of(
     coverage: Callable[[TaskScore, Ranked], Coverage | None],
     sampling: Sampling,
 ) -> Baseline:
-    """The baseline that these scores make; workspaces and tasks with errors are left out."""
+    """The baseline of these scores, without workspaces and tasks that have errors."""
     workspaces: dict[str, WorkspaceRecord] = {}
     fields: dict[str, dict[str, LeafValue]] = {}
     for cell in cells:
@@ -179,7 +179,7 @@ def save_baseline(baseline: Baseline, path: Path) -> None:
 def load_baseline(path: Path, sampling: Sampling) -> Baseline:
     """Read a baseline. Raises InputError for a file that `save_baseline` did not write, or from another sampling.
 
-    What is wrong with a file is told with line and key, such as `workspaces.cell.tasks["pickup green"].ways.g1.q_avg`.
+    Errors name line and key, such as `workspaces.cell.tasks["pickup green"].ways.g1.q_avg`.
     """
     if not path.is_file():
         mend = None if path.is_dir() else f"make it with: sqrp score ... --save-baseline {path}"
@@ -187,12 +187,12 @@ def load_baseline(path: Path, sampling: Sampling) -> Baseline:
     try:
         baseline = _parsed(path)
     except InputError as error:
-        # Whatever it is, it is not for a mend to replace.
+        # It may be anything, so the mend must not overwrite it.
         mend = f"make one with: sqrp score ... --save-baseline {path.with_name(f'{path.stem}-new.json')}"
         raise InputError(*(_no_baseline(one, mend) for one in error.problems[:MOST_PROBLEMS])) from error
     if baseline.sampling != sampling:
-        made, asked = _option(baseline.sampling), _option(sampling)
-        message = f"the baseline was made with {made}, but this run samples with {asked}"
+        made, used = _option(baseline.sampling), _option(sampling)
+        message = f"the baseline was made with {made}, but this run samples with {used}"
         mend = "give the options --samples, --dt or --tolerance that it was made with, or make it again"
         raise InputError(Problem("other-sampling", message, Place(path), mend=mend))
     return baseline
@@ -213,7 +213,7 @@ def _no_baseline(problem: Problem, mend: str) -> Problem:
 
 
 def _option(sampling: Sampling) -> str:
-    """The option that stands for a sampling."""
+    """The command-line option of a sampling."""
     match sampling:
         case Adaptive(tolerance):
             return f"--tolerance {100 * tolerance:g}{' (the default)' if tolerance == DEFAULT_TOLERANCE else ''}"
@@ -224,14 +224,14 @@ def _option(sampling: Sampling) -> str:
 
 
 class VanishedTask(NamedTuple):
-    """A task that a baseline has and that is no longer there."""
+    """A task of a baseline that no longer exists."""
 
     workspace: str
     task: str
 
 
 def vanished(baseline: Baseline, names: Mapping[str, Sequence[str]]) -> tuple[VanishedTask, ...]:
-    """Every task that a baseline has and that is no longer there; names: tasks by workspace."""
+    """Every task of a baseline that no longer exists; names: tasks by workspace."""
     return tuple(
         VanishedTask(workspace, task)
         for workspace, record in baseline.workspaces.items()

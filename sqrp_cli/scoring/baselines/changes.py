@@ -1,4 +1,4 @@
-"""What changed in a workspace since its baseline: which files, and which fields in them."""
+"""Changes of a workspace since its baseline: files, and fields in them."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from sqrp_cli.scoring.work.identity import says_something
 _SECTION = re.compile(r":(requirements|types|constants|predicates|functions|action|parameters|precondition|effect)\b")
 
 _FOR_ALL_JOINTS = re.compile(r"robot\.limits\.\w+")
-"""A limit whose unit says which joints it is for: those that turn, or those that slide; without one it is for all."""
+"""A limit; its unit says whether it is for turning or sliding joints; without a unit it is for all."""
 
 WORKSPACE = "workspace"
 """The role of the workspace file itself."""
@@ -34,9 +34,9 @@ class Change:
     file: str
     """The role of the file that changed, such as `workspace`, `robot.urdf` or `skills.pickup.yaml`."""
     field: str | None
-    """Where in it; None where only the content as a whole can be compared."""
+    """The field in it; None if only the whole content can be compared."""
     before: LeafValue
-    """The value, of a file as a whole the first digits of its digest; None where there is no such field or file."""
+    """The value, or for a whole file the first digits of its digest; None if there is no such field or file."""
     now: LeafValue
     """See `before`."""
 
@@ -53,10 +53,10 @@ class Change:
 def workspace_changes(
     before: Mapping[str, str], known: Mapping[str, Mapping[str, LeafValue]], now: Workspace
 ) -> tuple[Change, ...]:
-    """The differences that may matter, so not those of comments and layout.
+    """The differences that may matter, without those of comments and layout.
 
-    before: the digest of each file by its role. known: fields of files by digest. The tasks of a workspace and what is
-    expected of them are not compared.
+    before: the digest of each file by its role. known: fields of files by digest. Tasks and their thresholds are not
+    compared.
     """
     return tuple(_changes(before, known, now))
 
@@ -77,7 +77,7 @@ def _changes(
 
 
 def fields_of(workspace: Workspace, role: str) -> dict[str, LeafValue]:
-    """The fields of the file that plays a role; none for a file that has no fields to name, such as a mesh."""
+    """The fields of the file with a role; none for a file without fields, such as a mesh."""
     if role == WORKSPACE:
         return dict(workspace.values)
     path = workspace.files[role].path
@@ -96,7 +96,7 @@ def fields_of(workspace: Workspace, role: str) -> dict[str, LeafValue]:
 
 
 def _attributes(element: Element, path: str) -> Iterator[tuple[str, LeafValue]]:
-    """Attributes by where they stand: elements by name where they have one, else by number where there are several."""
+    """Attributes by path; elements go by name if they have one, else by number if there are several."""
     for attribute, value in element.attributes.items():
         yield f"{path}{attribute}", value
     numbers: Counter[str] = Counter()
@@ -124,7 +124,7 @@ def _statements(path: Path) -> Iterator[tuple[str, LeafValue]]:
 
 
 def _changed_fields(role: str, before: Mapping[str, LeafValue], now: Mapping[str, LeafValue]) -> Iterator[Change]:
-    """The fields of a file that differ and mean something.
+    """The fields of a file that differ in meaning.
 
     Two spellings of a quantity, such as `5 cm` and `50 mm` or 0.05, do not differ, nor do `0 0 1` and `0 0 1.0`.
     """

@@ -1,4 +1,4 @@
-"""How a task compares with its baseline, and why: what is no longer seen, by which camera, when."""
+"""A task compared with its baseline, with the reason: what is no longer seen, by which camera, when."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from sqrp_cli.scoring.baselines.baseline import TaskRecord, WayRecord
 from sqrp_cli.scoring.score import TaskScore
 
 SHORTEST_LOSS = 0.01
-"""Shorter losses are not worth a word [s]."""
+"""Shorter losses are not reported [s]."""
 
 Verdict = Literal["regressed", "improved", "unchanged", "new"]
 
 
 @dataclass(frozen=True)
 class Loss:
-    """A stretch of time in which a literal was covered and no longer is, though a camera used to see it."""
+    """A stretch of time in which a literal is no longer covered, because a camera no longer sees it."""
 
     literal: str
     camera: str
     stretch: Stretch
-    """Of the motion as it is now."""
+    """On the present motion."""
     why: str
     """The commonest cause in a few words."""
 
@@ -38,7 +38,7 @@ class Loss:
 
 @dataclass(frozen=True)
 class Shift:
-    """A figure that got better or worse; values in 0..1 or s, None where undefined or infeasible."""
+    """A figure that got better or worse; values in 0..1 or s, None if undefined or infeasible."""
 
     metric: Literal["feasible", "q_eoi", "q_avg", "time", "delay"]
     before: float | None
@@ -72,14 +72,14 @@ class WayChange:
 
     way: str
     before: str
-    """Name of the candidate, then."""
+    """Name of the candidate in the baseline."""
     now: str
     """Name of the candidate, now."""
     shifts: tuple[Shift, ...]
     losses: tuple[Loss, ...] = ()
     """The longest first."""
     reason: str = ""
-    """Why it cannot be done any more."""
+    """Why it can no longer be done."""
 
     @property
     def worse(self) -> bool:
@@ -88,7 +88,7 @@ class WayChange:
 
     @property
     def severity(self) -> float:
-        """How much worse it got at most: a difference of Q, or the share by which a time grew; 0 where it did not."""
+        """Largest change for the worse: a difference of Q, or the share by which a time grew; 0 if none."""
         return max((shift.size for shift in self.shifts if shift.worse), default=0.0)
 
     def __str__(self) -> str:
@@ -111,13 +111,13 @@ class Comparison:
 
     verdict: Verdict
     ways: tuple[WayChange, ...] = ()
-    """That changed, the worst change first."""
+    """The changes, the worst first."""
     gone: tuple[str, ...] = ()
-    """Ways of doing it that are no longer there."""
+    """Ways of doing it that no longer exist."""
 
 
 def changed_ways(before: TaskRecord, now: TaskScore, allowance: float) -> tuple[WayChange, ...]:
-    """The ways of doing a task whose figures changed by more than is allowed, without their losses.
+    """The ways of doing a task with changes beyond the allowance, without their losses.
 
     allowance: points of Q, percent of times.
     """
@@ -140,7 +140,7 @@ def compare(
     allowance: float,
     coverage: Callable[[TaskScore, Ranked], Coverage | None],
 ) -> Comparison:
-    """Compare a task with its baseline, the worst change first; None: it has none. coverage: of a way as it is now."""
+    """Compare a task with its baseline, the worst change first; None without one. coverage: of a way now."""
     if before is None:
         return Comparison("new")
     changes = []
@@ -155,9 +155,9 @@ def compare(
 
 
 def lost(before: Coverage, now: Coverage) -> tuple[Loss, ...]:
-    """What was covered and no longer is, for every camera that used to see it; the longest first.
+    """What is no longer covered, for every camera that used to see it; the longest first.
 
-    Where the motion became faster or slower, times before stand for the same share of the same primitive now.
+    If the motion became faster or slower, an earlier time stands for the same share of the same primitive now.
     """
     losses: list[Loss] = []
     for atom, target in now.targets.items():

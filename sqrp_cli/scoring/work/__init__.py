@@ -1,1 +1,1 @@
-"""How many candidates are computed at once: jobs, processes, clusters and kept results."""
+"""Computing many candidates: jobs, processes, clusters and kept results."""

@@ -1,7 +1,7 @@
-"""Jobs on a Dask cluster: the connection to it, its workers, and what these are told to do.
+"""Jobs on a Dask cluster: the connection to it, its workers, and their tasks.
 
-The only module that imports Dask. The scheduler of a cluster imports what every task names, too, and works for nobody
-else meanwhile: nothing here loads what computes before a worker does it.
+The only module that imports Dask. The scheduler of a cluster also imports the modules of every task, and blocks
+meanwhile: so this module imports nothing that computes; workers do.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ if TYPE_CHECKING:
     from sqrp_cli.scoring.work.job import Job
 
 CONNECT_TIMEOUT = 5.0
-"""How long to wait for the scheduler, first until it says who it is, then until it knows us [s]."""
+"""How long to wait for the scheduler, first for its greeting, then for the connection [s]."""
 
 LOOKS = 5.0
-"""How often it is asked whether there are workers [s]."""
+"""Period of checking for workers [s]."""
 
 MAX_BYTES = 1_000_000
 """Largest scheduler file that is read."""
 
 JOBS_AT_ONCE = 10
-"""Jobs done as one: that takes all processes together some 20 ms to send and answer, and a candidate some 50 ms."""
+"""Jobs done as one: sending and answering takes all processes together some 20 ms, a candidate some 50 ms."""
 
 JOBS_PER_WORKER = 2
-"""Jobs that a worker has at a time, so that it never waits for us."""
+"""Jobs in the queue of a worker, so that it never waits for us."""
 
 _MEND = "start one with `dask scheduler`, and give its address (tcp://HOST:8786) or its scheduler file"
 
 
 @dataclass(frozen=True, eq=False)
 class Cluster:
-    """A Dask cluster that answers."""
+    """A connected Dask cluster."""
 
     client: Any
     """Of Dask's, connected to it."""
@@ -54,12 +54,12 @@ class Cluster:
 
 
 @contextmanager
-def connected(address: str | None, tell: Callable[[str], None]) -> Iterator[Cluster | None]:
-    """The cluster of a scheduler, given by its address or its scheduler file; None where none is given.
+def connected(address: str | None, warn: Callable[[str], None]) -> Iterator[Cluster | None]:
+    """The cluster of a scheduler, given by its address or its scheduler file; None if neither is given.
 
-    Its workers begin to load the program: a command that connects before it loads it itself does not wait for them
-    later. tell: is told when there are no workers any more, since work then waits for new ones. Raises InputError where
-    no scheduler answers, or it has no workers.
+    Its workers begin to load the program: a command that connects before loading it itself does not wait for them
+    later. warn: called with a message when no workers are left, since work then waits for new ones. Raises InputError
+    if no scheduler answers, or it has no workers.
     """
     if address is None:
         yield None
@@ -73,7 +73,7 @@ def connected(address: str | None, tell: Callable[[str], None]) -> Iterator[Clus
             scheduler = f"--scheduler-file {address}" if Path(address).is_file() else address
             raise InputError(Problem("no-cluster", message, mend=f"dask worker {scheduler} --nworkers 2 --nthreads 1"))
         client.run(prepare_worker, wait=False, on_error="ignore")
-        threading.Thread(target=_watch, args=(client, tell, ended), daemon=True).start()
+        threading.Thread(target=_watch, args=(client, warn, ended), daemon=True).start()
         yield Cluster(client, workers)
     finally:
         ended.set()
@@ -83,15 +83,15 @@ def connected(address: str | None, tell: Callable[[str], None]) -> Iterator[Clus
 class DaskWorkers:
     """The workers of a cluster; see `dispatcher.Workers`.
 
-    Files travel once to each worker that needs them: each is the result of a task of its own, which Dask hands on from
-    worker to worker and makes again where one died.
+    Files travel once to each worker that needs them: each is the result of its own task, which Dask passes from worker
+    to worker and repeats if a worker died.
     """
 
     def __init__(self, cluster: Cluster) -> None:
         self._client = cluster.client
         self.count, self.aside = len(cluster.workers), True
         self.ahead, self.portion = JOBS_PER_WORKER, JOBS_AT_ONCE
-        # Where a worker dies, or another one has nothing to do, the scheduler gives its jobs to others.
+        # When a worker dies, or another one is idle, the scheduler gives its jobs to others.
         options = {"pure": False, "allow_other_workers": True}
         self._executors: list[Executor] = [
             self._client.get_executor(workers=[address], **options) for address in cluster.workers
@@ -126,7 +126,7 @@ class DaskWorkers:
 
 
 async def prepare_worker() -> None:
-    """Load the program, see `job.prepare`, beside whatever the worker does for others."""
+    """Load the program, see `job.prepare`, while the worker goes on serving others."""
     import asyncio  # every worker has it, and a run without a cluster need not load it
 
     await asyncio.to_thread(_prepare)
@@ -139,23 +139,23 @@ def _prepare() -> None:
 
 
 def run_packed(job: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Do a job that travels as bytes, see `job.run_shipped`."""
+    """Do a job that arrives as bytes, see `job.run_shipped`."""
     from sqrp_cli.scoring.work.job import run_shipped
 
     return run_shipped(job, program, contents)
 
 
-def _watch(client: Any, tell: Callable[[str], None], ended: threading.Event) -> None:  # noqa: ANN401
-    """Tell once each time that all workers are gone, until `ended`."""
-    told = False
+def _watch(client: Any, warn: Callable[[str], None], ended: threading.Event) -> None:  # noqa: ANN401
+    """Warn once each time that all workers are gone, until `ended`."""
+    warned = False
     while not ended.wait(LOOKS):
         try:
             gone = not client.nthreads()
         except (OSError, RuntimeError, concurrent.futures.CancelledError):
             continue  # the connection is lost or being closed, which shows elsewhere
-        if gone and not told:
-            tell("the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)")
-        told = gone
+        if gone and not warned:
+            warn("the cluster has no workers any more; waiting for new ones (Ctrl-C ends it)")
+        warned = gone
 
 
 def _client(cluster: str) -> Any:  # noqa: ANN401 # a client of Dask's
@@ -182,7 +182,7 @@ def _no_cluster(cluster: str, why: str) -> Problem:
 
 
 async def _greeted(address: str) -> None:
-    """Returns once whoever listens has said who it is; a client would wait for minutes for one that says nothing."""
+    """Wait for the greeting of a server; Dask's client would wait minutes for one that stays silent."""
     from distributed.comm import connect
 
     comm = await connect(address, timeout=CONNECT_TIMEOUT)
@@ -190,9 +190,9 @@ async def _greeted(address: str) -> None:
 
 
 def _checked_address(cluster: str) -> str:
-    """The address of a scheduler, from its file if that is what is given.
+    """The address of a scheduler, read from its file if a file is given.
 
-    Raises ValueError, TypeError or LookupError for what is none: a client that never had an address fails as it ends.
+    Raises ValueError, TypeError or LookupError for a bad one, since a client without an address fails when it ends.
     """
     from distributed.comm import parse_address, parse_host_port
     from distributed.comm.registry import get_backend
@@ -208,7 +208,7 @@ def _checked_address(cluster: str) -> str:
 
 
 def _address_in(path: Path) -> str:
-    """The address in a scheduler file. Raises InputError, with file and line, for what is none."""
+    """The address in a scheduler file. Raises InputError, with file and line, for any other file."""
     data = parse_json(path, read_text(path, MAX_BYTES))
     address = data.get("address") if isinstance(data, dict) else None
     if not isinstance(address, str):

@@ -1,4 +1,4 @@
-"""Computing what is asked of candidates, each once: what is kept already is not computed again."""
+"""Computing candidates, each once: kept results are not computed again."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from sqrp_cli.scoring.work.results import Outcome, Results
 
 @dataclass(frozen=True)
 class Means:
-    """How to compute: how, with what, and where results are kept."""
+    """How to compute, with which workers, and where to keep results."""
 
     sampling: Sampling
     jobs: int = 1
     """Processes of this machine."""
     cluster: Cluster | None = None
-    """What computes instead of them."""
+    """Computes instead of them."""
     out: Path | None = None
     """Folder of the results; None: they are kept in memory only."""
     seed: int = 0
@@ -35,7 +35,7 @@ class Means:
 
 @contextmanager
 def open_computer(means: Means) -> Iterator[Computer]:
-    """What computes candidates by these means; at Ctrl-C what is under way is finished and kept before it goes on.
+    """A computer with these means; at Ctrl-C it first finishes and keeps what is under way.
 
     Raises InputError for a folder that cannot be used.
     """
@@ -51,7 +51,7 @@ def open_computer(means: Means) -> Iterator[Computer]:
 
 @dataclass(frozen=True, eq=False)
 class Wanted:
-    """A candidate whose figures are wanted."""
+    """A request for the figures of a candidate."""
 
     workspace: Workspace
     content: str
@@ -60,9 +60,9 @@ class Wanted:
 
 
 class Computer:
-    """Gets outcomes of candidates, from where results are kept or from workers.
+    """Gets outcomes of candidates, from kept results or from workers.
 
-    computed, failed: how many had to be computed, and how many could not be.
+    computed, failed: how many were computed, and how many could not be.
     """
 
     def __init__(self, workers: Workers, results: Results, sampling: Sampling, seed: int = 0) -> None:
@@ -91,10 +91,10 @@ class Computer:
             self._dispatcher.add(list(self._jobs(members, coverage=coverage)))
 
     def compute(self, wanted: Sequence[Wanted], advance: Callable[[int], None], *, coverage: bool = False) -> None:
-        """See to it that `outcome` finds every candidate; `advance` is told how many more are done.
+        """Make every candidate available to `outcome`; `advance` is called with the number of finished ones.
 
-        coverage: with their coverage. At Ctrl-C what is under way is finished and kept before KeyboardInterrupt goes
-        on. Raises InputError where results cannot be kept.
+        coverage: with their coverage. At Ctrl-C what is under way is finished and kept, then KeyboardInterrupt is
+        raised. Raises InputError if results cannot be kept.
         """
         self.begin(wanted, coverage=coverage)
         advance(len(wanted) - len(self._awaited))
@@ -117,7 +117,7 @@ class Computer:
         return self._outcome(self._key(wanted.content, wanted.candidate, coverage=coverage), wanted.candidate)
 
     def why_not(self, wanted: Wanted) -> tuple[Problem, ...]:
-        """Why a candidate cannot be computed; empty where nothing is known to prevent it."""
+        """Why a candidate cannot be computed; empty if no reason is known."""
         return self._problems.get(self._key(wanted.content, wanted.candidate, coverage=False), ())
 
     def _outcome(self, key: str, candidate: Candidate) -> Outcome | None:

@@ -1,4 +1,4 @@
-"""Who does the jobs, and keeping them busy until all are done, whatever happens to them."""
+"""Workers, and a dispatcher that keeps them busy until all jobs are done, even if workers die."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from sqrp_cli.platform.processes import ProcessExecutor, died
 from sqrp_cli.scoring.work.job import Job, joined, run_job
 
 SHARES = 2
-"""A worker gets at most one in so many of its part of the jobs that are left, so that all of them end together."""
+"""A worker gets at most 1/SHARES of its share of the remaining jobs at once, so that all end together."""
 
 Outcomes = tuple[str, ...]
-"""What `run_job` results in."""
+"""The result of `run_job`."""
 
 
 class Workers(Protocol):
@@ -27,30 +27,29 @@ class Workers(Protocol):
     count: int
     """Of workers, each of which does one job at a time."""
     ahead: int
-    """So many jobs a worker should have, so that it never waits for us."""
+    """Length of a worker's queue, so that it never waits for us."""
     portion: int
-    """So many jobs at most are done as one, few enough that little is lost with a worker."""
+    """Most jobs done as one; few enough that little is lost with a worker."""
     aside: bool
     """Whether they work while this process does something else."""
 
     def submit(self, job: Job, worker: int) -> Future[Outcomes]:
         """Let a worker do a job; the result is that of `run_job`.
 
-        That the worker died shows as `BrokenExecutor` of the result. Raises InputError where there is no one left to do
-        it.
+        If the worker dies, the result raises `BrokenExecutor`. Raises InputError if no worker is left.
         """
 
     def restart(self, worker: int) -> None:
-        """Replace a worker, which may have died; nothing that it had to do is under way any more."""
+        """Replace a worker, which may have died; all its jobs are cancelled."""
 
     def close(self) -> None:
-        """End what has begun."""
+        """Stop the workers."""
 
 
 class LocalWorkers:
-    """Processes of this machine; with one job at a time this process does it.
+    """Processes of this machine; with one job at a time, this process itself.
 
-    Each process is an executor of its own: who gets a job decides who has to load its workspace.
+    Each process is its own executor, so that the dispatcher decides which process loads which workspace.
     """
 
     def __init__(self, jobs: int) -> None:
@@ -88,7 +87,7 @@ def _done_here(job: Job) -> Future[Outcomes]:
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """A job that is done."""
+    """A finished job."""
 
     job: Job
     outcomes: Outcomes = ()
@@ -104,13 +103,13 @@ class _Running(NamedTuple):
 
 
 class Dispatcher:
-    """Hands jobs to workers, and every job to `keep` as it is done, in whatever order that is.
+    """Gives jobs to workers, and every finished job to `keep`, in any order.
 
-    The jobs of one workspace go to one worker, which loads it once. A worker that has none left takes over the later
-    half of what another one still has to begin, so that all of them work to the end. Where sending a job costs much a
-    worker gets several at once, fewer as the end comes near; if they fail each is done again, since one of them may be
-    the cause. When a worker dies, what it was doing is done again after all the rest, one job at a time; a job whose
-    worker dies again is given up.
+    The jobs of one workspace go to one worker, which loads it once. An idle worker takes over the later half of
+    another one's queue, so that all of them work to the end. If sending a job is expensive, a worker gets several at
+    once, fewer near the end; if they fail, each is repeated alone, since one of them may be the cause. When a worker
+    dies, its current jobs are repeated after all the rest, one at a time; if a worker dies of a job again, the job is
+    given up.
     """
 
     def __init__(self, workers: Workers, keep: Callable[[Done], None]) -> None:
@@ -141,7 +140,7 @@ class Dispatcher:
             self._again(self._lost.popleft())
 
     def give_up(self) -> None:
-        """Begin nothing more, and keep what is under way as soon as it is done."""
+        """Begin nothing more; finish and keep what is under way."""
         self._unclaimed.clear()
         for waiting in (self._apart, *self._claimed):
             waiting.clear()
@@ -155,7 +154,7 @@ class Dispatcher:
         self._running.clear()
 
     def _hand_out(self) -> None:
-        """Give every worker something to do, and then something to go on with."""
+        """Give every worker a job, then fill the queues."""
         under_way = Counter(running.worker for running in self._running.values())
         for ahead in range(self._workers.ahead):
             for worker in range(self._workers.count):
@@ -169,7 +168,7 @@ class Dispatcher:
         return future
 
     def _next_for(self, worker: int) -> tuple[Job, ...]:
-        """What a worker should do next: more of what it has loaded, a workspace of its own, or half of another one."""
+        """A worker's next workspace: the one that it has loaded, a new one, or half of another worker's."""
         if self._apart:
             return (self._apart.popleft(),)
         most = self._most_at_once()
@@ -190,7 +189,7 @@ class Dispatcher:
         return min(self._workers.portion, ceil(left / (SHARES * self._workers.count)))
 
     def _collect(self, *, wait_for_one: bool = True) -> None:
-        """Keep what is done, and replace workers that died."""
+        """Keep finished jobs, and replace dead workers."""
         wait(self._running, timeout=None if wait_for_one else 0, return_when=FIRST_COMPLETED)
         lost: dict[int, list[tuple[Job, ...]]] = {}
         for future in [future for future in self._running if future.done()]:
@@ -211,7 +210,7 @@ class Dispatcher:
             self._claimed[worker].extendleft(job for jobs in reversed(others) for job in reversed(jobs))
 
     def _again(self, job: Job) -> None:
-        """Do a job whose worker died with nothing else under way, in case there was too little memory for both."""
+        """Repeat a job whose worker died, alone, in case two jobs took too much memory."""
         self._workers.restart(0)
         future = self._begin((job,), 0)
         wait([future])
@@ -224,7 +223,7 @@ class Dispatcher:
 
 
 def _results(future: Future[Outcomes], jobs: Sequence[Job]) -> list[Done] | None:
-    """What jobs that were done as one came to; None where their worker died."""
+    """The result of jobs done as one; None if their worker died."""
     try:
         outcomes = iter(future.result())
         return [Done(job, outcomes=tuple(islice(outcomes, len(job.candidates)))) for job in jobs]

@@ -1,4 +1,4 @@
-"""When two computations are the same: digests of everything that a candidate's figures depend on."""
+"""Keys of computations: digests of everything that a candidate's figures depend on."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LIBRARIES = ("numpy", "pin", "coal", "ruckig", "ompl", "eaik")
 """Libraries that figures depend on."""
 
 _FILE_KEYS = frozenset({"urdf", "srdf", "mesh", "calibration", "hand_eye"})
-"""Keys of a workspace file that name other files, whose content counts and not where they are."""
+"""Keys of a workspace file that name other files; the content of those counts, not their place."""
 
 
 @cache
@@ -36,9 +36,9 @@ def program_digest() -> str:
 
 
 def code_digest(root: Path) -> str:
-    """Digest of all code and grammars of a package, whatever its folders are called.
+    """Digest of all code and grammars of a package, however its folders are named.
 
-    What only prints counts too: which part figures depend on is nobody's to list.
+    Code that only prints counts too: a list of what figures depend on would go stale.
     """
     hashed = hashlib.sha256()
     for file in sorted(path for path in root.rglob("*") if path.suffix in (".py", ".lark")):
@@ -47,10 +47,10 @@ def code_digest(root: Path) -> str:
 
 
 def content_digest(workspace: Workspace, skill: str) -> str:
-    """Digest of all in a workspace that the figures of a skill's candidates depend on.
+    """Digest of everything in a workspace that the figures of a skill's candidates depend on.
 
-    That is what the workspace file says, except for its tasks with their thresholds, comments and layout; and the
-    content of every file that it names, except for other skills.
+    That is the workspace file without its tasks and thresholds, comments and layout; and the content of every file
+    that it names, except for other skills.
     """
     values = [(path, value) for path, value in workspace.values.items() if says_something(path)]
     files = [
@@ -64,14 +64,14 @@ def content_digest(workspace: Workspace, skill: str) -> str:
 def says_something(path: str) -> bool:
     """Whether a value of a workspace file matters by itself.
 
-    It does not where it belongs to a task, or names a file, whose content is what matters.
+    It does not if it belongs to a task, or names a file: then the file's content matters.
     """
     lists = ("tasks.", "skills.", "robot.package_roots.")
     return not path.startswith(lists) and path.rpartition(".")[-1] not in _FILE_KEYS
 
 
 def candidate_key(content: str, candidate: Candidate, sampling: Sampling, seed: int, *, coverage: bool) -> str:
-    """Names what is computed of one candidate; content: see `content_digest`. coverage: its `Coverage`, too."""
+    """The key of a candidate's result; content: see `content_digest`. coverage: whether it has its `Coverage`, too."""
     parameters = list(candidate.parameters.items())
     return _digest(
         [

@@ -1,6 +1,6 @@
-"""One portion of the work, as it travels to a process or a machine, and what is done there.
+"""A job: a portion of the work, how it travels to a process or a machine, and how it is done there.
 
-To machines that do not share our disk the files of a workspace travel as content, named by its digest.
+Machines that do not share our disk get the content of a workspace's files, named by its digest.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class PackedWorkspace:
     digest: str
     """Of the workspace; a worker keeps its cell under it."""
     files: Mapping[Path, str]
-    """The digest of each file that is read to load it, by where it is on the machine that packed it."""
+    """The digest of each file that it is read from, by its path on the machine that packed it."""
     data: bytes
 
     @classmethod
@@ -70,7 +70,7 @@ class Job:
     """Whether their coverage is wanted besides their figures."""
 
     def goes_with(self, other: Job) -> bool:
-        """Whether a job of the same run can be done as one with this."""
+        """Whether another job of the same run can be done together with this one."""
         return (self.content, self.coverage) == (other.content, other.coverage) and (
             self.workspace.digest == other.workspace.digest
         )
@@ -84,7 +84,7 @@ def joined(jobs: Sequence[Job]) -> Job:
 
 
 def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) -> tuple[str, ...]:
-    """The outcome of each candidate, as text; placed: puts the workspace's files where they are on this machine.
+    """The outcome of each candidate, as text; placed: maps the workspace's files to those on this machine.
 
     Raises InputError for meshes or a sampling that cannot be used.
     """
@@ -120,10 +120,10 @@ def _cell(job: Job, placed: Callable[[Workspace], Workspace] | None) -> Cell:
 
 
 def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tuple[str, ...]:
-    """Do a job that travelled as bytes, from a machine that does not share its disk with this one.
+    """Do a job that arrived as bytes, from a machine with another disk.
 
     program: digest of the program that sent it. contents: of the workspace's files, by their digests. Raises
-    InputError as `run_job`, and where this machine runs another program or version.
+    InputError like `run_job`, and if this machine runs another program or version.
     """
     if program != program_digest():
         message = "a worker of the cluster has another version of sqrp, or of a library that it computes with"
@@ -139,14 +139,14 @@ def run_shipped(data: bytes, program: str, contents: Mapping[str, bytes]) -> tup
 
 @cache
 def prepare() -> None:
-    """Load the program, and see to the memory of this process."""
+    """Load the program, and tune the memory management of this process."""
     keep_freed_memory()
     collect_seldom()
     program_digest()
 
 
 def _materialized(path: Path, digest: str, content: bytes) -> Path:
-    """The file with a content on this machine's disk, written if it is not there yet."""
+    """The path of a content on this machine's disk, written if it is missing."""
     folder = Path(tempfile.gettempdir()) / f"sqrp-files-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     place = folder / f"{digest}{path.suffix}"
@@ -158,11 +158,11 @@ def _materialized(path: Path, digest: str, content: bytes) -> Path:
 
 
 _checked: set[Path] = set()
-"""Files whose content this process has seen to be right."""
+"""Files whose content this process has verified."""
 
 
 def _translated(problem: Problem, places: Mapping[Path, Path]) -> Problem:
-    """The problem with the names that the files have where the job came from."""
+    """The problem with the files' names on the sender's machine."""
     message = problem.message
     for original, local in places.items():
         message = message.replace(str(local), str(original))

@@ -1,4 +1,4 @@
-"""What is kept of computed candidates: their figures and coverage as text, in a folder from which a run goes on."""
+"""Kept results: figures and coverage of computed candidates as text, in a folder from which a run can resume."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from sqrp_cli.programming.task import Candidate
 LOCK = ".lock"
 
 MAX_BYTES = 10_000_000
-"""Largest outcome that is read again; one of an hour's motion has less than a megabyte."""
+"""Largest outcome that is read; an hour's motion takes less than a megabyte."""
 
 _NOT_KEPT = "results cannot be kept in this folder"
 
 _PLAIN = tuple(f.name for f in fields(Assessment) if f.name not in ("candidate", "faults", "recalibrated"))
-"""What an assessment says in numbers and texts."""
+"""An assessment in numbers and texts."""
 
 Numbers = dict[str, Any]
 
@@ -44,7 +44,7 @@ class Outcome:
 
     assessment: Assessment
     coverage: Coverage | None
-    """None where it was not asked for, or the candidate is infeasible."""
+    """None if it was not requested, or the candidate is infeasible."""
 
     def to_text(self) -> str:
         """One line of JSON, the same for the same figures."""
@@ -58,7 +58,7 @@ class Outcome:
 
     @staticmethod
     def from_text(text: str, candidate: Candidate) -> Outcome:
-        """What `to_text` wrote of a candidate. Raises ValueError for text that it did not write."""
+        """Reads what `to_text` wrote. Raises ValueError for any other text."""
         try:
             document = parse_json(Path("outcome"), text)
             if document.pop("checksum") != _checksum(document):
@@ -75,7 +75,7 @@ class Outcome:
 
 
 def _checksum(document: Numbers) -> str:
-    """Tells what was computed from what was damaged or edited later, even where it still reads as an outcome."""
+    """A checksum that reveals damage and edits, even where the text still reads as an outcome."""
     return hashlib.sha256(json_line(document).encode()).hexdigest()
 
 
@@ -110,7 +110,7 @@ class CoverageRecord(Entry):
         )
 
     def coverage(self) -> Coverage:
-        """The coverage that this is the record of."""
+        """The coverage of this record."""
         return Coverage(
             dict(self.primitives),
             {
@@ -155,14 +155,14 @@ def _rounded(t: float) -> float:
 
 
 class Results:
-    """Outcomes by the key of what was computed; see `identity.candidate_key`.
+    """Outcomes by key; see `identity.candidate_key`.
 
-    With a folder each is a file of its own there, named by its key and written whole or not at all, so that whatever
-    happens to a run, the next one finds what is finished.
+    With a folder each is a file of its own there, named by its key and written whole or not at all: if a run is killed,
+    the next one finds what is finished.
     """
 
     def __init__(self, folder: Path | None) -> None:
-        """Open or make the folder. Raises InputError where it cannot be written or another run is using it."""
+        """Open or make the folder. Raises InputError if it cannot be written or another run is using it."""
         self._texts: dict[str, str] = {}
         self.folder = folder
         self._lock: IO[str] | None = None
@@ -178,7 +178,7 @@ class Results:
         if key not in self._texts and self.folder is not None:
             path = self._path(self.folder, key)
             if path.is_file():
-                # What is damaged is for whoever reads it to find out.
+                # The reader checks for damage.
                 with suppress(InputError):
                     self._texts[key] = read_text(path, MAX_BYTES)
         return self._texts.get(key)
@@ -208,9 +208,9 @@ class Results:
 
 
 def _make_way(path: Path) -> None:
-    """Remove what is in the place of a result and is no file: a link that leads nowhere, a pipe, an empty folder.
+    """Remove a non-file in the place of a result: a broken link, a pipe, an empty folder.
 
-    Raises OSError where that is not possible.
+    Raises OSError if that is not possible.
     """
     if path.is_dir():
         path.rmdir()
@@ -219,13 +219,13 @@ def _make_way(path: Path) -> None:
 
 
 def _locked(folder: Path) -> IO[str]:
-    """A file that is open as long as this run uses the folder. Raises OSError, and InputError where it is in use."""
+    """A file that stays open while this run uses the folder. Raises OSError, and InputError if it is in use."""
     file = (folder / LOCK).open("w")
     try:
         import fcntl
 
         fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except ImportError:  # no such locks here: whoever starts two runs at a time computes some things twice
+    except ImportError:  # no such locks here: two runs at a time compute some candidates twice
         pass
     except OSError as error:
         file.close()
