@@ -26,7 +26,7 @@ def check_writable(path: Path) -> None:
             raise InputError(Problem("cannot-write", "this file is write-protected", Place(path), mend=mend))
         if _is_special(path):
             return
-        folder = real_path(path).parent
+        folder = real_path(path).parent if path.is_symlink() else path.parent
         if not folder.is_dir():
             raise InputError(no_folder(folder, path))
         if path.is_dir():

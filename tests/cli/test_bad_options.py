@@ -23,7 +23,7 @@ BAD = [
     (["rank", "CELL", "watch seen", "--choose", "sen"], ["`sen`", "did you mean `seen`?"]),
     (["rank", "CELL", "watch seen", "--calibration", "5 kg"], ["--calibration", "`5 kg`", "5 mm, 0.5 deg"]),
     (["rank", "CELL", "watch seen", "--calibration", "1e308 m"], ["--calibration", "up to 1 m"]),
-    (["rank", "CELL", "watch seen", "--after", "TMP/none.yaml"], ["none.yaml", "file not found"]),
+    (["rank", "CELL", "watch seen", "--after", "TMP/none.yaml"], ["none.yaml", "no such file or folder"]),
     (["rank", "CELL", "watch seen", "--program", "TMP/no/such.yaml"], ["there is no folder", "mkdir -p"]),
     (["rank", "CELL", "watch seen", "--program", "TMP"], ["this is a folder"]),
     (["rank", "CELL", "watch seen", "--smples", "5"], ["--smples", "--samples"]),
@@ -39,7 +39,7 @@ BAD = [
     (["init", "TMP/no/such"], ["there is no folder", "mkdir -p"]),
     (["init", "CELL/workspace.yaml/new"], ["workspace.yaml is a file, so nothing can be below it"]),
     (["rank", "CELL", "watch seen", "--report", "CELL/workspace.yaml/x"], ["is a file, so nothing can be below it"]),
-    (["init", "TMP/new", "--urdf", "TMP/none.urdf"], ["none.urdf", "file not found"]),
+    (["init", "TMP/new", "--urdf", "TMP/none.urdf"], ["none.urdf", "no such file or folder"]),
     (["init", "TMP/new", "--urdf", "package://none/arm.urdf"], ["package `none` not found", "roots tried"]),
     (["init", "TMP/new", "--objects", "5"], ["--objects is about --random"]),
     (["init", "TMP/new", "--seed", "0"], ["--seed is about --random"]),
@@ -56,7 +56,7 @@ BAD = [
     (["run", "TMP/p.yaml", "--sim", "--record", "TMP/x.avi"], ["--record", "ends in .mp4"]),
     (["run", "TMP/p.yaml", "--sim", "--record", "TMP/\udcff.mp4"], ["--record", "not UTF-8 text"]),
     (["run", "--replay", "TMP/l", "--n", "3"], ["--replay and --n exclude each other"]),
-    (["run", "--replay", "TMP/l"], ["file not found"]),
+    (["run", "--replay", "TMP/l"], ["no such file or folder"]),
     (["rnak", "CELL", "watch seen"], ["rnak"]),
     (["program", "nwe", "CELL"], ["one program at a time", "sqrp program new"]),
     (["run", "--replay", "CELL/arm.urdf"], ["this is no JSON"]),
@@ -78,3 +78,37 @@ def test_it_is_refused_and_named(words: list[str], says: list[str], sqrp: Any, w
         assert piece in outcome.err
     assert "Traceback" not in outcome.err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["rank", "none", "watch seen"],
+        ["check", "none"],
+        ["score", "none"],
+        ["diff", "none", "none"],
+        ["rank", "CELL", "watch seen", "--after", "none"],
+        ["run", "none", "--sim"],
+        ["run", "--replay", "none"],
+        ["audit", "none", "none"],
+        ["program", "none"],
+        ["score", "CELL", "--baseline", "none"],
+        ["init", "new", "--urdf", "none"],
+    ],
+)
+def test_what_is_missing_is_named_as_it_was_given_and_in_the_same_words(
+    arguments: list[str], sqrp: Any, watch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = sqrp(*(watch if word == "CELL" else word for word in arguments))
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.startswith("error: none: no such file or folder\n")
+
+
+def test_a_folder_that_a_file_should_be_written_to_is_named_as_it_was_given(
+    sqrp: Any, watch: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    outcome = sqrp("rank", watch, "watch seen", "--program", "no/such.yaml")
+    assert outcome.code == 2
+    assert outcome.err.startswith("error: no/such.yaml: there is no folder no\n  to mend it: mkdir -p no\n")

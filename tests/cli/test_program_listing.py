@@ -158,7 +158,7 @@ def test_only_a_near_name_of_its_kind_is_suggested_for_a_missing_program(sqrp, t
     outcome = sqrp("run", tmp_path / asked, "--sim")
     assert outcome.code == 2
     hint = f"; did you mean `{meant}`?" if meant else ""
-    assert f"{tmp_path / asked}: file not found{hint}\n" in outcome.err
+    assert f"{tmp_path / asked}: no such file or folder{hint}\n" in outcome.err
 
 
 def test_the_steps_of_a_listing_are_those_of_the_file(sqrp, program):

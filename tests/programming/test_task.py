@@ -170,3 +170,25 @@ def test_an_expectation_that_cannot_be_met_is_told_where_it_stands(entry: str, c
 def test_other_expectations_are_left_alone(entry: str) -> None:
     text = FILE.read_text(encoding="utf-8").replace(LISTED, f"  - {{task: {entry}}}")
     assert list(impossible_tasks(load_workspace(FILE, text.encode()))) == []
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        (
+            "speed=abc",
+            "`speed=abc`: found `abc`, expected a number from 0.001 to 1, or a share such as `50 %` (units %)",
+        ),
+        (
+            "lift=abc",
+            "`lift=abc`: found `abc`, expected a number in m, or a length such as `20 mm` (units m, cm, mm, um)",
+        ),
+        ("approach_yaw=abc", "`approach_yaw=abc`: found `abc`, expected an angle such as `30 deg` (units rad, deg, °)"),
+    ],
+)
+def test_a_setting_that_is_no_number_says_which_numbers_and_units_are_expected(
+    setting: str, expected: str, workspace: Workspace
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read_task(f"pickup g1 {setting}", workspace)
+    assert caught.value.problems[0].message == expected

@@ -81,7 +81,7 @@ class Kind:
                 return None
             close = nearest(value, self.words)
             hint = f"; did you mean `{close}`?" if close else ""
-            return "wrong-value", f"found `{value}`, expected {self._expected()}{hint}"
+            return "wrong-value", f"found `{value}`, expected {self._plainly_expected()}{self._expected()}{hint}"
         if self.dimension is None or value.dimension not in (None, self.dimension):
             found = value.dimension.name if value.dimension else f"`{value.value:g}`"
             return "wrong-unit", f"found {found}, expected {self._expected()}"
@@ -98,6 +98,14 @@ class Kind:
 
     def _shown(self, bound: float) -> str:
         return in_unit(bound, self.dimension)
+
+    def _plainly_expected(self) -> str:
+        """The plain numbers that stand for a quantity beside those with a unit; radians are seldom meant."""
+        if self.dimension is None or self.dimension is units.ANGLE:
+            return ""
+        if self.dimension is units.SHARE:
+            return f"a number from {self.least:g} to {self.most:g}, or "
+        return f"a number in {next(iter(self.dimension.units))}, or "
 
     def _expected(self) -> str:
         if self.dimension is not None:

@@ -20,6 +20,9 @@ from sqrp_cli.errors import InputError, Place, Problem, nearest
 LARGEST = 200_000_000
 """Most bytes of any input file, meshes included."""
 
+NOT_THERE = "no such file or folder"
+"""What messages say of a path at which there is nothing."""
+
 YAML_ENDINGS = (".yaml", ".yml")
 
 
@@ -72,9 +75,9 @@ def missing_file(path: Path) -> Problem:
         return Problem("missing-file", "found a pipe, a device or a broken link, expected a file", Place(path))
     folder = path.parent
     if not os.path.isdir(folder):  # noqa: PTH112
-        return Problem("missing-file", f"file not found: there is no folder {folder}", Place(path))
+        return Problem("missing-file", f"{NOT_THERE}; there is no folder {folder}", Place(path))
     close = nearest_entry(path, lambda entry: _is_alike(path, entry) and entry.is_file())
-    return Problem("missing-file", "file not found" + (f"; did you mean `{close}`?" if close else ""), Place(path))
+    return Problem("missing-file", NOT_THERE + (f"; did you mean `{close}`?" if close else ""), Place(path))
 
 
 def nearest_entry(path: Path, could_be_meant: Callable[[Path], bool]) -> str | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.skill.read_skill import read_skill
 from sqrp_cli.knowledge.skill.skill import Skill
-from sqrp_cli.knowledge.text.input_file import YAML_ENDINGS, ContentDigest, nearest_entry
+from sqrp_cli.knowledge.text.input_file import NOT_THERE, YAML_ENDINGS, ContentDigest, nearest_entry
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.usual_values import WORKSPACE, unusual_values
 from sqrp_cli.knowledge.text.validation import validate
@@ -92,7 +92,7 @@ def read_workspace_document(path: Path, content: bytes | None = None) -> SourceD
 
 def workspace_file(path: Path) -> Path:
     """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none."""
-    path = Path.cwd() / path
+    given, path = path, Path.cwd() / path
     if ".." in path.parts:
         path = real_path(path)  # programs have one name for it
     if path.is_dir():
@@ -106,16 +106,17 @@ def workspace_file(path: Path) -> Path:
             hint = "it has the workspaces " + ", ".join(f"`{name}`" for name in inside)
         elif files:
             hint = "it has " + ", ".join(f"`{name}`" for name in files)
-        raise InputError(Problem("no-workspace", f"the folder has no {WORKSPACE_FILE}; {hint}", Place(path)))
+        raise InputError(Problem("no-workspace", f"the folder has no {WORKSPACE_FILE}; {hint}", Place(given)))
     if not path.exists():
-        folder = path.parent
+        folder = given.parent
         while not folder.is_dir():
             folder = folder.parent
-        wanted = path.relative_to(folder).parts[0]
-        rest = path.relative_to(folder / wanted)
+        wanted = given.relative_to(folder).parts[0]
+        rest = given.relative_to(folder / wanted)
         close = nearest_entry(folder / wanted, lambda entry: _is_workspace(entry / rest))
-        hint = f"; did you mean `{folder / close}`?" if close else f"; {folder} has no `{wanted}`"
-        raise InputError(Problem("missing-file", f"no such file or folder{hint}", Place(path)))
+        hint = f"; there is no folder {folder / wanted}" if rest.parts else ""
+        hint = f"; did you mean `{folder / close}`?" if close else hint
+        raise InputError(Problem("missing-file", f"{NOT_THERE}{hint}", Place(given)))
     return path
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
-from sqrp_cli.knowledge.text.input_file import read_text
+from sqrp_cli.knowledge.text.input_file import NOT_THERE, missing_file, read_text
 from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.platform.files import make_folder, naming
 from sqrp_cli.runtime.image import CameraImage
@@ -80,6 +80,8 @@ def read_frames(folder: Path, cameras: Sequence[str], steps: int) -> Iterator[Fr
     path = folder / INDEX
     if folder.is_file():
         raise InputError(Problem("no-frames", f"this is a file; expected a folder with {INDEX} in it", Place(folder)))
+    if not folder.exists():
+        raise InputError(missing_file(folder))
     if not path.is_file():
         message = f"there is no {INDEX} in this folder; expected one with the columns {', '.join(_COLUMNS)}"
         raise InputError(Problem("no-frames", message, Place(folder)))
@@ -127,7 +129,7 @@ def _file_in(folder: Path, name: str, place: Place) -> Path:
         message = f"the file {describe(name)} is not in this folder; expected a path that does not leave it"
         raise InputError(Problem("outside-folder", message, place))
     if not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises for a name that is too long
-        raise InputError(Problem("missing-file", f"there is no file {describe(name)}", place))
+        raise InputError(Problem("missing-file", f"{describe(name)}: {NOT_THERE}", place))
     return path
 
 

@@ -100,7 +100,7 @@ def test_a_byte_order_mark_is_ignored(tmp_path: Path) -> None:
 
 def test_a_missing_file_is_named_with_its_nearest_neighbour(tmp_path: Path) -> None:
     (tmp_path / "camera.yaml").touch()
-    with pytest.raises(InputError, match=r"file not found; did you mean `camera\.yaml`"):
+    with pytest.raises(InputError, match=r"no such file or folder; did you mean `camera\.yaml`"):
         read_yaml(tmp_path / "camra.yaml")
     with pytest.raises(InputError, match="found a folder"):
         read_yaml(tmp_path)

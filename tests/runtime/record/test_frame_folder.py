@@ -13,7 +13,7 @@ from sqrp_cli.runtime.record.frame_folder import read_frames
     [
         ("frames.csv", "this is a file; expected a folder with frames.csv in it"),
         (".", "the columns are others, expected `camera, file, step, t`"),
-        ("nowhere", "there is no frames.csv in this folder"),
+        ("nowhere", "no such file or folder"),
     ],
 )
 def test_what_is_no_folder_of_frames_is_refused_in_words(tmp_path: Path, name: str, says: str) -> None:
@@ -42,9 +42,9 @@ def test_what_is_no_folder_of_frames_is_refused_in_words(tmp_path: Path, name: s
         (b"camera,file,step,t\n\ncam1,here.png\n", "3: this row has 2 columns, expected 4: camera, file, step, t"),
         (b"camera,file,step,t\ncam1,here.png,1,0,0\n", "2: this row has 5 columns"),
         (b"camera,file,step,t\ncam1,here.png,2,0\n", "2: `step` is `2`, expected a whole number from 1 to 1"),
-        (b"camera,file,step,t\ncam1," + b"x" * 9000 + b",1,0\n", "2: there is no file `x"),
-        (b"camera,file,step,t\ncam1,,1,0\n", "2: there is no file ``"),
-        (b"camera,file,step,t\ncam1,a.png,1,0\n", "there is no file `a.png`"),
+        (b"camera,file,step,t\ncam1," + b"x" * 9000 + b",1,0\n", "2: `x"),
+        (b"camera,file,step,t\ncam1,,1,0\n", "2: ``: no such file or folder"),
+        (b"camera,file,step,t\ncam1,a.png,1,0\n", "`a.png`: no such file or folder"),
         (b"camera,file,step,t\n" + b"x" * 200_000 + b",a,1,0\n", "this is no CSV: field larger"),
     ],
 )
