@@ -189,7 +189,7 @@ def test_a_robot_that_cannot_be_used_leaves_nothing_behind(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("reference", ["none.urdf", "/nowhere/none.urdf", "package://none/none.urdf", "file:///n.urdf"])
 def test_a_robot_that_is_missing_is_named_once(reference: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="not found|no such file or folder") as caught:
+    with pytest.raises(InputError, match=r"not found|no such file or folder") as caught:
         make_starter(tmp_path / "cell", reference)
     assert str(caught.value).count(reference) == 1
 
