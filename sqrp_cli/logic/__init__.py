@@ -1,1 +1,1 @@
-"""Predicates, literals and Metric Temporal Logic; nothing in here knows about robots."""
+"""Predicates, literals, planning and Metric Temporal Logic; independent of robots."""

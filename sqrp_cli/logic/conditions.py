@@ -1,4 +1,4 @@
-"""Conditions and effects in a world: what fails, and what becomes true."""
+"""Conditions and effects in a world: which parts fail, and which facts change."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from sqrp_cli.logic.domain import (
 from sqrp_cli.logic.literal import Atom, Literal
 
 Objects = Mapping[str, frozenset[str]]
-"""The names of all objects with the types that each of them has; types above those in the domain need not be named."""
+"""The names of all objects with their types; ancestors of types in the domain may be left out."""
 
 Binding = Mapping[str, str]
 """Object name by variable name, without question mark."""
 
 
 MAX_LITERALS = 50_000
-"""Most literals that a condition may stand for; see `literal_count`."""
+"""Most literals of an expanded condition; see `literal_count`."""
 
 
 @dataclass(frozen=True)
 class UnmetCondition:
-    """A part of a condition that fails and is no literal: an equality, or a choice of which no alternative holds."""
+    """A failing part of a condition that is not a literal: an equality, or a disjunction."""
 
     text: str
 
@@ -53,7 +53,7 @@ UnmetPart: TypeAlias = Literal | UnmetCondition
 def failing_literals(
     action: Action, binding: Binding, facts: frozenset[Atom], objects: Objects, domain: Domain
 ) -> tuple[UnmetPart, ...]:
-    """Which parts of the grounded precondition do not hold, once each, from left to right; empty if it holds.
+    """The parts of the grounded precondition that do not hold, once each, from left to right; empty if it holds.
 
     facts: the atoms that hold; every other atom is false.
     """
@@ -82,19 +82,19 @@ def failures(
 
 
 def apply_effect(action: Action, binding: Binding, facts: frozenset[Atom]) -> frozenset[Atom]:
-    """The facts after the action: what it deletes is gone, then what it adds is there."""
+    """The facts after the action: first without what it deletes, then with what it adds."""
     deletes = {ground_atom(change, binding) for change in action.effect.deletes}
     adds = {ground_atom(change, binding) for change in action.effect.adds}
     return (facts - deletes) | adds
 
 
 def ground_atom(use: Holds, binding: Binding) -> Atom:
-    """The atom that a use of a predicate is about."""
+    """The ground atom of a use of a predicate."""
     return Atom(use.predicate, tuple(_object(term, binding) for term in use.terms))
 
 
 def fitting_objects(parameter: Parameter, objects: Objects, domain: Domain) -> tuple[str, ...]:
-    """The objects that a variable may stand for, in the order of `objects`."""
+    """The objects that fit a variable's type, in the order of `objects`."""
     return tuple(name for name, types in objects.items() if domain.fits(types, parameter.type))
 
 
@@ -112,7 +112,7 @@ class Some:
     alternatives: tuple[GroundCondition, ...]
 
     text: str
-    """The condition it stands for, for messages."""
+    """The condition in words, for messages."""
 
 
 GroundCondition: TypeAlias = Literal | All | Some
@@ -120,7 +120,7 @@ GroundCondition: TypeAlias = Literal | All | Some
 
 
 def ground_condition(condition: Condition, binding: Binding, objects: Objects, domain: Domain) -> GroundCondition:
-    """The condition about the objects that the binding names, negations pushed down to the literals."""
+    """The condition for the objects of the binding, with negations pushed down to the literals."""
 
     def ground(part: Condition, bound: Binding, positive: bool) -> GroundCondition:
         def combine(parts: Iterator[GroundCondition], every: bool) -> GroundCondition:
@@ -149,7 +149,7 @@ def ground_condition(condition: Condition, binding: Binding, objects: Objects, d
 
 
 def literal_count(condition: Condition, objects: Objects, domain: Domain) -> int:
-    """How many literals and equalities `ground_condition` makes of a condition, without making them.
+    """Number of literals and equalities in the result of `ground_condition`, without computing it.
 
     A quantifier multiplies its body by the product of its variables' domain sizes.
     """
@@ -164,7 +164,7 @@ def literal_count(condition: Condition, objects: Objects, domain: Domain) -> int
 
 
 def domain_sizes(variables: Sequence[Parameter], objects: Objects, domain: Domain) -> list[int]:
-    """How many objects each variable may stand for."""
+    """Number of objects that fit each variable."""
     return [len(fitting_objects(variable, objects, domain)) for variable in variables]
 
 

@@ -1,6 +1,6 @@
 """A PDDL domain: types, predicates and actions, with the conditions and effects of the actions as trees.
 
-PDDL does not tell upper case from lower case; every name here is in lower case.
+PDDL ignores case; every name here is in lower case.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Signature:
         return tuple(parameter.type for parameter in self.parameters)
 
     def mismatch(self, arguments: Sequence[object]) -> str | None:
-        """What to say about a use with another number of arguments than declared; None if the number is right."""
+        """The message for a use with a wrong number of arguments; None if the number is right."""
         found, expected = len(arguments), len(self.parameters)
         if found == expected:
             return None
@@ -75,7 +75,7 @@ Term: TypeAlias = Variable | Constant
 
 @dataclass(frozen=True)
 class Holds:
-    """True where the predicate holds of its arguments."""
+    """True if the predicate holds for its arguments."""
 
     predicate: str
     terms: tuple[Term, ...]
@@ -86,7 +86,7 @@ class Holds:
 
 @dataclass(frozen=True)
 class Equal:
-    """True where both terms are the same object."""
+    """True if both terms are the same object."""
 
     left: Term
     right: Term
@@ -97,7 +97,7 @@ class Equal:
 
 @dataclass(frozen=True)
 class Negation:
-    """True where the part is false."""
+    """True if the part is false."""
 
     part: Condition
 
@@ -107,7 +107,7 @@ class Negation:
 
 @dataclass(frozen=True)
 class Conjunction:
-    """True where all parts are; without parts, always."""
+    """True if all parts are; without parts, always."""
 
     parts: tuple[Condition, ...] = ()
 
@@ -117,7 +117,7 @@ class Conjunction:
 
 @dataclass(frozen=True)
 class Disjunction:
-    """True where one part is; without parts, never."""
+    """True if one part is; without parts, never."""
 
     parts: tuple[Condition, ...] = ()
 
@@ -127,7 +127,7 @@ class Disjunction:
 
 @dataclass(frozen=True)
 class ForAll:
-    """True where the body is, whichever objects of their types the variables stand for."""
+    """True if the body is true for all objects of the variables' types."""
 
     variables: tuple[Parameter, ...]
     body: Condition
@@ -138,7 +138,7 @@ class ForAll:
 
 @dataclass(frozen=True)
 class Exists:
-    """True where the body is for some objects of the variables' types."""
+    """True if the body is true for some objects of the variables' types."""
 
     variables: tuple[Parameter, ...]
     body: Condition
@@ -168,7 +168,7 @@ class Action:
     effect: Effect
 
     place: Place = field(compare=False)
-    """Where its name stands."""
+    """Place of its name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,10 +195,9 @@ class Domain:
         return with_ancestors(type_name, self.types)
 
     def fits(self, object_types: Iterable[str], parameter_type: str) -> bool:
-        """Whether an object that has all of `object_types` may stand for a parameter of `parameter_type`.
+        """Whether an object with all of `object_types` fits a parameter of `parameter_type`.
 
-        Types that this domain does not declare count by their name alone, so that a workspace may know finer types than
-        a skill does.
+        Types that this domain does not declare are compared by name, so a workspace may have finer types than a skill.
         """
         return parameter_type == OBJECT or any(parameter_type in self.with_ancestors(name) for name in object_types)
 
@@ -215,8 +214,8 @@ def with_ancestors(type_name: str, parents: Mapping[str, str]) -> frozenset[str]
 def merge_domains(domains: Sequence[Domain]) -> Domain:
     """One domain with the types, constants, predicates and actions of several, such as those of a workspace's skills.
 
-    Raises InputError where two of them use one name differently: predicates may differ in the names of their parameters
-    only, types and constants not at all, and every action needs a name of its own.
+    Raises InputError if two of them use a name differently: predicates may differ only in the names of their
+    parameters, types and constants not at all, and every action needs its own name.
     """
     return Domain(
         name="-".join(domain.name for domain in domains),
@@ -237,7 +236,7 @@ _Entry = TypeVar("_Entry")
 def _merge(
     kind: str, parts: Sequence[tuple[Domain, Mapping[str, _Entry]]], meaning: Callable[[_Entry], object]
 ) -> Mapping[str, _Entry]:
-    """Joins the entries; those with one name must have one meaning, and no meaning agrees with None."""
+    """Joins the entries; entries of the same name must have the same meaning, and None differs from everything."""
     merged: dict[str, _Entry] = {}
     owners: dict[str, Domain] = {}
     for domain, entries in parts:

@@ -1,8 +1,8 @@
-"""Whether formulas hold, judged by evidence that may have gaps: Kleene's three-valued logic over dense time.
+"""Evaluation of formulas on evidence with gaps: Kleene's three-valued logic over dense time.
 
-A formula is judged at t = 0, a nested temporal operator at every instant at which its parent asks for it. Only instants
-within [0, total] exist: an `always` whose interval holds none of them is true, an `eventually` false. Unknown never
-turns into true or false: what is decided stays the same whatever the gaps in the evidence hide.
+A formula is evaluated at t = 0, a nested temporal operator at every instant that its parent needs. Only instants within
+[0, total] exist: an `always` with an interval outside is true, an `eventually` false. Unknown counts as neither true
+nor false: a decided verdict is the same for every way to fill the gaps in the evidence.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from sqrp_cli.logic.truth import Signal, Truth, always, combine, nanoseconds, ne
 
 @dataclass(frozen=True)
 class TraceSample:
-    """What is known of atoms from a time [s] on, until the next sample; an atom that is not in it is unknown."""
+    """Truth values of atoms from a time [s] on, until the next sample; an atom that is not in it is unknown."""
 
     time: float
     values: Mapping[Atom, Truth]
@@ -61,13 +61,13 @@ def evaluate(formula: Formula, trace: Trace) -> FormulaVerdict:
 
 
 class Monitor:
-    """Judges a formula while evidence arrives; decided as soon as `evaluate` decides on the evidence so far.
+    """Evaluates a formula online; decided as soon as `evaluate` decides on the evidence so far.
 
     verdict: the latest one; it no longer changes once its truth is decided.
     """
 
     def __init__(self, formula: Formula, total: float) -> None:
-        """Starts without evidence; formula as for `evaluate`, total: duration of what is judged [s]."""
+        """Starts without evidence; formula as for `evaluate`, total: duration of the motion [s]."""
         self._formula = formula
         self._samples: list[TraceSample] = []
         self._last_time = -math.inf
@@ -75,7 +75,7 @@ class Monitor:
         self.verdict = self._judge(-1.0)
 
     def observe(self, time: float, values: Mapping[Atom, Truth]) -> FormulaVerdict:
-        """The verdict once it is known what holds from `time` [s] on; the sample before held until then.
+        """The verdict with the values from `time` [s] on; the previous sample held until then.
 
         Raises ValueError for evidence that is not newer than the last.
         """
@@ -89,13 +89,13 @@ class Monitor:
         return self.verdict
 
     def finish(self, end: float) -> FormulaVerdict:
-        """The verdict once it is known that the last evidence held up to `end` [s], included."""
+        """The final verdict: the last evidence held up to `end` [s], included."""
         if self.verdict.truth == Truth.UNKNOWN:
             self.verdict = self._judge(end)
         return self.verdict
 
     def copy(self) -> Monitor:
-        """One with the same evidence, which takes more without this one learning of it."""
+        """An independent copy with the same evidence."""
         found = copy(self)
         found._samples = list(self._samples)
         return found

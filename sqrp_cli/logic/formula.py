@@ -1,6 +1,6 @@
 """Formulas of Metric Temporal Logic (MTL) as trees, and printing them.
 
-`origin` says where a node was read; it takes no part in comparisons and is None for formulas made by a program.
+`origin` is the place of a node in its file; comparisons ignore it, and it is None for formulas made by a program.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from sqrp_cli.logic.source_text import TextOrigin
 
 @dataclass(frozen=True)
 class Instant:
-    """A bound of an interval: the start or end of a primitive action plus `offset` [s], or just a time [s].
+    """A bound of an interval: the start or end of a primitive action plus `offset` [s], or a time [s].
 
     primitive and edge ("start" or "end") are both None for a time.
     """
@@ -52,7 +52,7 @@ class _Printed:
 
 @dataclass(frozen=True)
 class Predicate(_Printed):
-    """A predicate with its arguments; None where they were left out, to be filled in from the skill."""
+    """A predicate with its arguments; None if they were left out, to be filled in from the skill."""
 
     name: str
     arguments: tuple[str, ...] | None = None

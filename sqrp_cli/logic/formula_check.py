@@ -1,6 +1,6 @@
-"""What the names in a formula mean: checking them against a skill, and replacing them by objects.
+"""The names in a formula: checking them against a skill, and binding them to objects.
 
-A predicate's arguments may be left out where the skill's action uses the predicate with one list of arguments only.
+A predicate's arguments may be left out if the skill's action uses the predicate with only one list of arguments.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from sqrp_cli.logic.formula import (
 from sqrp_cli.logic.source_text import TextOrigin
 
 ArgumentLists = Mapping[str, tuple[tuple[str, ...], ...]]
-"""For each predicate that an action uses, the lists of arguments it uses it with, without repetition: names of
-parameters and constants, and `?name` for the variable of a quantifier."""
+"""For each predicate in an action, its different lists of arguments: names of parameters and constants, and `?name` for
+the variable of a quantifier."""
 
 
 def argument_lists(action: Action) -> ArgumentLists:
-    """The predicates of the action's precondition and effect with the arguments that they have there."""
+    """The predicates of the action's precondition and effect with their arguments."""
     parameters = {parameter.name for parameter in action.parameters}
     lists: dict[str, dict[tuple[str, ...], None]] = {}
     for use in (*_uses(action.precondition), *action.effect.adds, *action.effect.deletes):
@@ -62,7 +62,7 @@ def _uses(condition: Condition) -> tuple[Holds, ...]:
 
 
 def check_formula(formula: Formula, domain: Domain, action: Action, primitives: Sequence[str]) -> tuple[Problem, ...]:
-    """What is wrong with the names and intervals of a formula of a skill; nothing if the result is empty.
+    """Problems with the names and intervals of a skill's formula; empty if there are none.
 
     primitives: names of the skill's primitive actions, in order of execution.
     """
@@ -75,7 +75,7 @@ def check_formula(formula: Formula, domain: Domain, action: Action, primitives: 
 
 
 def bind(formula: Formula, binding: Mapping[str, str], lists: ArgumentLists) -> Formula:
-    """The formula about objects: left-out arguments filled in, and parameters replaced by the objects they stand for.
+    """The formula about objects: left-out arguments filled in, and parameters replaced by their objects.
 
     binding: object name by parameter name; names that are not in it (constants, objects) stay. lists: of the skill's
     action, see `argument_lists`. Raises ValueError for arguments that cannot be filled in; `check_formula` reports such
@@ -143,7 +143,7 @@ def _check_interval(interval: Interval, primitives: Sequence[str]) -> tuple[Prob
 
 
 def _surely_empty(interval: Interval, primitives: Sequence[str]) -> bool:
-    """Whether the interval ends before it starts however long the primitive actions take."""
+    """Whether the interval ends before it starts, whatever the durations of the primitive actions."""
     start, end = interval.start, interval.end
     if start.primitive is None or end.primitive is None:
         return start.primitive is end.primitive and start.offset > end.offset

@@ -59,7 +59,7 @@ class GroundOperator:
     literals: tuple[Literal, ...]
     """Those of its body outside any deeper temporal operator, once each, from left to right.
 
-    As they stand when negations within the body are pushed down to the predicates.
+    After negations within the body are pushed down to the predicates.
     """
 
     @property

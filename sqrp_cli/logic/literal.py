@@ -17,7 +17,7 @@ class Atom:
 
     @classmethod
     def of(cls, text: str) -> Atom:
-        """The atom that `str` writes as `text`."""
+        """The atom with this text, as written by `str`."""
         predicate, _, rest = text.partition("(")
         arguments = rest.rstrip(")")
         return cls(predicate, tuple(part.strip() for part in arguments.split(",")) if arguments else ())
@@ -34,5 +34,5 @@ class Literal:
         return str(self.atom) if self.positive else f"not {self.atom}"
 
     def negated(self) -> Literal:
-        """The literal that is true exactly when this one is false."""
+        """The opposite literal."""
         return Literal(self.atom, not self.positive)

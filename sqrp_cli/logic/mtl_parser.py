@@ -61,7 +61,7 @@ _EXPECTED = {
     "DOT": "`.`",
     "$END": "the end of the formula",
 }
-"""What error messages call the terminals of the grammar, in the order in which they are listed."""
+"""Names of the grammar's terminals in messages, in the order of their listing."""
 
 _KEYWORDS = {
     "ALWAYS": "always",
@@ -76,9 +76,8 @@ _KEYWORDS = {
 def parse_formula(text: str, place: Place, indent: int = 0) -> Formula:
     """Reads a formula of the language described above.
 
-    place: where the text starts. indent: columns that stand before every further line of the text in the file and are
-    not part of it. Raises InputError with line, column and an excerpt of the text; whether the names in the formula
-    mean anything is for `check_formula`.
+    place: where the text starts. indent: columns before every further line of the text in the file that are not part of
+    it. Raises InputError with line, column and an excerpt of the text. `check_formula` checks the names.
     """
     from lark.exceptions import UnexpectedInput
 
@@ -97,7 +96,7 @@ def parse_formula(text: str, place: Place, indent: int = 0) -> Formula:
 
 @lru_cache(maxsize=256)
 def _tree(text: str) -> Tree[Token]:
-    """The syntax tree of a text; cells often share their skills' texts, and each is parsed once."""
+    """The syntax tree of a text, cached: cells often share the texts of skills."""
     return _parser().parse(text)
 
 

@@ -1,4 +1,4 @@
-"""Reading nested lists of words in parentheses, the form that PDDL is written in."""
+"""Reading nested lists of words in parentheses, the syntax of PDDL."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ MAX_LENGTH = 1_000_000
 
 
 _NOT_PLAIN = re.compile(r";[^\n]*|[^\t\n\f\r -~]")
-"""Comments, and characters that are neither ASCII nor what the grammar takes for space."""
+"""Comments, and characters that are neither printable ASCII nor white space of the grammar."""
 
 
 @dataclass(frozen=True)
 class Word:
-    """A word in lower case (PDDL does not tell cases apart), with the offset of its first character."""
+    """A word in lower case (PDDL ignores case), with the offset of its first character."""
 
     text: str
     offset: int
@@ -40,7 +40,7 @@ class WordList:
     items: tuple[Node, ...]
 
     offset: int
-    """Of its opening parenthesis."""
+    """Offset of its opening parenthesis."""
 
     @property
     def head(self) -> str:
@@ -53,10 +53,10 @@ Node: TypeAlias = Word | WordList
 
 
 def read_list(source: SourceText) -> WordList:
-    """The one list that the text consists of.
+    """The only list in the text.
 
-    Raises InputError for characters that cannot be seen, unbalanced parentheses and text outside them, with line,
-    column and excerpt.
+    Raises InputError for invisible characters, unbalanced parentheses and text outside them, with line, column and
+    excerpt.
     """
     from lark.exceptions import UnexpectedInput
 
@@ -80,7 +80,7 @@ def read_list(source: SourceText) -> WordList:
 
 @lru_cache(maxsize=64)
 def _tree(text: str) -> Tree[Token]:
-    """The syntax tree of a text; cells often share their skills' texts, and each is parsed once."""
+    """The syntax tree of a text, cached: cells often share the texts of skills."""
     return _parser().parse(text)
 
 
@@ -98,7 +98,7 @@ def _list(tree: Tree[Token]) -> WordList:
 
 
 def _syntax_problem(source: SourceText) -> Problem:
-    """What is wrong with the parentheses of a text that is not one list."""
+    """The problem with the parentheses of a text that is not one list."""
     open_lists: list[Token] = []
     before = ""
     ended = False

@@ -1,4 +1,4 @@
-"""Reading PDDL domains, and checking that everything they say has a meaning."""
+"""Reading and checking PDDL domains."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ REQUIREMENTS = (
     ":universal-preconditions",
     ":quantified-preconditions",
 )
-"""The requirements that are supported; every other one is an error."""
+"""The supported requirements; every other one is an error."""
 
 _SECTIONS = (":requirements", ":types", ":constants", ":predicates", ":action")
 _ACTION_KEYS = (":parameters", ":precondition", ":effect")
 _DEFINE = re.compile(r"\(\s*define\b", re.IGNORECASE)
 _WORD = re.compile(r"^[^;\w\n]*\w", re.MULTILINE)
-"""Finds a line with a word that is no comment."""
+"""Matches a line with a word outside comments."""
 _NAME = re.compile(r"[a-z][a-z0-9_-]*")
 _CONNECTIVES = ("and", "or", "not", "imply", "forall", "exists", "=", "when")
 _NUMERIC = ("increase", "decrease", "assign", "scale-up", "scale-down", "<", ">", "<=", ">=")
@@ -56,13 +56,13 @@ _NUMERIC = ("increase", "decrease", "assign", "scale-up", "scale-down", "<", ">"
 def parse_domain(text: str, path: Path) -> Domain:
     """The domain that a PDDL file defines, with one or more actions.
 
-    Supported: typing, constants, equality, negative, disjunctive and quantified preconditions, unconditional effects;
-    whatever a domain uses of these it must declare among its requirements. Raises InputError with every problem found,
-    in order of place, each with line, column and an excerpt of the text.
+    Supported: typing, constants, equality, negative, disjunctive and quantified preconditions, unconditional effects; a
+    domain must declare those that it uses among its requirements. Raises InputError with all problems in order of
+    place, each with line, column and an excerpt of the text.
     """
     if _WORD.search(text) and not _DEFINE.search(
         text
-    ):  # it may be another file, named to see what it says: do not quote it
+    ):  # it may be a secret file, named to see its content: do not quote it
         raise InputError(Problem("pddl-syntax", "this is no PDDL: expected `(define (domain ...`", Place(path, 1, 1)))
     reader = _Reader(SourceText(text, Place(path, 1, 1)))
     domain = reader.read(read_list(reader.source))
@@ -71,7 +71,7 @@ def parse_domain(text: str, path: Path) -> Domain:
 
 
 Scope = dict[str, str]
-"""Type of each variable that may be used."""
+"""Type of each variable in scope."""
 
 
 MAX_PROBLEMS = 100
@@ -80,7 +80,7 @@ MAX_PROBLEMS = 100
 
 @dataclass
 class _Reader:
-    """The state of reading one domain: what has been declared so far, and the problems found so far."""
+    """The state of reading one domain: declarations and problems so far."""
 
     source: SourceText
     problems: list[Problem] = field(default_factory=list)
@@ -91,21 +91,21 @@ class _Reader:
     actions: dict[str, Action] = field(default_factory=dict)
 
     def report(self, code: str, message: str, node: Node, mend: str | None = None) -> None:
-        """Notes a problem after which reading can go on; no more than `MAX_PROBLEMS`."""
+        """Records a problem and continues; at most `MAX_PROBLEMS`."""
         if len(self.problems) < MAX_PROBLEMS:
             self.problems.append(self.source.problem(code, message, node.offset, mend))
 
     def failure(self, message: str, node: Node, code: str = "pddl-syntax") -> InputError:
-        """The error for a problem after which the list that `node` stands in cannot be understood."""
+        """The error for a problem that makes the list around `node` unreadable."""
         return InputError(self.source.problem(code, message, node.offset))
 
     def stop_at_problems(self) -> None:
-        """Raises the problems found so far, if there are any."""
+        """Raises the problems found so far, if any."""
         if self.problems:
             raise InputError(*sorted(self.problems, key=lambda problem: problem.position))
 
     def attempt(self, read: Callable[[WordList], None], section: WordList) -> None:
-        """Reads a section; a failure in it is noted."""
+        """Reads a section; records a failure in it."""
         try:
             read(section)
         except InputError as error:
@@ -245,7 +245,7 @@ class _Reader:
         return tuple(found)
 
     def typed_list(self, nodes: Sequence[Node], what: str) -> list[tuple[Word, Word | None]]:
-        """Words with their types in a list such as `a b - t c`; `what` they are says how they must look."""
+        """Words with their types in a list such as `a b - t c`; what: their kind, which decides their syntax."""
         found: list[tuple[Word, Word | None]] = []
         untyped: list[Word] = []
         remaining = iter(nodes)
@@ -368,7 +368,7 @@ class _Reader:
         return word.text
 
     def need(self, node: Node, what: str, *requirements: str) -> None:
-        """Notes a problem, once per requirement, unless one of the requirements is declared."""
+        """Records a problem, once per requirement, unless one of the requirements is declared."""
         if self.requirements.isdisjoint(requirements):
             mend = f"add `{requirements[0]}` to `(:requirements ...)`"
             message = f"{what} needs the requirement `{requirements[0]}`, which is not declared"

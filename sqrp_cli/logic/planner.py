@@ -54,14 +54,14 @@ class GaveUp:
     """Neither a plan nor a proof was found."""
 
     within: str
-    """How much was looked at, such as `20,000 states`."""
+    """The spent budget, such as `20,000 states`."""
 
     why: str = field(default="", compare=False)
-    """What makes that too little, where that is known, and what would change it."""
+    """Why that is too little, if known, and how to change it."""
 
 
 _PLATEAU = 500
-"""States that hill climbing looks at in order to get nearer to the goal, before it counts as stuck."""
+"""States that hill climbing explores for an improvement before it counts as stuck."""
 
 PlanningResult: TypeAlias = Plan | AlreadySatisfied | ProvenImpossible | GaveUp
 
@@ -77,13 +77,13 @@ class Planner(Protocol):
 
 @dataclass(frozen=True)
 class Budget:
-    """How much work may be done: states looked at, ground actions, and how often an action is held against a state."""
+    """Limits of the work: states explored, ground actions, and trials of an action in a state."""
 
     states: int = 20_000
     actions: int = 50_000
 
     trials: int = 20_000_000
-    """A trial counts once more for every 500 bits of a state, because it takes as much longer."""
+    """A trial counts once more for every 500 bits of a state, because its time grows with them."""
 
 
 def find_plan(
@@ -96,7 +96,7 @@ def find_plan(
 ) -> PlanningResult:
     """A plan that makes the goal true, such as the precondition of a skill for one binding of its parameters.
 
-    domain: with the actions that may be used, see `merge_domains`. facts: what holds now; every other atom is false.
+    domain: with the usable actions, see `merge_domains`. facts: the atoms that hold now; every other atom is false.
     binding: objects for the free variables of the goal. The same input gives the same plan.
     """
     try:
@@ -128,7 +128,7 @@ def _failure(part: Literal | Some) -> UnmetPart:
 
 
 class _OutOfBudgetError(Exception):
-    """As much work was done as may be; the first argument says how much."""
+    """The budget is spent; the first argument says how much it was."""
 
 
 @dataclass
@@ -152,7 +152,7 @@ class _Meter:
 
 
 def _reachable(task: PlanningTask, meter: _Meter) -> int:
-    """The literals that can become true if nothing ever stops being true; no other can ever become true."""
+    """The literals reachable in the relaxed problem, in which nothing becomes false; no others are reachable."""
     literals, waiting = task.initial, list(task.actions)
     while True:
         before = literals
@@ -167,7 +167,7 @@ def _reachable(task: PlanningTask, meter: _Meter) -> int:
 
 @dataclass(frozen=True, eq=False)
 class _Estimate:
-    """Number of steps of a relaxed plan, and the applicable actions that achieve what it needs first."""
+    """Number of steps of a relaxed plan, and its helpful actions."""
 
     steps: int
     helpful: tuple[GroundAction, ...]
@@ -207,7 +207,7 @@ class _Search:
         return path
 
     def improve(self, state: int, start: _Estimate) -> tuple[int, tuple[GroundAction, ...], _Estimate] | None:
-        """The nearest state, breadth first, that is estimated to be nearer to the goal than `start`."""
+        """The nearest state, breadth first, with a better estimate than `start`."""
         seen = {state}
         queue: deque[tuple[int, tuple[GroundAction, ...], _Estimate]] = deque([(state, (), start)])
         last = self.meter.states + _PLATEAU
@@ -229,7 +229,7 @@ class _Search:
     def best_first(self) -> tuple[GroundAction, ...] | None:
         """Greedy best-first search over all actions, helpful ones first among equals.
 
-        None once every state that may lead to the goal was looked at.
+        None once every state that may lead to the goal was explored.
         """
         start = self.initial
         estimate = self.estimate(start)
@@ -256,7 +256,7 @@ class _Search:
         return None
 
     def estimate(self, state: int) -> _Estimate | None:
-        """The relaxed plan from a state; None if even that does not exist, which proves a dead end."""
+        """The relaxed plan from a state; None if there is none, which proves a dead end."""
         self.meter.look_at_state()
         layers, new_actions = [state], []
         waiting: Sequence[GroundAction] = self.actions
@@ -339,7 +339,7 @@ def _path(came_from: dict[int, tuple[int, GroundAction] | None], state: int) -> 
 
 
 def _without_detours(initial: int, goal: Need, plan: tuple[GroundAction, ...]) -> tuple[GroundAction, ...]:
-    """The plan without the actions, each with all that depend on it, that the goal does not need."""
+    """The plan without actions that the goal does not need; each is removed with those that depend on it."""
     index = 0
     while index < len(plan):
         state, kept = initial, []

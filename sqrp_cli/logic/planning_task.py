@@ -1,7 +1,7 @@
-"""A planning problem with everything about objects made explicit, and sets of literals as bits of an integer.
+"""A ground planning problem, with sets of literals as bits of an integer.
 
-Atom number i owns two bits: bit 2 i stands for the atom, bit 2 i + 1 for its negation. A state has one of the two set
-for every atom; a relaxed state, in which nothing ever stops being true, may have both.
+Atom number i has two bits: bit 2 i for the atom, bit 2 i + 1 for its negation. A state has one of the two set for every
+atom; a relaxed state, in which nothing becomes false, may have both.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from sqrp_cli.logic.literal import Atom, Literal
 
 @dataclass(frozen=True)
 class PlanStep:
-    """An action with the objects that its parameters stand for, in order."""
+    """An action with the objects of its parameters, in order."""
 
     action: str
     arguments: tuple[str, ...]
@@ -93,19 +93,19 @@ class GroundAction:
 
 @dataclass(frozen=True, eq=False)
 class PlanningTask:
-    """What the search works on."""
+    """The input of the search."""
 
     initial: int
     goal: Need
 
     goal_parts: tuple[tuple[Literal | Some, Need], ...]
-    """The conjuncts of the goal, each with what it needs."""
+    """The conjuncts of the goal, each as bits."""
 
     actions: tuple[GroundAction, ...]
 
 
 class TaskTooLargeError(Exception):
-    """The problem is larger than a limit; within: which one, such as `50,000 ground actions`. why: what reaches it."""
+    """The problem exceeds a limit; within: the limit, such as `50,000 ground actions`. why: the cause."""
 
     def __init__(self, within: str, why: str) -> None:
         super().__init__(f"{within}: {why}")
@@ -115,13 +115,13 @@ class TaskTooLargeError(Exception):
 
 @dataclass(frozen=True)
 class TaskLimits:
-    """How large a planning task may become."""
+    """Limits of the size of a planning task."""
 
     actions: int = 50_000
     """Ground actions."""
 
     tried: int = 500_000
-    """Choices of objects that are looked at, also where only some parameters have one yet."""
+    """Choices of objects that are tried, partial ones included."""
 
     literals: int = 1_000_000
     """In all ground conditions together."""
@@ -138,9 +138,9 @@ def planning_task(
     binding: Binding,
     limits: TaskLimits = TaskLimits(),
 ) -> PlanningTask:
-    """Makes actions and goal explicit for the given objects.
+    """Grounds actions and goal for the given objects.
 
-    Actions whose precondition contradicts what no action can change are left out. Raises TaskTooLargeError.
+    Actions with a precondition that contradicts unchangeable facts are left out. Raises TaskTooLargeError.
     """
     objects = {name: frozenset([type_name]) for name, type_name in domain.constants.items()} | dict(objects)
     changeable = frozenset(
@@ -177,7 +177,7 @@ def planning_task(
 
 
 def _condition_sizes(domain: Domain, objects: Objects, goal: Condition) -> dict[str, int]:
-    """Literals that the precondition of each action stands for, at least 1. Raises TaskTooLargeError for too many."""
+    """Literals in the expanded precondition of each action, at least 1. Raises TaskTooLargeError for too many."""
     actions = domain.actions.items()
     sizes = {name: max(1, literal_count(action.precondition, objects, domain)) for name, action in actions}
     largest = max([literal_count(goal, objects, domain), *sizes.values()])
@@ -195,7 +195,7 @@ def _ground_action(action: Action, bound: Binding, precondition: Need, numbering
 
 @dataclass
 class _Numbering:
-    """Gives numbers to atoms as they come up."""
+    """Numbers atoms in the order of their first use."""
 
     facts: frozenset[Atom]
     changeable: frozenset[str]
@@ -234,7 +234,7 @@ class _Numbering:
 
 @dataclass
 class _Choices:
-    """All ways to fill the parameters of actions; counts how often an object was tried for a parameter."""
+    """All bindings of actions; counts how often an object was tried for a parameter."""
 
     objects: Objects
     facts: frozenset[Atom]
@@ -244,7 +244,7 @@ class _Choices:
     tried: int = 0
 
     def of(self, action: Action) -> Iterator[Binding]:
-        """Those for one action, cut short as soon as something unchangeable contradicts the precondition."""
+        """Those of one action, without those in which an unchangeable fact contradicts the precondition."""
         checks = [part for part in _conjuncts(action.precondition) if _is_unchangeable(part, self.changeable)]
         fitting = [fitting_objects(parameter, self.objects, self.domain) for parameter in action.parameters]
         ready: list[list[Condition]] = []
@@ -269,7 +269,7 @@ class _Choices:
         return extend({}, 0)
 
     def why(self, action: Action) -> str:
-        """What makes the task large, and what would make it smaller."""
+        """Why the task is large, and how to make it smaller."""
         count = prod(domain_sizes(action.parameters, self.objects, self.domain))
         return (
             f"the {len(action.parameters)} parameters of `{action.name}` ({action.place}) have {count:,} choices of"

@@ -1,4 +1,4 @@
-"""Text that is read with a grammar, the trees that lark makes of it, and how to point into it."""
+"""Text that a grammar parses, positions and excerpts in it, and lark's trees."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST = 160
 
 
 _UNSEEN = ("Cc", "Cf", "Cn", "Co", "Cs", "Zl", "Zp", "Zs")
-"""Unicode's categories of characters that cannot be seen, or not be distinguished from others."""
+"""Unicode's categories of characters that are invisible or look like others."""
 
 
 def is_unseen(character: str) -> bool:
@@ -25,7 +25,7 @@ def is_unseen(character: str) -> bool:
 
 
 def character_name(character: str) -> str:
-    """What a message calls a character: itself, or its code and name where it cannot be seen."""
+    """A character in a message: itself, or its code and name if it is invisible."""
     if not is_unseen(character):
         return f"`{character}`"
     return " ".join(filter(None, (f"U+{ord(character):04X}", unicodedata.name(character, ""))))
@@ -39,7 +39,7 @@ class SourceText:
     place: Place
 
     indent: int = 0
-    """Columns that stand before every line but the first in the file and are not part of `text`.
+    """Columns in the file before every line but the first that are not part of `text`.
 
     As for the value of an indented YAML block.
     """
@@ -55,7 +55,7 @@ class SourceText:
     def excerpt(self, offset: int) -> str:
         """The line of the text that holds `offset`, and a second line with a caret under that character.
 
-        Of a long line, the part around it. Characters that cannot be seen are shown as `\N{REPLACEMENT CHARACTER}`.
+        Of a long line, the part around it. Invisible characters are shown as `\N{REPLACEMENT CHARACTER}`.
         """
         start = self.text.rfind("\n", 0, offset) + 1
         line = self.text[start:].split("\n", 1)[0].rstrip()
@@ -73,7 +73,7 @@ class SourceText:
 
 @dataclass(frozen=True)
 class TextOrigin:
-    """The character of a source text where something that was read from it begins."""
+    """The first character, in a source text, of a parsed part."""
 
     source: SourceText
     offset: int

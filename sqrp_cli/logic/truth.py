@@ -13,19 +13,19 @@ from itertools import accumulate, chain
 
 
 class Truth(IntEnum):
-    """Kleene's three truth values, in such an order that `and` is the minimum and `or` the maximum."""
+    """Kleene's three truth values, ordered so that `and` is the minimum and `or` the maximum."""
 
     FALSE = -1
     UNKNOWN = 0
     TRUE = 1
 
     def __invert__(self) -> Truth:
-        """Negation; what is unknown stays so."""
+        """Negation; unknown stays unknown."""
         return Truth(-self)
 
     @property
     def word(self) -> str:
-        """What output calls it where it is what images show: `true`, `false`, or `blind`."""
+        """Its name in output about images: `true`, `false`, or `blind`."""
         return "blind" if self is Truth.UNKNOWN else self.name.lower()
 
 
@@ -42,7 +42,7 @@ class Signal:
     """Instants at which the value may change [ns], ascending, from 0 to total."""
 
     values: tuple[Truth, ...]
-    """At the first of them, in the open gap after it, at the second, and so on; 2 n - 1 values for n times."""
+    """Values at the first time, in the open gap after it, at the second, and so on; 2 n - 1 values for n times."""
 
     def at(self, time: float) -> Truth:
         """The value at a time [s] in [0, total]."""
@@ -89,9 +89,9 @@ def negated(signal: Signal) -> Signal:
 
 
 def always(signal: Signal, start: int, end: int) -> Signal:
-    """At each instant t the least value of the signal in [t + start, t + end] [ns], as far as that lies in [0, total].
+    """At each instant t the least value of the signal in the part of [t + start, t + end] [ns] within [0, total].
 
-    True where nothing of it does.
+    True where that part is empty.
     """
     total = signal.times[-1]
     shifted = (time - bound for time in signal.times for bound in (start, end))

@@ -1,7 +1,7 @@
 """Planning with any engine of the unified-planning library in place of the search in `planner`.
 
-The engine is given the ground planning task, so that it needs neither types nor quantifiers, and its plan is checked
-before it is believed. The library comes with the extra `planners`, engines with packages of their own.
+The engine gets the ground planning task, so it needs neither types nor quantifiers; its plan is checked. The library
+comes with the extra `planners`, engines with their own packages.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from sqrp_cli.logic.planner import AlreadySatisfied, GaveUp, Plan, Planner, Plan
 from sqrp_cli.logic.planning_task import Need, PlanningTask, TaskTooLargeError, planning_task
 
 TIME_LIMIT = 60.0
-"""How long an engine may search [s]."""
+"""Time limit of an engine [s]."""
 
 
 def engine_planner(name: str) -> Planner:
-    """A planner that asks the engine called `name`.
+    """A planner that uses the engine `name`.
 
     Raises InputError if the library is not installed or knows no such engine.
     """
@@ -68,7 +68,7 @@ def _solved(environment: Any, name: str, task: PlanningTask) -> PlanningResult: 
         if not planner.supports(problem.kind):
             message = f"the planner `{name}` cannot plan with negative or disjunctive conditions, which are needed here"
             raise InputError(Problem("planner-too-weak", message, mend="leave --planner out"))
-        # Engines leave files in the working folder, and two at once would read each other's.
+        # Engines write files in the working folder; two at once would read each other's.
         with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
             result = planner.solve(problem, timeout=TIME_LIMIT)
     if result.plan is not None:

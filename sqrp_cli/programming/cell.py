@@ -1,4 +1,4 @@
-"""A workspace made ready for computing: robot model, collision scene and cameras; refused where it is too large."""
+"""A workspace prepared for computing: robot model, collision scene and cameras; too large ones are refused."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from sqrp_cli.shapes import Part
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """What all candidates of a workspace share; made once."""
+    """Data that all candidates of a workspace share; computed once."""
 
     workspace: Workspace
     model: RobotModel
@@ -30,10 +30,10 @@ class Cell:
     observer: Observer
 
     self_contacts: SelfContacts | None
-    """Which links touch by design, found by trying positions; None if an SRDF says so."""
+    """Links that touch by design, found by sampling positions; None if an SRDF lists them."""
 
     seed: int
-    """Of what planning draws at random."""
+    """Seed of all random numbers in planning."""
 
     @classmethod
     def load(cls, workspace: Workspace, seed: int = 0) -> Cell:
@@ -62,7 +62,7 @@ class Cell:
 
     @property
     def initial_world(self) -> World:
-        """The world before any program has run. Raises InputError where the fingers cannot hold what they should."""
+        """The world before any program has run. Raises InputError if the fingers cannot hold the held object."""
         world, model = self.workspace.stated_world, self.model
         if world.held is None or world.X_TO is None:
             return world
@@ -77,20 +77,20 @@ class Cell:
         )
 
     def solid_name(self, index: int) -> str:
-        """What output calls a solid of the observer."""
+        """The name of the observer's solid in output."""
         return self.observer.solids[index].name
 
 
 def _name(part: Part, model: RobotModel) -> str:
-    """What output calls a part: its link if it is one of the robot's own, else the part."""
+    """The name of a part in output: its link if it belongs to the robot, else the part's name."""
     of_robot = part.parent in model.links and part.parent not in model.tool_links
     return part.parent if of_robot else part.name
 
 
 LARGEST_LINK = 20.0
-"""How far a link that moves may reach from its origin, and its joints from each other [m].
+"""Largest extent of a moving link from its origin, and largest distance of joints from each other [m].
 
-The finer its motion has to be divided, the farther it reaches.
+The larger a link, the more finely its motion has to be divided.
 """
 
 MOST_SHAPES = 4000

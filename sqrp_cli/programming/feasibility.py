@@ -1,4 +1,4 @@
-"""What can be done in a world: a candidate, by its precondition and its motion, and every skill with every object."""
+"""Feasibility in a world: of a candidate, by precondition and motion, and of every skill with every object."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:
-    """Sentences about what of the candidate's precondition does not hold in a world; empty if it holds."""
+    """Sentences about the failing parts of the candidate's precondition in a world; empty if it holds."""
     objects = {name: frozenset(obj.types) for name, obj in cell.workspace.objects.items()}
     skill = candidate.skill
     failing = failing_literals(skill.action, candidate.binding, world.facts, objects, skill.domain)
@@ -44,7 +44,7 @@ def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple
 
 
 MOST_WAYS = 4
-"""Ways of a task that are tried to find one that can be done; ranking it tries all."""
+"""Most candidates of a task that are tried to find a feasible one; ranking tries all."""
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,13 @@ class Possibility:
     """Its name."""
 
     time: float | None
-    """Of the first of its ways that can be done [s]; None if none was found."""
+    """Duration of its first feasible candidate [s]; None if none was found."""
 
     allowed: bool
     """Whether its precondition holds."""
 
     reason: str
-    """Why it cannot be done; empty if it can."""
+    """Why it is infeasible; empty if it is feasible."""
 
 
 def possibilities(cell: Cell, world: World) -> Iterator[Possibility]:

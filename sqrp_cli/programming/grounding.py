@@ -47,9 +47,9 @@ def ground_formulas(
 
 
 def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, int], ...]:
-    """The temporal operators of the candidate's formulas of whose interval the motion leaves nothing.
+    """The temporal operators of the candidate's formulas with an interval outside the motion.
 
-    Each as the index of its requirement, and its own among the operators of that; see `formula_time.operators`.
+    Each as the index of its requirement and its index among the requirement's `formula_time.operators`.
     """
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     return tuple(
@@ -60,7 +60,7 @@ def formulas_outside(candidate: Candidate, motion: Motion) -> tuple[tuple[int, i
 
 
 class FramePose(NamedTuple):
-    """A pose, with the frame that it is in."""
+    """A pose with its frame."""
 
     frame: str
 
@@ -69,9 +69,9 @@ class FramePose(NamedTuple):
 
 
 def on_robot(robot: Robot, model: RobotModel, frame: str, X_FB: Array) -> FramePose:
-    """The same pose in the link of the robot that carries the tool, if `frame` is a link of the tool that is fixed.
+    """The same pose in the robot link that carries the tool, if `frame` is a fixed link of the tool.
 
-    So that whoever reads the output needs the robot's URDF only, and that of the tool only for its fingers.
+    So readers of the output need only the robot's URDF, and that of the tool only for its fingers.
     """
     if robot.tool is None or frame not in model.tool_links or frame in model.fingers.links:
         return FramePose(frame, X_FB)
@@ -81,7 +81,7 @@ def on_robot(robot: Robot, model: RobotModel, frame: str, X_FB: Array) -> FrameP
 
 @dataclass(frozen=True)
 class TargetGrounder:
-    """Grounds the targets of one candidate with its motion, in the world in which its skill begins."""
+    """Grounds the targets of one candidate with its motion, in the world at the start of its skill."""
 
     candidate: Candidate
     world: World
@@ -92,7 +92,7 @@ class TargetGrounder:
     model: RobotModel
 
     def targets(self, formulas: Sequence[GroundFormula]) -> tuple[Target, ...]:
-        """The targets of every atom that the formulas mention, in the order in which they first do."""
+        """The targets of every atom in the formulas, in order of first appearance."""
         atoms = dict.fromkeys(literal.atom for formula in formulas for literal in formula.operator.literals)
         return tuple(self._target(atom) for atom in atoms)
 
@@ -127,9 +127,9 @@ class TargetGrounder:
         )
 
     def _pose_in(self, frame: str, name: str, waypoint: str, binding: Mapping[str, str]) -> Array:
-        """Pose X_FO in a frame of an object that is held at a waypoint.
+        """Pose X_FO, in a frame, of an object that is held at a waypoint.
 
-        It is held as in the motion, or, if it is not held in it, as it would be by grasping it at that waypoint.
+        It is held as in the motion or, if the motion does not hold it, as a grasp at that waypoint would hold it.
         """
         held = {p.held: p.X_TO for p in self.motion.primitives if p.held is not None and p.X_TO is not None}
         if frame == self.model.tool_frame and name in held:

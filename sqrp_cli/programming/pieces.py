@@ -32,7 +32,7 @@ class Piece:
     """[s]; equal where a formula applies at one instant only."""
 
     literals: tuple[Literal, ...]
-    """What must be observable, in the order in which the formulas name it."""
+    """The literals that must be observable, in the order of the formulas."""
 
     of_interest: bool
     """Inside an event of interest."""
@@ -46,9 +46,9 @@ class Piece:
 def cut_into_pieces(spans: Sequence[tuple[float, float]], formulas: Sequence[GroundFormula]) -> tuple[Piece, ...]:
     """Cut a motion wherever a primitive or the interval of a formula begins or ends.
 
-    spans: start and end of each primitive [s], one after the other. Neighbouring pieces share their instant, which is
-    thereby sampled as it is on its left and on its right. Formulas that apply at a single instant make a piece of no
-    length there. There is at least one piece.
+    spans: start and end of each primitive [s], one after the other. Neighbouring pieces share an instant, which is
+    sampled once as the end of one and once as the start of the other. A formula that applies at a single instant makes
+    a piece of length 0. There is at least one piece.
     """
     operators = [formula.operator for formula in formulas]
     interest = events_of_interest(operators)
@@ -98,7 +98,7 @@ def _same(first: float, second: float) -> bool:
 
 
 def _distinct(instants: list[float]) -> list[float]:
-    """The instants in order, without those that are the same as the one before."""
+    """The instants in order, without repetitions."""
     kept: list[float] = []
     for t in sorted(instants):
         if not kept or not _same(t, kept[-1]):

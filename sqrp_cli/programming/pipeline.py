@@ -17,14 +17,14 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
 
 WORTH_A_PROCESS = 8
-"""Candidates that another process should at least have to do; fewer are not worth starting it."""
+"""Least number of candidates per further process; fewer are not worth its start."""
 
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """What is to be computed for each candidate: in which cell and world, and how it is sampled.
+    """The computation for each candidate: its cell, world and sampling.
 
-    calibration: how exactly the cameras are calibrated, if what that does to the qualities is to be computed.
+    calibration: accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out.
     """
 
     cell: Cell
@@ -44,7 +44,7 @@ class Assignment:
         return replace(assessment, recalibrated=recalibrated)
 
     def explain(self, ranked: Ranked) -> tuple[Ranked, Study | None]:
-        """A candidate with the study of every camera's verdicts and the figures of that; no study if infeasible."""
+        """A candidate with its full study and the figures from that; no study if infeasible."""
         if ranked.rank is None:
             return ranked, None
         found = study(self.cell, ranked.assessment.candidate, self.world, self.sampling, full=True)
@@ -60,5 +60,5 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
     """
     assessments = in_processes(assignment.assess, candidates, min(jobs, len(candidates) // WORTH_A_PROCESS))
     for candidate, assessment in zip(candidates, assessments, strict=True):
-        # What came back from a process carries its own copy of the skill; the caller's is shared by all.
+        # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
         yield replace(assessment, candidate=candidate)

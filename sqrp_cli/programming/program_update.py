@@ -1,6 +1,6 @@
 """Program update: the chosen candidate becomes a step, and its effect changes the world for the next one.
 
-A step that failed is planned again in the same way, from where its fault left the cell.
+A failed step is planned again in the same way, from the world after its fault.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class StepReplanner:
     cell: Cell
 
     def replan(self, step: Step, world: World) -> Step | None:
-        """The same skill with the same parameters from `world`; None where that is infeasible."""
+        """The same skill with the same parameters from `world`; None if that is infeasible."""
         skill = self.cell.workspace.skills[step.skill]
         names = [parameter.name for parameter in skill.action.parameters]
         binding = {name: str(step.parameters[name]) for name in names}
@@ -51,7 +51,7 @@ class StepReplanner:
 
 
 def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[str, ...]) -> Step:
-    """The step of a program that does what a full study found.
+    """The step of a program from a full study.
 
     cameras: names in the order of the study's verdicts.
     """
@@ -84,7 +84,7 @@ def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[st
 
 
 def world_after(candidate: Candidate, motion: Motion, world: World) -> World:
-    """The world that a candidate with this motion makes of `world`: literals by its effect, the rest by the motion."""
+    """The world after a candidate with this motion: facts from its effect, the rest from the motion."""
     return replace(motion.final, facts=apply_effect(candidate.skill.action, candidate.binding, world.facts))
 
 
@@ -127,7 +127,7 @@ def _target(study: Study, column: int, cameras: tuple[str, ...]) -> ProgramTarge
 
 
 def _intervals(study: Study, seen: Mask) -> tuple[tuple[float, float], ...]:
-    """When a camera sees something: from the first to the last of neighbouring samples in which it does [s]."""
+    """Intervals of sight: from the first to the last of neighbouring samples in which a camera sees the target [s]."""
     t = study.timeline.samples.t
     edges = np.flatnonzero(np.diff(np.concatenate([[False], seen, [False]]).astype(np.int8)))
     intervals = [(float(t[first]), float(t[last - 1])) for first, last in edges.reshape(-1, 2)]

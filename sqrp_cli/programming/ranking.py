@@ -1,4 +1,4 @@
-"""Which candidate is best: order by a criterion with stated ties, and the Pareto-optimal ones."""
+"""Ranking of candidates: order by a criterion with defined ties, and Pareto optimality."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _Figure = Callable[[Assessment], float | None]
 """A figure of a candidate by which it may be ranked; None where it is undefined."""
 
 _QUALITY_STEP = 1e-3
-"""Qualities are compared rounded to this (0.1 points): what bisection cannot tell apart is equal."""
+"""Qualities are compared rounded to this (0.1 points), the accuracy of bisection."""
 
 
 @dataclass(frozen=True)
@@ -41,10 +41,10 @@ class Ranked:
 
 
 def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]:
-    """The candidates in order: the best first, the infeasible ones last, in the order in which they came.
+    """The candidates in order: the best first, the infeasible ones last, in their original order.
 
-    Ties go by Q_avg, time, worst delay and finally the parameters. A criterion that is null for a candidate tells none
-    apart.
+    Ties are broken by Q_avg, time, worst delay and finally the parameters. A criterion that is null for a candidate is
+    ignored for all.
     """
     feasible = [assessment for assessment in assessments if assessment.feasible]
     ties: list[_Figure] = [_CRITERIA["q_avg"], _CRITERIA["time"], lambda assessment: assessment.delay_worst]
@@ -83,7 +83,7 @@ def _mean_delay(assessment: Assessment) -> float | None:
 
 
 def _expected_time(assessment: Assessment) -> float | None:
-    """After the worst of the faults that are retried: of the others nothing is done in the end."""
+    """After the worst of the retried faults: the others do not complete the task."""
     retried = assessment.candidate.skill.retried_faults
     return max((fault.expected_time for name, fault in assessment.faults.items() if name in retried), default=None)
 
@@ -99,13 +99,13 @@ _CRITERIA: dict[Criterion, _Figure] = {
 
 
 def criterion_figure(assessment: Assessment, by: Criterion) -> float | None:
-    """The figure that a criterion is about: a quality in 0..1, or a time [s]; None where it is undefined."""
+    """The figure of a criterion: a quality in 0..1, or a time [s]; None where it is undefined."""
     figure = _CRITERIA[by](assessment)
     return abs(figure) if figure is not None and by in ("q_eoi", "q_avg") else figure
 
 
 def _parameters(assessment: Assessment) -> list[tuple[float, str]]:
-    """The parameters' values so that they compare: numbers by value, words by spelling."""
+    """The parameters' values as a sort key: numbers by value, words by spelling."""
     values = assessment.candidate.parameters.values()
     return [(0.0, value) if isinstance(value, str) else (value, "") for value in values]
 

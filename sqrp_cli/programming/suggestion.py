@@ -1,4 +1,4 @@
-"""What would have to be done first: a plan for a failing precondition, each step checked and scored in its best way."""
+"""Suggested first steps: a plan for a failing precondition, each step checked and scored with its best candidate."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from sqrp_cli.programming.task import Candidate, Task, read_task
 
 @dataclass(frozen=True, eq=False)
 class SuggestedStep:
-    """One step of a suggestion in the best of its ways, as `rank` orders them."""
+    """One step of a suggestion with its best candidate, as `rank` orders them."""
 
     task: str
     """Its text, such as `place g2 tray`."""
@@ -39,26 +39,26 @@ class SuggestedStep:
     """The same as planners write it."""
 
     world: World | None
-    """That it starts from; None if a step before it cannot be done."""
+    """The world that it starts from; None if a step before it is infeasible."""
 
     assessment: Assessment | None
-    """Of its best way, or of the first if none can be done."""
+    """Of its best candidate, or of the first if none is feasible."""
 
     @classmethod
     def of(cls, assessment: Assessment, world: World) -> SuggestedStep:
-        """A candidate that was assessed in a world."""
+        """The step of a candidate assessed in a world."""
         candidate = assessment.candidate
         action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
         return cls(candidate.task, str(action), world, assessment)
 
     @property
     def feasible(self) -> bool:
-        """Whether it can be done once the steps before it are."""
+        """Whether it is feasible after the steps before it."""
         return self.assessment is not None and self.assessment.feasible
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it cannot."""
+        """Why it is infeasible."""
         return ("a step before it cannot be done",) if self.assessment is None else self.assessment.reasons
 
 
@@ -79,15 +79,15 @@ class Suggestion:
 
     @property
     def feasible(self) -> bool:
-        """Whether every step of a plan can be done, the candidate itself included."""
+        """Whether every step of a plan is feasible, the candidate itself included."""
         return self.last is not None and self.last.feasible
 
 
 class Suggester:
-    """Suggests what to do first in one world; what several candidates have in common is computed once."""
+    """Suggests first steps in one world; results that several candidates share are computed once."""
 
     def __init__(self, cell: Cell, world: World, planner: Planner = find_plan, jobs: int = 1) -> None:
-        """planner: finds the plans. jobs: number of processes that score the ways of a step, at most."""
+        """planner: finds the plans. jobs: most processes that score the candidates of a step."""
         self.cell = cell
         self.world = world
         self.jobs = jobs
@@ -124,7 +124,7 @@ class Suggester:
         return self._plans[key]
 
     def _after(self, steps: tuple[PlanStep, ...]) -> tuple[SuggestedStep, World | None]:
-        """The last of several steps in the world that those before it leave, and the world that it leaves itself."""
+        """The last of several steps, in the world after those before it, and the world after it."""
         if steps not in self._done:
             world = self._after(steps[:-1])[1] if len(steps) > 1 else self.world
             self._done[steps] = self._in_best_way(steps[-1], world)
@@ -151,7 +151,7 @@ class Suggester:
         return None if isinstance(motion, Infeasible) else world_after(assessment.candidate, motion, world)
 
     def _task(self, step: PlanStep) -> Task:
-        """All ways to do a step."""
+        """The task of a step, with all its candidates."""
         workspace = self.cell.workspace
         skill = next(skill for skill in workspace.skills.values() if skill.action.name == step.action)
         bound = zip((parameter.name for parameter in skill.action.parameters), step.arguments, strict=True)

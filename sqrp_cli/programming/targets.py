@@ -1,4 +1,4 @@
-"""Grounded targets: which boxes, in which frames, decide each literal of a candidate."""
+"""Grounded targets: the boxes, with their frames, that decide each literal of a candidate."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from sqrp_cli.logic.literal import Atom
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SoughtBox(TargetBox):
-    """One box of a grounded target, with the limits within which its detector finds what is in it."""
+    """One box of a grounded target, with the limits of its detector."""
 
     limits: Detector
 
     def __post_init__(self) -> None:
-        """Raises ValueError for a pose that is none, and for a size or normal that is not finite."""
+        """Raises ValueError for an invalid pose, and for a size or normal that is not finite."""
         check_poses(f"box `{self.name}`", self.X_FB)
         check_finite(f"box `{self.name}`", self.size, self.normal)
 

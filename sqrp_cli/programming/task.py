@@ -20,7 +20,7 @@ MAX_CANDIDATES = 100_000
 """A task with more candidates than this is refused."""
 
 MOST_OF_UNIT = 3
-"""Letters of a word that is no known unit and may be meant as one."""
+"""Most letters of an unknown word that may be meant as a unit."""
 
 
 @dataclass(frozen=True)
@@ -30,13 +30,13 @@ class Candidate:
     skill: Skill
 
     binding: Mapping[str, str]
-    """The object that each skill parameter stands for."""
+    """The object of each skill parameter."""
 
     values: Mapping[str, MotionValue]
     """Of each motion parameter."""
 
     name: str
-    """What tells it apart from the other candidates of its task, such as `g1` or `g1 lift=200mm`."""
+    """Its distinguishing name among the candidates of its task, such as `g1` or `g1 lift=200mm`."""
 
     @property
     def parameters(self) -> dict[str, MotionValue]:
@@ -45,7 +45,7 @@ class Candidate:
 
     @property
     def task(self) -> str:
-        """A task for its skill and objects, such as `place g2 tray`."""
+        """The task text for its skill and objects, such as `place g2 tray`."""
         return " ".join([self.skill.name, *self.binding.values()])
 
 
@@ -65,7 +65,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
 
     The first word is a skill. `name=value` sets a parameter, and `name=a,b` tries several values or objects for it.
     Every other word is the name, the type, the colour or an attribute of an object; with several parameters, the words
-    are for the parameters in order, each for one. Raises InputError where nothing matches.
+    are for the parameters in order, each for one. Raises InputError if nothing matches.
     """
     words = text.split()
     skill = _skill(words, workspace)
@@ -83,7 +83,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
 
 
 def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:
-    """What `rank` would say of tasks that cannot be read, and warnings about expectations that cannot be met."""
+    """The problems that `rank` would report for the expected tasks, and warnings about impossible expectations."""
     for index, expected in enumerate(workspace.tasks):
         path = f"tasks.{index}"
         try:
@@ -178,7 +178,7 @@ def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:
 
 
 def _unit_hint(words: Sequence[str], skill: Skill, workspace: Workspace) -> str | None:
-    """What mends a task in which a blank stands between a number and its unit, or before the number."""
+    """A remedy for a task with a blank between a number and its unit, or before the number."""
     known = {word for obj in workspace.objects.values() for word in _words_for(obj)}
     kinds = {parameter.name: parameter.kinds for parameter in skill.motion_parameters}
     for setting, word in pairwise(words):
@@ -190,7 +190,7 @@ def _unit_hint(words: Sequence[str], skill: Skill, workspace: Workspace) -> str 
         quantity = read_quantity(f"{value} {word}")
         if quantity is not None and quantity.dimension in (None, *dimensions):
             return f"write a value and its unit without a blank: `{setting}{word}`"
-        # Units are short: a longer word after a number is rather a misspelt object.
+        # Units are short: a longer word after a number is more likely a misspelt object.
         if quantity is not None or (read_quantity(value) is not None and len(word) <= MOST_OF_UNIT):
             expected = expected_quantity(*dict.fromkeys(dimensions))
             return f"if `{word}` is meant as a unit: `{name}` is {expected}, written without a blank"
@@ -218,7 +218,7 @@ def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tupl
 def _object_choices(
     skill: Skill, workspace: Workspace, settings: Mapping[str, str], filters: Sequence[str]
 ) -> list[list[str]]:
-    """The objects that each parameter of the skill may stand for, in the order of the parameters."""
+    """The possible objects of each parameter of the skill, in the order of the parameters."""
     parameters = skill.action.parameters
     fitting = {
         parameter.name: [name for name, obj in workspace.objects.items() if _is_of_type(obj, parameter, skill)]
@@ -255,7 +255,7 @@ def _named(names: Sequence[str], parameter: str, fitting: Sequence[str], skill: 
 
 
 def _splits(words: Sequence[str], count: int) -> Iterator[list[Sequence[str]]]:
-    """Ways to hand out words to parameters in order, those that leave fewest parameters without a word first."""
+    """Ways to assign words to parameters in order, those with the fewest parameters without a word first."""
     if count == 0:
         if not words:
             yield []
@@ -281,7 +281,7 @@ def _is_of_type(obj: SceneObject, parameter: Parameter, skill: Skill) -> bool:
 
 
 def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence[str]], filters: Sequence[str]) -> str:
-    asked = " ".join(filters) or "anything"
+    wanted = " ".join(filters) or "anything"
     words = {word for names in fitting.values() for name in names for word in _words_for(workspace.objects[name])}
     unknown = [word for word in filters if word.lower() not in words]
     if unknown:
@@ -291,11 +291,11 @@ def _no_match(skill: Skill, workspace: Workspace, fitting: Mapping[str, Sequence
         f"{name}: {', '.join(f'`{candidate}`' for candidate in names) or 'no object fits'}"
         for name, names in fitting.items()
     )
-    return f"nothing matches `{asked}`; `{skill.name}` can use {usable}"
+    return f"nothing matches `{wanted}`; `{skill.name}` can use {usable}"
 
 
 def _against_infeasible(workspace: Workspace, path: str, expected: ExpectedTask) -> Iterator[Problem]:
-    """What is expected of the best candidate of a task of which no candidate is to be feasible."""
+    """Expectations of the best candidate of a task that is expected to be infeasible."""
     names = [field.name for field in fields(expected) if field.name not in ("task", "feasible")]
     stated = [name for name in names if getattr(expected, name) is not None]
     if stated:

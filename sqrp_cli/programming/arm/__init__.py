@@ -1,1 +1,1 @@
-"""The arm: where its links are, and how to bring its tool somewhere."""
+"""The arm: forward and inverse kinematics, and reach."""

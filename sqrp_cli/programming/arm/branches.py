@@ -1,4 +1,4 @@
-"""Names of the branches of inverse kinematics of arms with six turning joints: elbow, shoulder and wrist."""
+"""Branches of inverse kinematics by name, for arms with six revolute joints: elbow, shoulder and wrist."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 ANY = "any"
 
 ALONG = np.cos(0.02)
-"""Cosine from which two axes count as parallel: they are within 0.02 rad."""
+"""Cosine from which two axes count as parallel: within 0.02 rad."""
 
 LEAST_OFFSET = 5e-3
-"""Distance of the shoulder from the axis of the first joint, along that of the second, from which it has a side [m]."""
+"""Least distance of the shoulder from the first joint's axis, along that of the second, to have a side [m]."""
 
 
 @dataclass(frozen=True)
 class BranchChoice:
-    """Which branches are wanted; `any` leaves it open."""
+    """The wanted branches; `any` accepts all."""
 
     elbow: str = ANY
     """`up` or `down`: the third joint is above or below the line from the second joint to the wrist."""
@@ -30,10 +30,10 @@ class BranchChoice:
     """`left` or `right`: seen from the first joint's axis towards the wrist, where the second joint is."""
 
     wrist: str = ANY
-    """`no_flip` or `flip`: the fifth joint is bent to the side to which it is at home, or to the other one.
+    """`no_flip` or `flip`: the fifth joint is bent to the same side as at home, or to the other one.
 
-    Joints are where the URDF puts their frames. The wrist is the fourth joint if its axis is parallel to the third's,
-    else the fifth.
+    A joint's position is that of its frame in the URDF. The wrist is the fourth joint if its axis is parallel to the
+    third's, else the fifth.
     """
 
     def __str__(self) -> str:
@@ -42,10 +42,10 @@ class BranchChoice:
 
 
 def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
-    """Whether each of m positions of the arm, shape (m, n), is of the wanted branches, shape (m,).
+    """Whether each of m arm positions, shape (m, n), belongs to the wanted branches, shape (m,).
 
-    Positions that are neither one nor the other (an arm stretched out) are of none. Raises InputError where a name has
-    no meaning for the arm.
+    Positions between two branches (a stretched arm) belong to neither. Raises InputError for a name without meaning for
+    the arm.
     """
     wanted = np.ones(len(q), dtype=bool)
     if astuple(choice) == (ANY, ANY, ANY):
@@ -61,7 +61,7 @@ def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
 
 
 def _figures(model: RobotModel, q: Array) -> tuple[float, float, float]:
-    """Figures that are positive for elbow up, shoulder left and no flip, and negative for the opposite."""
+    """Three numbers, positive for elbow up, shoulder left and no flip, negative for the opposite."""
     axes, origins = _axes(model, q), model.joint_origins(q)
     up = np.array([0.0, 0.0, 1.0])
     wrist = _wrist(axes, origins)
@@ -86,12 +86,12 @@ def _wrist(axes: Array, origins: Array) -> Array:
 
 
 def _bend(axes: Array) -> float:
-    """How far the fifth joint is bent, with a sign: 0 where the axes of the fourth and the sixth are parallel."""
+    """Signed bend of the fifth joint: 0 where the axes of the fourth and the sixth are parallel."""
     return float(np.cross(axes[3], axes[5]) @ axes[4])
 
 
 def _check(model: RobotModel, choice: BranchChoice) -> None:
-    """Raises InputError where a wanted name has no meaning for the arm."""
+    """Raises InputError if a wanted name has no meaning for the arm."""
     if len(model.arm) != 6 or not model.turns.all() or not model.joints_move_alone:
         _refuse(choice, "elbow", "shoulder", "wrist", why="it takes an arm with six joints that turn one by one")
         return

@@ -1,8 +1,8 @@
-"""Every way in which an arm can bring its tool frame to a pose, or why it cannot.
+"""Inverse kinematics: all joint positions that bring the tool frame to a pose, or why there are none.
 
-The only module that knows EAIK, an optional library of closed forms: D. Ostermeier, J. Kuelz, M. Althoff, Automatic
-Geometric Decomposition for Analytical Inverse Kinematics, 2025. What it finds seeds a search on the exact model, which
-does not depend on its being complete.
+The only module that uses EAIK, an optional library of closed forms: D. Ostermeier, J. Kuelz, M. Althoff, Automatic
+Geometric Decomposition for Analytical Inverse Kinematics, 2025. Its solutions seed a search on the exact model, which
+does not need them to be complete.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ NEARLY_SOLVED = 1e-6
 """Largest pose error from which Newton's method starts."""
 
 SAME = 1e-4
-"""Solutions whose joints differ by no more than this, whole turns aside, are one [rad or m]."""
+"""Solutions that differ by no more than this in each joint, whole turns ignored, count as one [rad or m]."""
 
 NEAR_SINGULAR = 1e-3
 """Smallest singular value of the Jacobian below which neighbouring branches may merge or be curves."""
 
 SINGULAR = 1e-6
-"""Smallest singular value of the Jacobian below which a solution is tried for being a point of a curve of solutions."""
+"""Smallest singular value of the Jacobian below which a solution may lie on a curve of solutions."""
 
 STARTS = 512
-"""Starting points of the search for branches of an arm with up to six joints; what they lead to gives more."""
+"""Starting points of the search for branches of an arm with up to six joints; the results give more."""
 
 STARTS_PER_SAMPLE = 64
 """Starting points for each redundancy sample of an arm with more joints."""
@@ -55,7 +55,7 @@ LONGEST_SLIDE = 0.2
 """Longest step along a curve of solutions [rad or m]."""
 
 SLIDES = 60
-"""Steps along a curve of solutions at most."""
+"""Most steps along a curve of solutions."""
 
 MOST_BRANCHES = 64
 """Solutions after which the search stops: no arm of six joints has more than 16 isolated ones."""
@@ -64,27 +64,27 @@ SEED_STEPS = 20
 """Steps in which an approximate solution must lead to a solution."""
 
 SEED_STARTS, SEED_SPREAD = 8, 0.5
-"""Starting points around an approximate solution that is far from exact, and how far off they are at most [rad]."""
+"""Starting points around an inexact approximate solution, and their largest distance from it [rad]."""
 
 REDUNDANCY_SAMPLES, MORE_REDUNDANCY_SAMPLES = 8, 32
-"""Positions of the joints that are held still, one after the other, in an arm with more than six joints.
+"""Numbers of positions tried for the held joints of an arm with more than six joints.
 
-The second number is for motions that none of the first allows.
+The second number is for motions that are infeasible with the first.
 """
 
 FIRST_HELD = 2
 """The first of them: the third joint, the one that swings the elbow of common seven-axis arms."""
 
 MOST_KEPT = 64
-"""Answers that are kept of each robot."""
+"""Most cached results of each robot."""
 
 _Question = tuple[bytes, int, int]
 
 NOMINAL_ANGLE = 2e-2
-"""Axes of a calibrated arm are taken as along those of its root where they are within this angle [rad]."""
+"""Axes of a calibrated arm within this angle of an axis of its root count as parallel to it [rad]."""
 
 NOMINAL_OFFSET = 2e-3
-"""Offsets between the axes of a calibrated arm are taken as zero below this [m]."""
+"""Offsets between the axes of a calibrated arm below this count as zero [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,19 +94,19 @@ class IkResult:
     solutions: Array
     """One per branch, within the joints' limits, in lexicographic order, shape (k, n) [rad or m].
 
-    With whole turns added, some may be within the limits a second time.
+    Some may be within the limits again with whole turns added.
     """
 
     reason: Unreachable | None
-    """Why there is none; None if there are some."""
+    """Why there is no solution; None if there are some."""
 
 
 _answers: WeakKeyDictionary[RobotModel, dict[_Question, IkResult]] = WeakKeyDictionary()
-"""Of robots that are still in use, the oldest answer first."""
+"""Cached results of robots still in use, the oldest first."""
 
 
 def known_solutions(model: RobotModel, X_WT: Array, seed: int, redundancy_samples: int) -> IkResult:
-    """What `all_solutions` says of a pose X_WT, shape (4, 4); read-only."""
+    """The cached result of `all_solutions` for a pose X_WT, shape (4, 4); read-only."""
     known = _answers.setdefault(model, {})
     question = (np.ascontiguousarray(X_WT, dtype=float).tobytes(), seed, redundancy_samples)
     if question not in known:
@@ -121,12 +121,12 @@ def all_solutions(
 ) -> IkResult:
     """All branches that bring the tool frame to X_WT, shape (4, 4), within the joints' limits.
 
-    Up to six joints: every isolated solution. Where the arm is singular and a whole curve of positions gives the same
-    pose, the points of it that are nearest to home. No more than `MOST_BRANCHES`.
-    More than six joints: the branches that remain when the joints from the third on, as many as there are too many, are
-    held at `redundancy_samples` positions: home, and positions spread over their limits that depend on `seed` alone.
-    Fewer than six: solutions exist only for the few poses, with their full orientation, that such an arm can take.
-    The result does not depend on whether EAIK is installed; it only saves time, for arms with six joints.
+    Up to six joints: every isolated solution. Where the arm is singular and a curve of positions gives the same pose,
+    its points nearest to home. At most `MOST_BRANCHES`.
+    More than six joints: the branches with the redundant joints, counted from the third on, held at
+    `redundancy_samples` positions: home, and positions spread over their limits that depend only on `seed`.
+    Fewer than six: solutions exist only for the few full poses that such an arm can take.
+    The result does not depend on EAIK, which only saves time for arms with six joints.
     """
     if beyond_reach(model, X_WT) > 0.0:
         return IkResult(np.empty((0, len(model.arm))), why_unreachable(model, X_WT))
@@ -141,7 +141,7 @@ def all_solutions(
 
 
 def _redundancy(model: RobotModel, seed: int, samples: int) -> tuple[Mask, Array]:
-    """Which joints are held, shape (n,), and joint positions (k, n) to hold them at; one row if none is held."""
+    """The held joints, shape (n,), and joint positions (k, n) to hold them at; one row if none is held."""
     n = len(model.arm)
     held = np.zeros(n, dtype=bool)
     held[FIRST_HELD : FIRST_HELD + n - 6] = n > 6
@@ -158,10 +158,10 @@ def _redundancy(model: RobotModel, seed: int, samples: int) -> tuple[Mask, Array
 
 
 def _branches(model: RobotModel, X_WT: Array, held: Mask, samples: Array) -> Array:
-    """All branches, whatever the limits, as principal values, shape (k, n).
+    """All branches, limits ignored, as principal values, shape (k, n).
 
-    EAIK's answer is taken only where it finds something and nothing near it is close to singular: there alone it is
-    sure to be what the search finds.
+    EAIK's solutions are used only if there are some and none is close to singular: only then do they surely equal those
+    of the search.
     """
     seeds = approximate_solutions(model, X_WT)
     if len(seeds):
@@ -190,10 +190,10 @@ def _any_solutions(model: RobotModel, X_WT: Array) -> Array:
 
 
 def _solutions_near(model: RobotModel, X_WT: Array, seeds: Array) -> Array:
-    """The solutions to which approximate ones (m, n) lead, and places around those that are far from being one.
+    """The solutions near approximate ones (m, n), searched also from points around very inexact ones.
 
-    Those are the least-squares answers of EAIK. They may stand for a branch that has no solution here, but also for one
-    that is singular, and may lie where the pose error has no slope although it is large.
+    Those are EAIK's least-squares results. Their branch may have no solution here, but may also be singular, and they
+    may lie where the pose error is large but has zero gradient.
     """
     errors, everything = pose_errors(model.tool_poses(seeds), X_WT), np.ones(len(model.arm), dtype=bool)
     if (errors**2).sum(axis=1).max() <= FOLLOWED:
@@ -213,7 +213,7 @@ def _solutions_from(
     steps: int,
     within: tuple[Array, Array] | None = None,
 ) -> Array:
-    """The solutions to which the search leads from starting points (m, n), some perhaps several times, (k, n)."""
+    """The solutions that the search finds from starting points (m, n), possibly repeated, (k, n)."""
     reached, errors = descend(model, X_WT, starts, moving, steps, within=within)
     solutions, solved = _polished(model, X_WT, reached[np.abs(errors).max(axis=1) < NEARLY_SOLVED], moving)
     return solutions[solved]
@@ -222,8 +222,8 @@ def _solutions_from(
 def _variations(model: RobotModel, q: Array) -> Array:
     """Starting points likely to lead from branches q (m, n) to others.
 
-    One or two turning joints are reversed or turned by half. Near a singularity, where branches attract little around
-    them, three consecutive turning joints also go through `SPREAD_STARTS` positions: many branches share the others.
+    One or two turning joints are reversed or turned by half. Near a singularity, where branches attract only close
+    starts, three consecutive turning joints also take `SPREAD_STARTS` positions: many branches share the others.
     """
     joints = np.flatnonzero(model.turns).tolist()
     variations = [q[:0]]
@@ -241,16 +241,16 @@ def _variations(model: RobotModel, q: Array) -> Array:
 
 
 def _polished(model: RobotModel, X_WT: Array, q: Array, moving: Mask) -> tuple[Array, Mask]:
-    """Where Newton's method leads from positions q (m, n), and whether that is a solution, (m,)."""
+    """The results of Newton's method from positions q (m, n), and whether they are solutions, (m,)."""
     q, errors = newton(model, X_WT, q, POLISHED, moving)
     return q, errors < SOLVED
 
 
 def _settled(model: RobotModel, X_WT: Array, q: Array, moving: Mask) -> Array:
-    """The solutions q (m, n) with those on curves of solutions moved along them to where they are nearest to home.
+    """The solutions q (m, n); those on curves of solutions move along the curve to its point nearest to home.
 
-    Each step goes along the curve's tangent, the null space of the Jacobian, and Newton's method leads back to the
-    curve; steps are halved when they turn round. An isolated singular solution has no curve and does not get away.
+    Each step goes along the curve's tangent, the null space of the Jacobian, and Newton's method returns to the curve;
+    steps are halved when they reverse. An isolated singular solution has no curve and stays.
     """
     settled: Array = q.copy()
     rows = np.flatnonzero(_smallest_singular_values(model, q, moving) < SINGULAR)
@@ -298,7 +298,7 @@ def _distinct(model: RobotModel, q: Array) -> Array:
 
 
 def _within_limits(model: RobotModel, q: Array) -> Array:
-    """Those of the branches that whole turns can bring within the limits, brought there; unchanged where they are."""
+    """The branches that whole turns can bring within the limits, after these turns; unchanged if already within."""
     turned = closest_turns(model, q)
     turned = turned[limit_excess(model, turned).max(axis=1, initial=0.0) <= SOLVED]
     inside: Array = np.clip(turned, model.lower, model.upper)
@@ -306,7 +306,7 @@ def _within_limits(model: RobotModel, q: Array) -> Array:
 
 
 def _sorted(q: Array) -> Array:
-    """Rows in lexicographic order; values that differ by rounding only count as equal."""
+    """Rows in lexicographic order; values that differ only by rounding count as equal."""
     ordered: Array = q[np.lexsort(np.round(q, 6).T[::-1])]
     return ordered
 
@@ -317,9 +317,9 @@ def is_installed() -> bool:
 
 
 def approximate_solutions(model: RobotModel, X_WT: Array) -> Array:
-    """Joint positions near the solutions for a tool pose X_WT (4, 4), shape (k, n), some near none.
+    """Joint positions near the solutions for a tool pose X_WT (4, 4), shape (k, n); some are near none.
 
-    None at all if EAIK is missing or cannot decompose the arm: it takes six turning joints that move one by one.
+    Empty if EAIK is missing or cannot decompose the arm: it needs six independent revolute joints.
     """
     solver = _solver(model) if is_installed() else None
     if solver is None:
@@ -336,7 +336,7 @@ class _Solver:
 
 @lru_cache(maxsize=8)
 def _solver(model: RobotModel) -> _Solver | None:
-    """The decomposition of the arm itself, or else that of the nominal arm that it was calibrated from."""
+    """The decomposition of the arm, or else of the nominal arm that it was calibrated from."""
     from eaik.IK_HP import HPRobot
 
     zero = np.zeros(len(model.arm))

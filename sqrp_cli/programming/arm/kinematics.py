@@ -1,4 +1,4 @@
-"""Where the links of a robot are at positions of the joints of its arm and its fingers."""
+"""Forward kinematics of a robot with its tool and fingers."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from sqrp_cli.shapes import Part
 from sqrp_cli.trajectory import JointSpan
 
 ROUNDS = 100
-"""Rounds in which the points on the axes are moved to where the chain of them is short."""
+"""Rounds of moving the points on the axes to shorten their chain."""
 
 LEAST_DISTANCE = 1e-9
-"""Added to distances from axes, so that they have shares where all are zero [m]."""
+"""Added to distances from axes, so that their shares are defined when all are zero [m]."""
 
 
 @dataclass(frozen=True, eq=False)
 class WristSphere:
     """A sphere that a point on the arm's last axis cannot leave.
 
-    A point on an axis stays where it is in both links that the axis joins. So the point chosen on the last axis is no
-    further from the one on the first than all distances of points on neighbouring axes together, and the tool pose says
-    where it has to be.
+    A point on an axis is fixed in both links that the axis joins. So the chosen point on the last axis is no further
+    from the one on the first than the sum of distances between points on neighbouring axes, and the tool pose
+    determines its place.
     """
 
     center: Array
@@ -51,16 +51,16 @@ class WristSphere:
     def around(cls, axes: Array, points: Array, X_WT: Array) -> WristSphere:
         """The sphere of an arm at any position with a tool pose X_WT: n axes and a point on each, shape (n, 3) each.
 
-        The points are moved to where the chain of them is short: one after the other to where the way over it between
-        its neighbours is shortest, which lies between their heights along its axis as their distances from the axis
-        share it.
+        The points move to shorten their chain: one after the other to the place on its axis with the shortest way
+        between its neighbours, which divides the difference of their heights along the axis in the ratio of their
+        distances from it.
         """
         points, n = points.copy(), len(points)
         for _ in range(ROUNDS):
             for k in range(n):
                 neighbours = points[[i for i in (k - 1, k + 1) if 0 <= i < n]] - points[k]
                 heights = neighbours @ axes[k]
-                # With both neighbours on the axis, as where axes meet in one point, any place between them does.
+                # With both neighbours on the axis, as where axes meet in one point, any place between them is shortest.
                 distances = np.linalg.norm(neighbours - heights[:, None] * axes[k], axis=1) + LEAST_DISTANCE
                 shares = distances[::-1] / distances.sum()
                 points[k] += (heights * shares).sum() * axes[k]
@@ -74,7 +74,7 @@ class FingerModel:
     """The fingers of a gripper; without any, f is 0. Positions and limits in rad or m, and s, of shape (f,) each."""
 
     joints: tuple[str, ...]
-    """Names of those that drive them, f of them."""
+    """Names of the f joints that drive them."""
     open: Array
     closed: Array
     lower: Array
@@ -83,11 +83,11 @@ class FingerModel:
     acceleration: Array
     jerk: Array
     links: frozenset[str]
-    """All that these joints move."""
+    """All links that these joints move."""
 
 
 class ToolMotion(NamedTuple):
-    """Where the tool frame is at m joint positions, and how moving the joints moves it."""
+    """Poses and Jacobians of the tool frame at m joint positions."""
 
     X_WT: Array
     """Shape (m, 4, 4)."""
@@ -100,9 +100,9 @@ class ToolMotion(NamedTuple):
 class RobotModel:
     """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
 
-    The arm's joints are the movable ones from the robot's root to the tool frame, n of them. Joints that are neither
-    theirs nor the fingers' rest at 0 or at the limit nearest to it; joints that mimic another one follow it. Positions
-    and limits of the arm's joints are in rad or m, and s, of shape (n,) each.
+    The arm's n joints are the movable ones from the robot's root to the tool frame. Joints of neither arm nor fingers
+    rest at 0 or the limit nearest to it; joints that mimic another one follow it. Positions and limits of the arm's
+    joints are in rad or m, and s, of shape (n,) each.
     """
 
     arm: tuple[str, ...]
@@ -192,7 +192,7 @@ class RobotModel:
 
     @property
     def hand_links(self) -> frozenset[str]:
-        """The links that may touch what they grasp: those of the tool, and the fingers of a robot that has its own."""
+        """The links that may touch a grasped object: those of the tool, and the robot's own fingers."""
         return self.tool_links | self.fingers.links
 
     @cached_property
@@ -203,7 +203,7 @@ class RobotModel:
 
     @cached_property
     def _offset_links(self) -> tuple[tuple[str, ...], Indices, Array]:
-        """The L links that joints carry elsewhere than in their own frames, the joints, (L,), and X_JL, (L, 4, 4)."""
+        """The L links with an offset from the frame of their joint, the joints, (L,), and X_JL, (L, 4, 4)."""
         offset = {
             link: mount
             for link, mount in self.tree.mounts.items()
@@ -294,7 +294,7 @@ class RobotModel:
 
     @cached_property
     def wrist_sphere(self) -> WristSphere | None:
-        """What the arm's last axis cannot leave; None where a joint slides or follows another one."""
+        """The sphere that bounds the arm's last axis; None if a joint slides or follows another one."""
         if not self.turns.all() or not self.joints_move_alone:
             return None
         axes = self.jacobian(self.home)[3:].T

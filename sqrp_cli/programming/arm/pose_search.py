@@ -19,17 +19,17 @@ _PRIMES = (2, 3, 5, 7, 11, 13, 17, 19, 23, 29)
 _LEAST_DAMPING, _FIRST_DAMPING, _MOST_DAMPING = 1e-12, 0.1, 1e6
 
 FOLLOWED = 1e-20
-"""Square of the weighted pose error up to which a start is not followed further."""
+"""Square of the weighted pose error at which a start is good enough."""
 
 STALLED = 1e6
-"""A step that lessens the square of the error by no more than a part in so many is the last one."""
+"""A step that reduces the square of the error by no more than one part in this is the last one."""
 
 NEWTON_STEPS = 8
-"""Steps of Newton's method at most; it squares the error of an isolated solution at each."""
+"""Most steps of Newton's method; each squares the error of an isolated solution."""
 
 
 class Kinematics(Protocol):
-    """What moves a tool frame; `RobotModel` is one."""
+    """Kinematics of a tool frame; `RobotModel` is one."""
 
     def tool_poses(self, q: Array) -> Array:
         """World poses X_WT of the tool frame, shape (m, 4, 4), at m positions of shape (m, n)."""
@@ -39,13 +39,13 @@ class Kinematics(Protocol):
 
 
 class Approach(NamedTuple):
-    """Where a search led from each of m starts."""
+    """The result of a search from each of m starts."""
 
     q: Array
     """Joint positions, shape (m, n)."""
 
     errors: Array
-    """Pose errors that are left: of `descend`, shape (m, 6); of `newton`, the largest magnitude of each, (m,)."""
+    """Remaining pose errors: of `descend`, shape (m, 6); of `newton`, the largest magnitude of each, (m,)."""
 
 
 def pose_errors(X_WT: Array, X_target: Array) -> Array:
@@ -68,14 +68,14 @@ def descend(
     turn_weight: float = 1.0,
     within: tuple[Array, Array] | None = None,
 ) -> Approach:
-    """Follow the pose error downhill from each of m starts, shape (m, n).
+    """Minimize the pose error from each of m starts, shape (m, n).
 
     X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each start, (m, 4, 4).
     moving: which joints may move, (n,). turn_weight: what an error of 1 rad counts against one of 1 m.
     within: lower and upper limits that are kept, shape (n,); by default none are.
 
-    Returns the joint positions reached, (m, n), and their weighted pose errors, (m, 6). A start is not followed further
-    once the square of its error is at most `FOLLOWED`, or where steps lessen that by no more than a part in `STALLED`.
+    Returns the final joint positions, (m, n), and their weighted pose errors, (m, 6). A start ends once the square of
+    its error is at most `FOLLOWED`, or when a step reduces that by no more than one part in `STALLED`.
     """
     weights = np.repeat([1.0, turn_weight], 3)
     least_damping = _LEAST_DAMPING * max(1.0, turn_weight) ** 2  # above the rounding of the normal equations
@@ -118,7 +118,7 @@ def descend(
 
 
 def newton(model: Kinematics, X_target: Array, q: Array, tolerance: float, moving: Mask | None = None) -> Approach:
-    """Where Newton's method leads from each of m joint positions, shape (m, n), with the least motion of the joints.
+    """Newton's method from each of m joint positions, shape (m, n), with the least motion of the joints.
 
     X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each row, (m, 4, 4). tolerance: largest pose
     error, in m and rad, from which a row takes no further step. moving: which joints may move, (n,); by default all.
@@ -140,7 +140,7 @@ def newton(model: Kinematics, X_target: Array, q: Array, tolerance: float, movin
 
 
 def least_steps(J: Array, errors: Array) -> Array:
-    """The shortest steps (m, n) with J @ step = error, where there are any; of Jacobians (m, 6, n), errors (m, 6).
+    """The shortest steps (m, n) with J @ step = error, if any; for Jacobians (m, 6, n), errors (m, 6).
 
     The damping keeps steps finite at singularities: J^T (J J^T + d)^-1 = (J^T J + d)^-1 J^T, the smaller is inverted.
     """

@@ -1,6 +1,6 @@
 """Why an arm cannot bring its tool frame to a pose, and by how much.
 
-A sphere that the arm's outermost axis cannot leave proves without a search that places are too far.
+A sphere that bounds the arm's outermost axis proves without a search that places are too far.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ STARTS = 64
 """Starting points of the search for the closest pose that can be reached."""
 
 STAGES = ((1.0, 12, 32), (10.0, 20, 8), (100.0, 60, 8), (1000.0, 100, 8))
-"""Weights of an error of 1 rad against one of 1 m, in turn; for each the steps, and how many of the best go on.
+"""Successive weights of an error of 1 rad against one of 1 m; for each the steps, and how many of the best continue.
 
-The last weight holds an orientation to 1e-6 rad. Most starts meet in the same few places, and which those are shows
-long before they are reached.
+The last weight holds an orientation to 1e-6 rad. Most starts converge to the same few places, recognizable long before
+they are reached.
 """
 
 STEPS = 60
@@ -40,9 +40,9 @@ class OutOfReach:
     distance: float
 
     too_close: bool
-    """Whether the arm could reach places behind it, so that it lies in a hole of the arm's reach; else it lies outside.
+    """Whether the arm can reach places behind it: it lies in a hole of the arm's reach; else it lies outside.
 
-    Most arms have such a hole around the base: they cannot fold that tight.
+    Most arms have such a hole around the base: they cannot fold tightly enough.
     """
 
     def __str__(self) -> str:
@@ -61,7 +61,7 @@ class WrongWayRound:
 
 @dataclass(frozen=True)
 class PastLimit:
-    """The pose can be reached but for the limit of `joint`, which it exceeds by `excess` [rad, or m if it slides]."""
+    """The pose exceeds only the limit of `joint`, by `excess` [rad, or m if it slides]."""
 
     joint: str
     excess: float
@@ -84,8 +84,8 @@ Unreachable = OutOfReach | WrongWayRound | PastLimit
 def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = None) -> Unreachable:
     """Why no position within the limits brings the tool frame to X_WT, shape (4, 4).
 
-    branches: the solutions that there are whatever the limits, shape (k, n), perhaps none. With some, the limit that is
-    in the way is named for the branch that exceeds the limits least (the sum over its joints), at its worst joint.
+    branches: the solutions with limits ignored, shape (k, n), possibly none. If there are some, the result is the worst
+    joint of the branch that exceeds the limits least (the sum over its joints).
     """
     if branches is not None and len(branches):
         excess = limit_excess(model, closest_turns(model, branches))
@@ -95,7 +95,7 @@ def why_unreachable(model: RobotModel, X_WT: Array, branches: Array | None = Non
 
 
 def closest_turns(model: RobotModel, q: Array) -> Array:
-    """Positions (m, n) with each turning joint outside its limits turned wholly to where it exceeds them least."""
+    """Positions (m, n) with whole turns added to joints outside their limits, to exceed these least."""
     bounded = model.turns & np.isfinite(model.lower) & np.isfinite(model.upper)
     middle = 0.5 * (np.where(bounded, model.lower, 0.0) + np.where(bounded, model.upper, 0.0))
     turned = q + 2 * np.pi * np.round((middle - q) / (2 * np.pi))
@@ -105,15 +105,15 @@ def closest_turns(model: RobotModel, q: Array) -> Array:
 
 
 def limit_excess(model: RobotModel, q: Array) -> Array:
-    """By how much positions (m, n) are past the limits, shape (m, n) [rad or m]; 0 within them."""
+    """Excess of positions (m, n) over the limits, shape (m, n) [rad or m]; 0 within them."""
     excess: Array = np.maximum(np.maximum(model.lower - q, q - model.upper), 0.0)
     return excess
 
 
 def _out_of_reach(model: RobotModel, X_WT: Array) -> OutOfReach | WrongWayRound:
-    """The closest that the arm gets, joint limits kept.
+    """The closest pose within the joint limits.
 
-    The orientation is held by a growing weight (the penalty method), from many starting points; the closest counts.
+    A growing weight holds the orientation (the penalty method); the best of many starting points counts.
     """
     everything = np.ones(len(model.arm), dtype=bool)
     limits = (model.lower, model.upper)
@@ -167,8 +167,8 @@ def _metres(distance: float) -> str:
 
 
 def beyond_reach(model: RobotModel, X_WT: Array) -> float:
-    """How far [m] a tool pose X_WT, shape (4, 4), lies outside of a sphere that no pose of its orientation can leave.
+    """Distance [m] of a tool pose X_WT, shape (4, 4), outside the sphere of all reachable poses of its orientation.
 
-    Positive: it cannot be reached, and lacks at least this. Otherwise it proves nothing; without a bound -infinite.
+    Positive: unreachable, and at least this far. Otherwise it proves nothing; -infinite without a bound.
     """
     return -np.inf if model.wrist_sphere is None else model.wrist_sphere.excess(X_WT)

@@ -1,1 +1,1 @@
-"""How the arm moves through a skill: fast, within its limits, clear of everything it may not touch."""
+"""Motion planning for a skill: fast, within the limits, free of collisions."""

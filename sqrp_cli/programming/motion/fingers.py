@@ -1,4 +1,4 @@
-"""Fingers: how far they close on an object, and how they move."""
+"""Fingers: closing them on an object, and their motion."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.trajectory import Trajectory
 
 CLOSING_STEP = 0.25e-3
-"""Motion of the fingers [m] after which it is looked whether they touch the object."""
+"""Motion of the fingers [m] between checks whether they touch the object."""
 
 TOUCH = 1e-6
-"""Motion of the fingers [m] to which the place where they touch is found."""
+"""Tolerance of the contact position, as motion of the fingers [m]."""
 
 
 def closed_on(scene: CollisionScene, name: str, X_TO: Array, start: Array) -> Array | str:
-    """Where the fingers first touch an object as they close from `start`, all in step, shape (f,); or why they do not.
+    """Positions at which the fingers, closing in step from `start`, first touch an object, (f,); or why they do not.
 
     X_TO: pose of the object in the tool frame, shape (4, 4). Without fingers, f is 0.
     """
@@ -66,7 +66,7 @@ def _touching(scene: CollisionScene, name: str, X_TO: Array, fingers: Array) -> 
 
 
 def move_fingers(fingers: FingerModel, start: Array, end: Array, duration: float) -> Trajectory:
-    """The fingers moving from start to end, (f,) each, in `duration` [s], or longer where their limits ask for it."""
+    """The fingers moving from start to end, (f,) each, in `duration` [s], or longer if their limits require it."""
     fastest = joint_move(start, end, MotionLimits(fingers.velocity, fingers.acceleration, fingers.jerk))
     if fastest.duration <= 0.0:
         return Trajectory.standstill(end, duration)

@@ -1,4 +1,4 @@
-"""A skill's primitive actions with everything filled in that does not depend on how the arm moves."""
+"""A skill's primitive actions, grounded as far as possible before the arm's motion is planned."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from sqrp_cli.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class SkillUse:
-    """A skill with all that it leaves open."""
+    """A skill with its binding and its setting."""
 
     skill: Skill
 
     binding: Mapping[str, str]
-    """The object that each skill parameter stands for."""
+    """The object of each skill parameter."""
 
     values: Mapping[str, MotionValue]
-    """Of every motion parameter."""
+    """Value of every motion parameter."""
 
     objects: Mapping[str, SceneObject]
     """Of the workspace."""
 
     world: World
-    """Before it."""
+    """World before it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +54,12 @@ class GroundPrimitive:
     """Pose X_WT of the tool frame when it begins and ends, shape (4, 4)."""
 
     world: World
-    """Where objects are, and what is held, while it lasts."""
+    """Poses of objects, and the held one, during it."""
 
     home: bool = False
     """A joint move to the home configuration.
 
-    Otherwise any joint positions that bring the tool to `X_end` will do, if they are of the wanted branches.
+    Otherwise any joint positions of the wanted branches that bring the tool to `X_end`.
     """
 
     via_home: bool = False
@@ -76,10 +76,10 @@ class GroundPrimitive:
     """How long it stands still [s]; 0 for moves."""
 
     fingers: Trajectory | None = None
-    """How they move meanwhile, None if they stand still."""
+    """Motion of the fingers during it, None if they stand still."""
 
     allowed: NamePairs = frozenset()
-    """Pairs of names whose contacts belong to the skill."""
+    """Pairs of names that may touch as part of the skill."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ class GroundSkill:
 
 
 def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Infeasible:
-    """Follow tool and objects through the skill; infeasible where it is not known where an object is."""
+    """Follow tool and objects through the skill; infeasible if the pose of an object is unknown."""
     model, world = scene.model, use.world
     X_home = model.tool_pose(model.home)
     X_WT = model.tool_pose(model.arm_positions(world.joints))
@@ -157,7 +157,7 @@ def _ground(
 
 
 def _with_fingers(primitive: GroundPrimitive, model: RobotModel, during: World, after: World) -> GroundPrimitive:
-    """The primitive with its fingers moving from one world's to the next's as long as it stands still, or longer."""
+    """The primitive with the motion of its fingers between the two worlds, as long as its standstill, or longer."""
     start, end = model.finger_positions(during.joints), model.finger_positions(after.joints)
     if np.array_equal(start, end):
         return primitive
@@ -200,8 +200,8 @@ def _with_allowed_contacts(
 ) -> tuple[GroundPrimitive, ...]:
     """The primitives with the contacts that grasps and releases allow, up to the nearest joint moves around them.
 
-    What is taken or left may touch what carries it, and a tool without fingers. Fingers may touch it only while they
-    close on it, hold it (see `CollisionScene.placed`) and open; when open they keep their clearance from it.
+    The grasped or released object may touch its support, and a tool without fingers. Fingers may touch it only while
+    they close on it, hold it (see `CollisionScene.placed`) and open; when open they keep their clearance from it.
     """
     worlds = [*(primitive.world for primitive in primitives), final]
     allowed: list[set[tuple[str, str]]] = [set() for _ in primitives]

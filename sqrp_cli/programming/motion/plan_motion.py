@@ -1,4 +1,4 @@
-"""The motion of a candidate: reachable, within all limits, free of collisions, and the fastest of its kind."""
+"""The motion of a candidate: the fastest one that is reachable, within limits and free of collisions."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from sqrp_cli.programming.motion.paths.sections import BranchFinder, Failures, W
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
-"""Arms with more axes reach a pose in infinitely many ways, of which some are tried."""
+"""Arms with more axes reach a pose in infinitely many ways; some of them are tried."""
 
 MEASURED = 1e-3
-"""How far past a limit a joint may be where a motion begins, as it is measured: it begins at the limit [rad or m]."""
+"""Largest measured excess over a limit at the start of a motion, which then starts at the limit [rad or m]."""
 
 MAX_REASONS = 5
-"""Reasons given for an infeasible motion."""
+"""Most reasons of an infeasible motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,13 +46,13 @@ class TimedPrimitive:
     """Of the driven joints, from 0 to end - start."""
 
     held: str | None
-    """The object in the tool all through it, None if there is none: grasp attaches and release detaches at `end`."""
+    """The object in the tool during it, None if there is none: grasp attaches and release detaches at `end`."""
 
     X_TO: Array | None
     """Pose of the held object in the tool frame, shape (4, 4); None if there is none."""
 
     X_WO: Mapping[str, Array]
-    """Where the objects that are not held rest."""
+    """Poses of the objects that are not held."""
 
     around: str | None = None
     """The link or object that it goes around, None if it is direct."""
@@ -60,7 +60,7 @@ class TimedPrimitive:
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """How arm and fingers move through a skill."""
+    """The motion of arm and fingers through a skill."""
 
     joint_names: tuple[str, ...]
     """The driven joints, in the order of all joint positions: those of the arm, then those of the fingers."""
@@ -69,11 +69,11 @@ class Motion:
     """Without gaps, in order."""
 
     final: World
-    """The world afterwards, with the facts of before; X_WO of a held object is its pose then."""
+    """The world after it, with the facts from before; X_WO of a held object is its final pose."""
 
     @property
     def ways_around(self) -> tuple[str, ...]:
-        """What goes around what: `a1 goes around wall`."""
+        """Detours, such as `a1 goes around wall`."""
         return tuple(f"{p.name} goes around {p.around}" for p in self.primitives if p.around is not None)
 
     @property
@@ -89,11 +89,11 @@ class Motion:
 def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion | Infeasible:
     """The fastest feasible motion of a skill among all branches of inverse kinematics, joint turns included.
 
-    seed: of what is drawn at random: ways around, and redundant joints. Every move keeps its clearance at all times.
-    Joint moves are straight in joint space; only where no combination of branches has direct joint moves alone are
-    ways around looked for, most promising combination first. Of an arm with more than six axes, more positions of its
-    redundant joints are tried where few do not do. Infeasible names, most useful first, what is out of reach, which
-    joint is at its limit, or what hits what and where.
+    seed: of the random ways around and redundant joints. Every move keeps its clearance at all times. Joint moves are
+    straight in joint space; ways around are searched only if no combination of branches has direct moves throughout,
+    the most promising combination first. For an arm with more than six axes, more positions of its redundant joints are
+    tried if a few are not enough. Infeasible names, most useful first, what is out of reach, which joint is at its
+    limit, or which contact occurs where.
     """
     use = replace(use, world=_at_limits(scene.model, use.world))
     begin = np.array([use.world.joints[name] for name in scene.model.joints])
@@ -160,11 +160,11 @@ class _Planner:
 
     @property
     def is_out_of_reach(self) -> bool:
-        """Whether a waypoint is out of reach, whatever is in the way."""
+        """Whether a waypoint is out of reach, obstacles ignored."""
         return self._failures.out_of_reach
 
     def _infeasible(self, tries: int = 0) -> Infeasible:
-        """The reasons collected, and in how many tries a way around was looked for."""
+        """The collected reasons, with the number of tries to find a way around."""
         reasons = self._failures.reasons(MAX_REASONS)
         if self._samples > REDUNDANCY_SAMPLES:
             joint = self._model.arm[FIRST_HELD]
@@ -174,7 +174,7 @@ class _Planner:
         return Infeasible(reasons)
 
     def _motion(self, moves: Sequence[Move], q_end: Array) -> Motion:
-        """The motion that a move for each primitive makes, which ends at q_end, shape (n,)."""
+        """The motion of one move for each primitive, which ends at q_end, shape (n,)."""
         primitives, start = [], 0.0
         for primitive, move in zip(self._skill.primitives, moves, strict=True):
             world, end = primitive.world, start + move.trajectory.duration

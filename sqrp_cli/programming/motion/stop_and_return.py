@@ -1,4 +1,4 @@
-"""How long it takes to stop a motion at some instant and move back to where it began."""
+"""The time to stop a motion at an instant and move back to its start."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ def recovery_over(motion: Motion, model: RobotModel, start: float) -> Recovery:
     """Stop and move-back times from `start` [s] to the end of a motion.
 
     Stopping: every joint of the arm comes to rest as soon as its acceleration and jerk limits allow; the slowest
-    counts. Moving back: a joint move from where the joints then are to where they were at the start of the motion. What
-    the motion went around is gone around on the way back as well: after that primitive by a joint move to its end and
-    back along it, within it back along what has been gone, in the time that this took.
+    counts. Moving back: a joint move to the joint positions at the start of the motion. Detours are followed on the way
+    back too: after such a primitive by a joint move to its end and back along it, within it back along its path, in the
+    same time.
     """
     limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
     t = np.linspace(min(start, motion.time), motion.time, INSTANTS)

@@ -1,4 +1,4 @@
-"""When the arm is where on its path: jerk-limited laws from rest to rest. The only module that knows ruckig."""
+"""Time laws along paths: jerk-limited, from rest to rest. The only module that uses ruckig."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ SAMPLES_PER_DEGREE, LEAST_SAMPLES = 32, 17
 """Instants at which limits are checked: along the whole path for each of its coefficients, and more in each phase."""
 
 STRETCH_MARGIN = 1e-3
-"""By how much `time_path` stretches beyond what its samples ask for, to cover the peaks between samples."""
+"""Extra stretch of `time_path` beyond that required by its samples, for peaks between samples."""
 
 STANDSTILL = 1e-9
-"""A joint line on which no joint moves further than this [rad or m] is no motion."""
+"""A joint line on which no joint moves further than this [rad or m] counts as no motion."""
 
 
 SHORTEST_RAMP = 1e-7
-"""Least share of the way on which a law speeds up; ruckig resolves none that is much less."""
+"""Least share of the way on which a law accelerates; ruckig cannot resolve much less."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +94,8 @@ def joint_move(q0: Array, q1: Array, limits: MotionLimits) -> Trajectory:
 def rest_to_rest(limits: MotionLimits) -> PiecewiseCubic:
     """The fastest law from 0 to 1, at rest at both ends, under scalar limits.
 
-    ruckig's tolerances are absolute, so it is asked in units in which speeding up takes 1 and reaches 1. Where that
-    takes a share of the way below `SHORTEST_RAMP`, it speeds up more gently: the law is longer by as little.
+    ruckig's tolerances are absolute, so it gets units in which acceleration takes time 1 and reaches speed 1. If that
+    takes a share of the way below `SHORTEST_RAMP`, it accelerates more gently, which takes hardly longer.
     """
     duration = float(rest_to_rest_duration(1.0, limits))
     velocity, acceleration, jerk = (float(limit) for limit in (limits.velocity, limits.acceleration, limits.jerk))
@@ -151,7 +151,7 @@ def time_paths(paths: Sequence[JointPath], limits: MotionLimits, along: MotionLi
 def _stretches(trajectory: Trajectory, limits: MotionLimits) -> Array:
     """By how much b motions of n joints each, as one of b n joints, have to be slowed down, shape (b,); at least 1.
 
-    An order of derivatives whose bounds ask for no more than what is found already need not be sampled.
+    An order of derivatives is not sampled if its bounds require no larger factor than already found.
     """
     path, law = trajectory.path, trajectory.law
     every = (limits.velocity, limits.acceleration, limits.jerk)

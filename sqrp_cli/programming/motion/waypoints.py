@@ -40,7 +40,7 @@ class WaypointGrounder:
     """Of the skill."""
 
     binding: Mapping[str, str]
-    """The object that each skill parameter stands for."""
+    """The object of each skill parameter."""
 
     values: Mapping[str, MotionValue]
     """Of the motion parameters."""
@@ -57,7 +57,7 @@ class WaypointGrounder:
     """Poses in the tool frame of the objects that are held, or were last."""
 
     def pose(self, name: str) -> Array:
-        """The pose X_WT of the tool frame at a waypoint of which nothing is `missing`, shape (4, 4).
+        """The pose X_WT of the tool frame at a waypoint without `missing` data, shape (4, 4).
 
         - grasp: X_WO @ `side_pose`, turned by yaw about the tool's z axis and moved by depth along it;
         - put: the held object as `put_pose` says;
@@ -94,7 +94,7 @@ class WaypointGrounder:
                 return X_WT
 
     def missing(self, name: str) -> str | None:
-        """Why the pose of a waypoint is not known; None if it is."""
+        """Why the pose of a waypoint is unknown; None if it is known."""
         if name == HOME:
             return None
         match self.waypoints[name]:
@@ -127,7 +127,7 @@ def put_pose(
     """The pose X_BO of an object that stands upright on top of another one, both boxes of full extents [m], (4, 4).
 
     along, across: where, along the x and the y axis of the lower one: at 0 in the middle, at -1 and 1 flush with its
-    edges. An object that is wider than what it stands on stays in the middle. yaw: turn about z [rad].
+    edges. An object wider than its support stays in the middle. yaw: turn about z [rad].
     """
     width, depth, height = size
     c, s = abs(np.cos(yaw)), abs(np.sin(yaw))

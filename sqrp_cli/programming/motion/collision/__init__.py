@@ -1,1 +1,1 @@
-"""Which solids touch each other, at one position and along a path."""
+"""Collision checks, at one position and along a path."""

@@ -1,4 +1,4 @@
-"""The solids of robot, tool and objects, which of them must not touch, and which links touch by design."""
+"""The solids of robot, tool and objects, the pairs that must not touch, and links that touch by design."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ALWAYS = 0.95
 
 
 class CollisionScene:
-    """The solids of robot, tool and objects; `placed` puts the objects where they are at one moment."""
+    """The solids of robot, tool and objects; `placed` puts the objects at their poses in a world."""
 
     def __init__(
         self,
@@ -133,7 +133,7 @@ def _may_touch(a: Body, X_WA: Array, b: Body, X_WB: Array) -> bool:
 
 
 def _crossed(first: Sequence[int], second: Sequence[int]) -> Indices:
-    """Each one of the first with each one of the second, in this order, shape (P, 2)."""
+    """All pairs of one of the first and one of the second, in this order, shape (P, 2)."""
     return np.stack([np.repeat(first, len(second)), np.tile(second, len(first))], axis=1).astype(np.intp)
 
 
@@ -148,7 +148,7 @@ class SelfContacts:
     """In `ALWAYS` of the positions tried, or more. Both belong to the robot and are not checked."""
 
     never: NamePairs
-    """In none of them; that proves little, so they are checked all the same."""
+    """In none of them; that proves little, so they are still checked."""
 
     @property
     def unchecked(self) -> NamePairs:

@@ -1,4 +1,4 @@
-"""Solids as collision checks use them: bounds for culling, convex hulls, distances by coal, and what is too close."""
+"""Solids for collision checks: bounds for culling, convex hulls, distances by coal, and contacts."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.shapes import Mesh
 
 CLEARANCE = 1e-3
-"""Distance that the arm keeps from everything [m]; from fixed objects the workspace's padding comes on top."""
+"""Distance that the arm keeps from everything [m]; the workspace's padding adds to it for fixed objects."""
 
 NamePairs = frozenset[tuple[str, str]]
 """Pairs of names of links or objects, each in alphabetical order."""
 
 MESHES_WITHIN = 0.02
-"""Motion within a stretch [m] up to which meshes themselves are asked; above it only their hulls, which is quicker."""
+"""Motion within a stretch [m] up to which meshes are checked exactly; above it only their hulls, which is faster."""
 
 SPHERES = 5
 """Spheres that cover a solid for culling."""
@@ -44,7 +44,7 @@ class Contact:
     """Names of links or objects, the outer one of the arm first."""
 
     s: float = 0.0
-    """Where on the path, in [0, 1]."""
+    """Position on the path, in [0, 1]."""
 
     clearance: float = CLEARANCE
     """Distance that they have to keep [m]."""
@@ -148,7 +148,7 @@ def _covering_spheres(solid: Solid, X_PB: Array, half: Array) -> tuple[Array, Ar
 
 
 def placement_at(X: Array) -> CoalPlacement:
-    """A pose, shape (4, 4), as coal wants it."""
+    """A pose, shape (4, 4), as coal's transform."""
     return coal.Transform3s(X[:3, :3], X[:3, 3])
 
 
@@ -157,7 +157,7 @@ def distance_within(
 ) -> float | None:
     """Signed distance [m] of two of coal's geometries if it is at most `within`, otherwise None.
 
-    Between meshes, it is that of the first two triangles that are found within, which need not be the nearest.
+    Between meshes, it is the distance of the first two triangles found within, which need not be the nearest.
     """
     _REQUEST.security_margin = within
     _RESULT.clear()

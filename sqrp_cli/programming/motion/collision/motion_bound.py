@@ -1,4 +1,4 @@
-"""How far points of the arm can move while its joints move a little, and what that proves without distances."""
+"""Upper bounds of the motion of the arm's points for small joint motions, and proofs of clearance from them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from sqrp_cli.programming.motion.collision.collision_body import Body
 from sqrp_cli.programming.sensing.solids import load_solid
 
 JOINTS = 2
-"""What no more than so many joints of the arm move is low on it, if these turn."""
+"""Bodies moved by at most this many joints, all turning, are low on the arm."""
 
 MOST_CORNERS = 256
-"""Bodies with more corners are left to distances, which then are quicker."""
+"""Bodies with more corners are checked by distances, which are then faster."""
 
 
 class MotionBound:
@@ -25,14 +25,13 @@ class MotionBound:
     depth: for every link of robot and tool, how many of the arm's joints move it: the first `depth` ones.
     joints: index of each of the arm's joints among all of the robot, n of them.
     radii: distance [m] of the outermost link from each joint's axis at one configuration, shape (n,); 1 for a prismatic
-    joint. A measure of size, no bound.
+    joint. A measure of size, not a bound.
     """
 
     def __init__(self, model: RobotModel) -> None:
         """Find the axes of the arm's joints.
 
-        Raises InputError for an arm with coupled joints (one that mimics another one of the arm), which the bound does
-        not cover.
+        Raises InputError if a joint of the arm mimics another one, which the bound does not cover.
         """
         if model.followers:
             joint = model.followers[0]
@@ -92,11 +91,11 @@ class MotionBound:
 
 
 class LowBodies:
-    """Proof that what is low on the arm stays off what it stands on, such as a table.
+    """Proof that bodies low on the arm stay clear of its support, such as a table.
 
-    What only the first joints carry is always near to that, so that spheres around it prove nothing. But its lowest
-    points are near to the joints' axes and hardly move, and most of their motion is along the table's top, not towards
-    it. Low bodies are kept as the V corners of their hulls.
+    Bodies that only the first joints carry are always near the support, so spheres around them prove nothing. But their
+    lowest points are near the joints' axes and hardly move, mostly along the table's top and not towards it. Low bodies
+    are stored as the V corners of their hulls.
 
     row: index of each body among the low ones, -1 if it is not, shape (S,).
     """
@@ -118,14 +117,14 @@ class LowBodies:
             corners = transform(mount.X_JL, corners)
             self._corners[index] = corners.T
             points, last = transform(X_WF[0, mount.joint], corners), bound.depth[bodies[i].name] - 1
-            # The distance from the last axis never changes; that from the first is at most that by way of the last.
+            # The distance from the last axis is constant; that from the first is at most the sum by way of the last.
             self._levers[index, last] = np.linalg.norm(np.cross(points - origins[last], axes[last]), axis=1)
             if last > 0:
                 by_last = np.linalg.norm(points - origins[last], axis=1)
                 self._levers[index, 0] = by_last + np.linalg.norm(np.cross(origins[last] - origins[0], axes[0]))
 
     def stay_off(self, X_WF: Array, variation: Array, row: Indices, X_WB: Array, half: Array, margin: Array) -> Mask:
-        """Whether bodies are proven to stay further than a margin from boxes at rest, in k cases, shape (k,).
+        """Whether bodies provably stay further than a margin from boxes at rest, in k cases, shape (k,).
 
         All corners must stay beyond one of the six faces, the one beyond which they are furthest. Joints turn one after
         the other, the outermost first, as in `MotionBound.between`; each moves a corner at right angles to its axis, so
@@ -159,7 +158,7 @@ def _is_low(model: RobotModel, depth: int, body: Body) -> bool:
 
 
 def finger_steps(model: RobotModel, start: Array, end: Array, step: float) -> int:
-    """In how many equal steps the fingers go from start to end, (f,) each, without any point moving by over `step` [m].
+    """Number of equal steps of the fingers from start to end, (f,) each, so that no point moves over `step` [m].
 
     At least 1. Measured at the boxes around the solids, along 33 positions.
     """

@@ -1,4 +1,4 @@
-"""Bodies in their places, and pairs of them that must not touch, as arrays: what culling needs of all at once."""
+"""Placed bodies, and the pairs of them that must not touch, as arrays for culling."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class PlacedBodies:
 
     @staticmethod
     def of(places: Sequence[tuple[Body, int, Mount]]) -> PlacedBodies:
-        """Of each body, how many of the arm's joints move it and what it is fixed to."""
+        """places: each body with the number of the arm's joints that move it, and its mount."""
         bodies, depth, mounts = zip(*places, strict=True) if places else ((), (), ())
 
         def rows(values: Iterable[Array], *shape: int) -> Array:
@@ -101,13 +101,13 @@ class BodyPairs:
 
     boxed: Indices
     covered: Indices
-    """The larger of the two, around which culling puts a box, and the other one, which it covers by spheres."""
+    """The larger of the two, bounded by a box in culling, and the other one, covered by spheres."""
 
     mover: Indices
     """Index of the outer one among `PlacedBodies.moving`."""
 
     reach: Array
-    """Distance of the centres of the spheres around them from which they keep it for sure [m]."""
+    """Distance of the centres of their spheres from which the clearance is certain [m]."""
 
     low: Indices
     """Which of `LowBodies` the outer one is if the inner one is larger and rests; -1 otherwise."""

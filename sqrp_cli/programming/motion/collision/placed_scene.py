@@ -1,7 +1,7 @@
-"""Whether the arm, its tool and what it holds stay clear of themselves and of the cell, also between samples.
+"""Continuous collision checks of the arm, its tool and the held object, against themselves and the cell.
 
-Two solids are proven apart over a stretch of a path when their distance in the middle of the stretch exceeds how far
-they can move against each other within it. Stretches over which they are not are halved, until a contact is found.
+Two solids are proven apart over a stretch of a path if their distance in its middle exceeds a bound of their relative
+motion within it. Other stretches are halved until a contact is found.
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ from sqrp_cli.programming.motion.collision.placed_bodies import BodyPairs, Place
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 FIRST_STRETCH = 0.08
-"""Motion of the arm's outermost point within half of each stretch that a check begins with [m]."""
+"""Motion of the arm's outermost point within half of each initial stretch [m]."""
 
 RESOLUTION = 0.5e-3
-"""Two solids that may come closer than the clearance while they move by less than this [m] count as touching."""
+"""Two solids that may violate the clearance within a motion of less than this [m] count as touching."""
 
 WORTH_PROVING = 8
-"""Distances of low bodies that a proof should at least spare; fewer are found sooner than it."""
+"""Least number of distances of low bodies that justifies a proof; fewer are computed faster."""
 
 FIRST_LOOK = 9
-"""Places along a path that `PlacedScene.is_free` looks at before it proves anything."""
+"""Positions along a path that `PlacedScene.is_free` checks before the proof."""
 
 
 class PlacedScene:
@@ -73,7 +73,7 @@ class PlacedScene:
     def is_free(self, path: JointPath, spare: float = RESOLUTION) -> bool:
         """Whether a path keeps every clearance at all times, as `check_path` proves; blocked ones are found sooner.
 
-        spare: what the proof may ask for beyond the clearance [m]; more is found sooner.
+        spare: what the proof may require beyond the clearance [m]; a larger value is faster.
         """
         samples = np.linspace(0.0, 1.0, FIRST_LOOK)
         touching = next(self._near(self._still(path.positions(samples), samples)), None)
@@ -82,7 +82,7 @@ class PlacedScene:
     def check_fingers(self, q: Array, fingers: Array) -> Contact | None:
         """The first contact while the fingers move evenly to positions (f,) and the arm stands at q, shape (n,).
 
-        The fingers are tried so often that they move by at most `RESOLUTION` in between.
+        The fingers are checked at steps of at most `RESOLUTION`.
         """
         share = np.linspace(0.0, 1.0, 1 + finger_steps(self._model, self._fingers, fingers, RESOLUTION))
         positions = self._fingers + share[:, None] * (fingers - self._fingers)
@@ -130,7 +130,7 @@ class PlacedScene:
     ) -> Iterator[_Near]:
         """The combinations that are not proven apart over their stretch, in order or backwards.
 
-        known: stretches of which no more is wanted, once they are in it.
+        known: stretches for which no further combination is needed.
         """
         X_WF = self._model.frame_poses(self._model.with_fingers(stretches.q, self._fingers))
         close, bound = self._close(stretches, X_WF, resolution)
@@ -156,7 +156,7 @@ class PlacedScene:
                 )
 
     def _close(self, stretches: Stretches, X_WF: Array, resolution: float) -> tuple[Indices, Array]:
-        """The combinations that culling does not prove apart, (k,), and how far each pair can move [m], (k,).
+        """The combinations that culling does not prove apart, (k,), and bounds of their motion [m], (k,).
 
         X_WF: frames in the middle of the stretches, (m, N + 1, 4, 4).
         """
@@ -176,9 +176,9 @@ class PlacedScene:
         return close, bound[close]
 
     def _stay_off(self, stretches: Stretches, X_WF: Array, chosen: Indices, resolution: float) -> Mask:
-        """Whether a low body is proven to stay off what is at rest over its whole stretch, for chosen combinations.
+        """Whether a low body provably stays clear of a resting one over its whole stretch, for chosen combinations.
 
-        It stays so far off that no part of the stretch can count as a contact.
+        It stays so far away that no part of the stretch can count as a contact.
         """
         pairs = stretches.pairs[chosen]
         low = np.flatnonzero(self._pairs.low[pairs] >= 0)
@@ -210,10 +210,10 @@ class _Near:
     """How far the pair can move against each other from the middle of the stretch [m]."""
 
     touches: bool
-    """Whether that counts as the contact."""
+    """Whether it counts as a contact."""
 
     contact: Contact
-    """What it would be."""
+    """The contact that it would be."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +228,7 @@ class Stretches:
     """Joint positions in the middle, shape (m, n)."""
 
     variation: Array
-    """How far each joint can be from there within the stretch, shape (m, n)."""
+    """Largest change of each joint from there within the stretch, shape (m, n)."""
 
     stretch: Indices
     pairs: Indices
@@ -287,7 +287,7 @@ def _all_open(s: Array, half: Array, q: Array, variation: Array, pairs: int) -> 
 
 
 def _variation(path: JointPath, slopes: Array, s: Array, half: Array) -> Array:
-    """How far each joint can be from where it is at s, within `half` of s, shape (m, n)."""
+    """Largest change of each joint from its position at s, within `half` of s, shape (m, n)."""
     if len(slopes) > 1:
         slopes = slopes[np.clip(np.searchsorted(path.breaks, s) - 1, 0, len(slopes) - 1)]
     variation: Array = slopes * half[:, None]

@@ -1,1 +1,1 @@
-"""Paths for the arm: straight lines, moves of the joints, ways around what is in between."""
+"""Paths for the arm: straight lines, joint moves, ways around obstacles."""

@@ -1,4 +1,4 @@
-"""The fastest way through a sequence of stations, of which each offers several branches."""
+"""The fastest way through a sequence of stations with several branches each."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.geometry import Array
 
 TIE_DECIMALS = 6
-"""Total times that agree to so many decimals of a second are ties; joint values are compared as coarsely."""
+"""Total times equal to this many decimals of a second are ties; joint values are rounded alike."""
 
 Question = tuple[int, int, int]
 """Whether something works: index of a station, of a branch of the one before (-1 for none), and of its own branch."""
@@ -38,13 +38,13 @@ def fastest_sequence(
     """The branch of each station with which the whole takes the shortest time, ties by lexicographic joint values.
 
     move_durations: of the moves from each branch of a station to each of the next one, shape (k_i, k_i+1) [s] each.
-    works(i, previous, branch): whether a branch of station i and the move to it from the one before can be done. It is
-    asked for the most promising sequences only, once for each question. None when no sequence works.
-    way_works(i, previous, branch): whether there is a way around where `works` says no, asked in the same manner. For
-    the choice of the sequence, a way counts as taking twice as long as the move that it replaces.
+    works(i, previous, branch): whether a branch of station i and the move to it from the one before are feasible. It is
+    called only for the most promising sequences, once for each argument. None when no sequence works.
+    way_works(i, previous, branch): whether there is a way around where `works` is false, called in the same manner. In
+    the search, a way counts twice the time of the move that it replaces.
 
-    A* search: the time still to go, ignoring what does not work, is exact by dynamic programming, so that sequences are
-    completed in the order of their total times.
+    A* search: the remaining time, infeasibility ignored, is exact by dynamic programming, so sequences are completed in
+    the order of their total times.
     """
     sequences = _Sequences(stations, move_durations)
     answers: dict[tuple[Question, bool], bool] = {}
@@ -86,7 +86,7 @@ class _Sequence:
 
     @property
     def question(self) -> Question:
-        """What has to work for its last branch."""
+        """The arguments of `works` for its last branch."""
         return len(self.chosen) - 1, self.chosen[-2] if len(self.chosen) > 1 else -1, self.chosen[-1]
 
 

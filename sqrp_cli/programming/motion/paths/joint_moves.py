@@ -1,4 +1,4 @@
-"""The joint moves between the branches of neighbouring sections: how long they take, and which of them are free."""
+"""The joint moves between the branches of neighbouring sections: durations and collision checks."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from sqrp_cli.programming.motion.timing import MotionLimits, joint_move, joint_m
 from sqrp_cli.trajectory import Trajectory
 
 TRIES_PER_WAY = 250
-"""Straight pieces that the search for one way around may look at."""
+"""Most straight pieces that the search for one way around may check."""
 
 MOST_TRIES = 1500
-"""Those that all searches for one motion may look at together."""
+"""Most straight pieces that all searches for one motion may check together."""
 
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """A move between two branches, with what it goes around if it does."""
+    """A move between two branches, with the obstacle that it goes around, if any."""
 
     trajectory: Trajectory
     around: str | None = None
 
 
 class JointMoves:
-    """Makes and checks moves, and what is tied to where they end, when asked whether they work.
+    """Makes and checks moves, and the primitives tied to their ends, on demand.
 
-    tries: straight pieces that searches for ways around have looked at.
+    tries: straight pieces that searches for ways around have checked.
     """
 
     def __init__(
@@ -85,10 +85,10 @@ class JointMoves:
         return contact is None
 
     def way_works(self, i: int, previous: int, chosen: int) -> bool:
-        """Whether there is a way around what blocks that move; none where it has to be by home."""
+        """Whether there is a way around the obstacle of that move; none for moves by home."""
         contact = self._blocked.get((i, previous, chosen))
         if contact is None:
-            return False  # What is tied to the branch is blocked, not the way to it.
+            return False  # The primitives tied to the branch are blocked, not the way to it.
         index = self._sections[i].first - 1
         tries = min(TRIES_PER_WAY, MOST_TRIES - self.tries)
         if tries == 0 or self._primitives[index].via_home:
@@ -106,7 +106,7 @@ class JointMoves:
         return [self._moves[i, chosen[i - 1], chosen[i]] for i in range(1, len(chosen))]
 
     def _check_tied(self, i: int, branch: Branch) -> bool:
-        """Whether everything that is tied to where a branch begins is free."""
+        """Whether all primitives tied to the start of a branch are free."""
         tied = list(enumerate(branch.trajectories, self._sections[i].first))
         return all(
             (self._is_known_free(k) or self._contact(k, trajectory) is None) and self._fingers_are_free(k, trajectory)
@@ -114,9 +114,9 @@ class JointMoves:
         )
 
     def _is_known_free(self, index: int) -> bool:
-        """Whether the arm stands still in a primitive where the one before ended, and may touch there what it may now.
+        """Whether the arm stands still at the end of the previous primitive, with no fewer contacts allowed than there.
 
-        Where a joint move ends was looked at before the branch was followed, where another one ends just before.
+        The end of a joint move was checked before the branch was followed, that of another primitive just before.
         """
         before, now = self._primitives[max(index - 1, 0)], self._primitives[index]
         stands = now.kind not in (JointMove, StraightMove) and index > 0

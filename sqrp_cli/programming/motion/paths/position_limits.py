@@ -1,4 +1,4 @@
-"""The position limits of the joints, and by how much motions leave them, exactly: between samples too."""
+"""The position limits of the joints, and the exact excess of motions over them, also between samples."""
 
 from __future__ import annotations
 
@@ -12,37 +12,36 @@ from sqrp_cli.programming.arm.reach import PastLimit
 from sqrp_cli.trajectory import JointPath, JointSpan
 
 LIMIT_SLACK = 1e-9
-"""By how much joint positions may exceed a limit [rad or m], so that rounding does not matter at the limit."""
+"""Tolerated excess of joint positions over a limit [rad or m], for rounding."""
 
 WIDE = 4 * np.pi + 1e-6
-"""A joint that turns further than this between its limits goes no further than one without limits [rad]."""
+"""A joint with a wider range than this is treated as one without limits [rad]."""
 
 
 def past_limits(model: RobotModel, path: JointPath, may_turn: Mask | None = None) -> Array:
-    """By how much a path of the arm's joints leaves their limits at worst [rad or m], shape (n,); 0 within the slack.
+    """Largest excess of a path of the arm's joints over their limits [rad or m], shape (n,); 0 within the slack.
 
-    may_turn: joints for which whole turns do not count that bring them within their limits, shape (n,); none by
-    default.
+    may_turn: joints that whole turns may bring within their limits, shape (n,); none by default.
     """
     return outside(path, model.lower, model.upper, may_turn)
 
 
 class WholeTurns(NamedTuple):
-    """How often joints may be turned wholly: signed, and `fewest` above `most` where no number of turns will do."""
+    """Possible whole turns of joints: signed, and `fewest` above `most` if there are none."""
 
     fewest: Array
     most: Array
 
 
 def whole_turns(low: Array, high: Array, lower: Array, upper: Array) -> WholeTurns:
-    """The whole turns that keep joints within limits whose positions span from low to high; the shapes broadcast."""
+    """The whole turns that keep joints with positions from low to high within limits; the shapes broadcast."""
     return WholeTurns(
         np.ceil((lower - LIMIT_SLACK - low) / (2 * np.pi)), np.floor((upper + LIMIT_SLACK - high) / (2 * np.pi))
     )
 
 
 def outside(path: JointPath, lower: Array, upper: Array, may_turn: Mask | None = None) -> Array:
-    """As `past_limits`, of any joints with limits of shape (n,); positions are looked at closely where it matters."""
+    """As `past_limits`, for any joints with limits of shape (n,); exact only where bounds do not decide."""
     low, high = path.range_bounds()
     excess = np.zeros(len(lower))
     for joint in np.flatnonzero((low < lower - LIMIT_SLACK) | (high > upper + LIMIT_SLACK)).tolist():

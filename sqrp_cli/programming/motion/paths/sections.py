@@ -1,4 +1,4 @@
-"""The parts of a motion between its joint moves: where each may begin, and how what is tied to that goes on."""
+"""The sections of a motion between its joint moves: possible starts, and the primitives tied to them."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ MOST_TURNS = 4096
 """Combinations of whole turns of the joints that are tried for each branch."""
 
 _Begun = tuple[Array, tuple[Trajectory, ...]]
-"""Where a branch begins, shape (n,), and the trajectories of its first primitives."""
+"""Start of a branch, shape (n,), and the trajectories of its first primitives."""
 
 
 @dataclass(frozen=True, eq=False)
 class Section:
-    """A joint move (none at the start of the motion) and what is tied to where it ends, up to the next joint move."""
+    """A joint move (none at the start of the motion) and the primitives tied to its end, up to the next joint move."""
 
     move: GroundPrimitive | None
 
@@ -45,7 +45,7 @@ class Section:
 
     @property
     def is_fixed(self) -> bool:
-        """Whether it begins at given joint positions, not at any that bring the tool to a pose."""
+        """Whether it begins at given joint positions, not at a tool pose."""
         return self.move is None or self.move.home
 
 
@@ -60,7 +60,7 @@ def cut_into_sections(primitives: Sequence[GroundPrimitive]) -> list[Section]:
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """One way through a section: where its joint move ends, and the trajectories of the tied primitives."""
+    """One way through a section: the end of its joint move, and the trajectories of the tied primitives."""
 
     q: Array
     trajectories: tuple[Trajectory, ...]
@@ -70,7 +70,7 @@ class Branch:
 
     @property
     def q_end(self) -> Array:
-        """Where the last of its trajectories ends, shape (n,)."""
+        """End of its last trajectory, shape (n,)."""
         return self.trajectories[-1].path.end if self.trajectories else self.q
 
     @property
@@ -112,7 +112,7 @@ class Ways(Station):
 
 
 class BranchFinder:
-    """Finds the branches of sections, and notes why there are none.
+    """Finds the branches of sections, and records why there are none.
 
     scenes: the surroundings of each primitive of the skill. seed, redundancy_samples: as of `all_solutions`.
     """
@@ -132,7 +132,7 @@ class BranchFinder:
         self._near_limits = near_limits(model, np.stack([q_start, model.home]))
 
     def branches(self, section: Section) -> list[Branch]:
-        """The branches of a section that can be followed, and that are free of contacts where its joint move ends."""
+        """The feasible branches of a section, free of contacts at the end of its joint move."""
         begun: list[_Begun] = [(q, ()) for q in self._clear_ends(section, self._ends(section))]
         followed = self._followed(section, begun)
         if begun and not followed:
@@ -142,7 +142,7 @@ class BranchFinder:
         return [branch for branch in branches if len(branch.turns)]
 
     def _ends(self, section: Section) -> Array:
-        """Where a section's joint move may end, or where the arm stands if it has none, shape (b, n)."""
+        """Possible ends of a section's joint move, or the arm's position if it has none, shape (b, n)."""
         move = section.move
         if move is None:
             return self._q_start[None]
@@ -157,7 +157,7 @@ class BranchFinder:
         return ends
 
     def _clear_ends(self, section: Section, ends: Array) -> Array:
-        """Those of the joint positions (b, n) in which a section's joint move may end without touching anything."""
+        """The joint positions (b, n) at the end of a section's joint move that are free of contacts."""
         if section.move is None or not len(ends):
             return ends
         contacts = self._scenes[section.first - 1].check_all(ends)
@@ -168,7 +168,7 @@ class BranchFinder:
         return clear
 
     def _followed(self, section: Section, begun: list[_Begun]) -> list[_Begun]:
-        """The branches that have begun, with the trajectories of all that is tied to where; without those that fail."""
+        """The given branches with the trajectories of all tied primitives; without those that fail."""
         for index, primitive in enumerate(section.tied, section.first):
             q = [trajectories[-1].path.end if trajectories else q for q, trajectories in begun]
             if not q:
@@ -184,7 +184,7 @@ class BranchFinder:
     def _straight_moves(
         self, index: int, primitive: GroundPrimitive, q: Array, may_turn: Mask
     ) -> list[Trajectory | None]:
-        """Straight moves from joint positions (b, n) at the primitive's speed, or slower where joints cannot keep up.
+        """Straight moves from joint positions (b, n) at the primitive's speed, or slower if joints cannot follow.
 
         A line on which the tool only turns has no speed; the joints alone limit it.
         """
@@ -206,7 +206,7 @@ class BranchFinder:
         return [next(moves) if isinstance(path, JointPath) else None for path in followed]
 
     def _note_ends_out_of_reach(self, section: Section) -> None:
-        """Where a line could not be followed because its very end is out of reach, that is the most useful reason."""
+        """If the end of a line is out of reach, that is the most useful reason."""
         for primitive in section.tied:
             if primitive.kind is StraightMove:
                 solutions = known_solutions(self._model, primitive.X_end, self._seed, self._samples)
@@ -233,7 +233,7 @@ class BranchFinder:
         return turns
 
     def _note_limit(self, section: Section, trajectories: Sequence[Trajectory]) -> None:
-        """Note the first limit that a section's trajectories exceed, if they do without any turns."""
+        """Record the first limit that a section's trajectories exceed without turns, if any."""
         for k, (primitive, trajectory) in enumerate(zip(section.tied, trajectories, strict=True)):
             reason = limit_reason(self._model, trajectory.path, ToolLine(primitive.X_start, primitive.X_end))
             if reason is not None:
@@ -242,9 +242,9 @@ class BranchFinder:
 
 
 class Failures:
-    """Why branches fail, each with the index of the primitive at which it does.
+    """Why branches fail, each with the index of the failing primitive.
 
-    out_of_reach: whether a waypoint is, whatever is in the way.
+    out_of_reach: whether a waypoint is, obstacles ignored.
     """
 
     def __init__(self) -> None:
@@ -252,11 +252,11 @@ class Failures:
         self.out_of_reach = False
 
     def note(self, index: int, reason: str) -> None:
-        """Note a reason at a primitive."""
+        """Record a reason at a primitive."""
         self._found.append((index, reason))
 
     def reasons(self, most: int) -> tuple[str, ...]:
-        """The different reasons, those of the branches that got furthest first, at most so many."""
+        """At most `most` different reasons, those of the branches that got furthest first."""
         furthest_first = sorted(self._found, key=lambda failure: -failure[0])
         return tuple(dict.fromkeys(reason for _, reason in furthest_first))[:most]
 
@@ -264,7 +264,7 @@ class Failures:
 def _combinations(counts: Sequence[range]) -> Array:
     """All combinations of whole turns of n joints, shape (k, n), k at most `MOST_TURNS`.
 
-    Of arms with so many joints that there would be more, the last of them turn the least.
+    If there would be more, the last joints turn the least.
     """
     chosen, number = [], prod(map(len, counts))
     for turns in reversed(counts):
@@ -277,7 +277,7 @@ def _combinations(counts: Sequence[range]) -> Array:
 def _passed(branches: Sequence[_Begun], limits: JointSpan) -> JointSpan:
     """The least and the greatest joint positions of each branch, shape (b, n).
 
-    Sampled, but exact where what is between samples could decide how many whole turns keep the limits, (n,) each.
+    Sampled, but exact where the motion between samples could decide which whole turns keep the limits, (n,) each.
     """
     low = np.stack([q for q, _ in branches])
     high, unknown = low.copy(), np.zeros_like(low)

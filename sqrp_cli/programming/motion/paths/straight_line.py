@@ -17,16 +17,16 @@ from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_
 from sqrp_cli.trajectory import JointPath
 
 TOLERANCE = 1e-6
-"""Largest deviation of the tool from the line, in m and rad, between the points where it is met exactly."""
+"""Largest deviation of the tool from the line, in m and rad, between the points of interpolation."""
 
 NEWTON_TOLERANCE = 1e-11
-"""Largest error of the tool's pose where the line is met exactly, in m and rad."""
+"""Largest error of the tool's pose at the points of interpolation, in m and rad."""
 
 LARGEST_STEP = 0.3
 """Largest motion of a joint between neighbouring points of the line [rad or m]: beyond it, the step is halved."""
 
 SMALLEST_STEP = 1e-3
-"""Share of the line below which steps are not halved any more: the arm cannot go on from there."""
+"""Shortest step, as a share of the line: below it the arm cannot continue."""
 
 FIRST_DEGREE, LAST_DEGREE = 4, 64
 """Degrees of the polynomials that are tried first and last, doubling in between."""
@@ -35,7 +35,7 @@ LIMIT_SAMPLES = 101
 """Points along a line at which joint limits are checked, ends included."""
 
 POSE_COORDINATES = 6
-"""Coordinates of a pose: an arm with more joints can hold some of them still on a line."""
+"""Coordinates of a pose: an arm with more joints can hold some of its joints still on a line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class ToolLine:
         return X_WT
 
     def progress(self, s: float) -> str:
-        """How far along the line s is, for people: `34 mm of 100 mm`, or in degrees when the tool only turns."""
+        """The position s on the line in words: `34 mm of 100 mm`, or in degrees when the tool only turns."""
         if self.length > 1e-6:
             return f"{1e3 * s * self.length:.0f} mm of {1e3 * self.length:.0f} mm"
         angle = np.degrees(np.linalg.norm(self.turn))
@@ -73,10 +73,10 @@ class ToolLine:
 
 
 def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> JointPath | Infeasible:
-    """The path from q0, shape (n,), at which the tool is at the line's start, that moves the tool along the line.
+    """The joint path that moves the tool along the line, from q0, shape (n,), with the tool at the line's start.
 
-    The path is one polynomial per joint, met exactly at Chebyshev points and within `TOLERANCE` between them.
-    Infeasible where the arm becomes singular or a joint reaches its limit on the way, saying where.
+    The path is one polynomial per joint, exact at Chebyshev points and within `TOLERANCE` between them. Infeasible,
+    with the place, where the arm becomes singular or a joint reaches its limit.
     """
     (path,) = follow_within_limits(model, q0[None], line, np.zeros(len(model.arm), dtype=bool))
     if isinstance(path, JointPath) and (reason := limit_reason(model, path, line)) is not None:
@@ -85,10 +85,10 @@ def straight_line(model: RobotModel, q0: Array, line: ToolLine) -> JointPath | I
 
 
 def follow_within_limits(model: RobotModel, q0: Array, line: ToolLine, may_turn: Mask) -> list[JointPath | Infeasible]:
-    """As `follow`; of an arm with more joints than a pose needs, those that would leave their limits are held still.
+    """As `follow`; a redundant arm holds the joints still that would leave their limits.
 
-    may_turn: joints that may be turned wholly to where they are within their limits, shape (n,). Where holding joints
-    still does not help, the path is the one that moves the joints least, whatever their limits.
+    may_turn: joints that whole turns may bring within their limits, shape (n,). If holding joints still does not help,
+    the path is the one that moves the joints least, limits ignored.
     """
     followed = follow(model, q0, line)
     held = np.zeros(q0.shape, dtype=bool)
@@ -106,7 +106,7 @@ def follow_within_limits(model: RobotModel, q0: Array, line: ToolLine, may_turn:
 
 
 def _is_to_be_held(model: RobotModel, path: JointPath | Infeasible, held: Mask, may_turn: Mask) -> bool:
-    """Whether a path leaves limits that further joints, held still, might keep; `held`, shape (n,), then has them."""
+    """Whether a path leaves limits that holding further joints might keep; adds them to `held`, shape (n,)."""
     outside = past_limits(model, path, may_turn) > 0.0 if isinstance(path, JointPath) else np.zeros_like(held)
     if not outside.any() or (outside & held).any() or (outside | held).sum() > len(held) - POSE_COORDINATES:
         return False
@@ -116,26 +116,26 @@ def _is_to_be_held(model: RobotModel, path: JointPath | Infeasible, held: Mask, 
 
 @dataclass(frozen=True, eq=False)
 class HeldJoints:
-    """An arm of which some joints are held still: held, shape (n,). See `RobotModel` for what it can be asked."""
+    """An arm with some joints held still: held, shape (n,). The methods are those of `RobotModel`."""
 
     model: RobotModel
     held: Mask
 
     def tool_poses(self, q: Array) -> Array:
-        """As of the arm."""
+        """As for the arm."""
         return self.model.tool_poses(q)
 
     def tool_poses_and_jacobians(self, q: Array) -> ToolMotion:
-        """As of the arm, but that moving the joints that are held does not move the tool."""
+        """As for the arm, but held joints do not move the tool."""
         X_WT, J = self.model.tool_poses_and_jacobians(q)
         return ToolMotion(X_WT, np.where(self.held, 0.0, J))
 
 
 def follow(model: Kinematics, q0: Array, line: ToolLine) -> list[JointPath | Infeasible]:
-    """As `straight_line` from each of b joint positions, shape (b, n), whatever the joints' limits.
+    """As `straight_line` from each of b joint positions, shape (b, n), joint limits ignored.
 
-    All branches are followed at once; the points of each degree are among those of twice the degree: those in between
-    first check the fit, then refine it.
+    All branches are followed at once. The points of each degree are among those of twice the degree; the points in
+    between first check the fit, then refine it.
     """
     return _through(model, line, _first_points(model, line, q0))
 
@@ -173,7 +173,7 @@ def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[JointPath | Inf
 def _first_points(model: Kinematics, line: ToolLine, q0: Array) -> list[Array | Infeasible]:
     """For each branch that begins at q0 (b, n), its points at the Chebyshev points of the first degree.
 
-    Newton's method starts on the tangent; where that leads too far away, the line is followed from point to point.
+    Newton's method starts on the tangent; if that ends too far away, the line is followed from point to point.
     """
     s = _points(FIRST_DEGREE)
     twist = np.concatenate([line.X_end[:3, 3] - line.X_start[:3, 3], line.turn])
@@ -207,7 +207,7 @@ def _refined_points(model: Kinematics, line: ToolLine, q: Array, guesses: Array)
 
 
 def _unless_stuck(line: ToolLine, points: Array, stuck: Array) -> list[Array | Infeasible]:
-    """The points of each of b branches, shape (b, k, n), or where it is stuck if that is finite, shape (b,)."""
+    """The points of each of b branches, shape (b, k, n), or why it is stuck at `stuck`, shape (b,), if finite."""
     reason = "the arm cannot follow the straight line beyond {}: it is singular there"
     return [
         q if np.isinf(at) else Infeasible((reason.format(line.progress(float(at))),))
@@ -234,8 +234,8 @@ def limit_reason(model: RobotModel, path: JointPath, line: ToolLine) -> str | No
 def _advance(model: Kinematics, line: ToolLine, q: Array, s: Array, to: Array) -> tuple[Array, Array]:
     """Joint positions that meet the line at `to`, each on the branch of a row of q that meets it at `s`.
 
-    Shapes: q (m, n), s and to (m,). Returns them, shape (m, n), and where the arm cannot go on, infinite where it can,
-    shape (m,). Steps of which the next point is not found are halved.
+    Shapes: q (m, n), s and to (m,). Returns them, shape (m, n), and the positions s where the arm cannot continue,
+    infinite where it can, shape (m,). A step is halved if its next point is not found.
     """
     stuck = np.full(len(q), np.inf)
     if not len(q):

@@ -1,6 +1,6 @@
-"""A joint move that goes around what is in the way of the direct one: sampled, shortened, its corners cut by curves.
+"""A joint move around obstacles of the direct one: sampled, shortened, with blended corners.
 
-The only module that knows OMPL. The planner: J. J. Kuffner, S. M. LaValle, RRT-Connect: An efficient approach to
+The only module that uses OMPL. The planner: J. J. Kuffner, S. M. LaValle, RRT-Connect: An efficient approach to
 single-query path planning, 2000.
 """
 
@@ -19,16 +19,16 @@ from sqrp_cli.programming.motion.timing import MotionLimits, time_path
 from sqrp_cli.trajectory import JointPath, JointSpan, PiecewiseCubic, Trajectory
 
 SPARE = 2e-3
-"""What straight pieces and curves are kept away from everything beyond the clearance, or almost [m]; saves time."""
+"""Extra distance beyond the clearance, roughly kept by straight pieces and curves [m]; saves time."""
 
 SHORTCUTS = 60
-"""Random shortcuts that are tried on a polyline."""
+"""Number of random shortcuts tried on a polyline."""
 
 REACHES = (1.0, 0.5, 0.25, 0.125)
-"""Shares of the longest possible reach of a corner's curve that are tried, until one is free."""
+"""Shares of the longest possible reach of a corner's curve, tried until one is free."""
 
 SPEEDS = (1.0, 0.8, 0.6, 0.4, 0.25)
-"""Shares of the velocity limits that are tried along a curved path; the fastest motion wins."""
+"""Shares of the velocity limits tried along a curved path; the fastest motion wins."""
 
 LEAST_SCALE = 0.1
 """Least distance from a joint's axis that counts for the size of its motions [m]."""
@@ -36,10 +36,10 @@ LEAST_SCALE = 0.1
 _LEAVING = np.array([45 / 128, 1 / 2, 5 / 32, 0.0, -1 / 128])
 
 _ARRIVING = np.array([-45 / 128, 1 / 2, -5 / 32, 0.0, 1 / 128])
-"""Chebyshev coefficients of the curve around a corner: what it takes of the directions after and before it."""
+"""Chebyshev coefficients of the curve around a corner: its shares of the directions after and before it."""
 
 MARGIN = np.pi
-"""How far beyond both ends of a way its joints may go, within their limits [rad or m]."""
+"""Largest motion of joints beyond both ends of a way, within their limits [rad or m]."""
 
 LONGEST_EDGE = 0.6
 """Longest straight piece that the planner adds at once, in the units of the scaled joints [m]."""
@@ -47,13 +47,13 @@ LONGEST_EDGE = 0.6
 
 @dataclass(frozen=True, eq=False)
 class WaySearch:
-    """What a search for a way around came to."""
+    """The result of a search for a way around."""
 
     trajectory: Trajectory | None
     """The motion, None if none was found, which does not prove that there is none."""
 
     tries: int
-    """Straight pieces that the planner looked at."""
+    """Straight pieces that the planner checked."""
 
 
 def find_way(
@@ -68,21 +68,21 @@ def find_way(
 ) -> WaySearch:
     """A motion from q0 to q1, shape (n,), from rest to rest, that keeps every clearance at all times.
 
-    bounds: position limits of the joints. radii: sizes of the joints' motions, as of `MotionBound`. tries: straight
-    pieces that the planner may look at. The result depends on the arguments alone.
+    bounds: position limits of the joints. radii: sizes of the joints' motions, as of `MotionBound`. tries: most
+    straight pieces that the planner may check. The result depends only on the arguments.
 
-    A sampled polyline is shortened at random, and its corners are cut by curves as wide as is free; where that is
+    A sampled polyline is shortened at random, and its corners are blended by the widest free curves; where that is
     faster, or no curve is free, the arm stops at the corner. `PlacedScene.check_path` proves the whole result free.
     """
-    asked = 0
+    checks = 0
 
     def is_free(first: Array, second: Array) -> bool:
-        nonlocal asked
-        asked += 1
+        nonlocal checks
+        checks += 1
         return scene.is_free(JointPath.line(first, second), SPARE)
 
     corners = plan_polyline(q0, q1, bounds, np.maximum(radii, LEAST_SCALE), is_free, tries, seed)
-    found_after = asked
+    found_after = checks
     if corners is None:
         return WaySearch(None, found_after)
     trajectory = _fastest(scene, _shortened(corners, limits.velocity, is_free, seed), limits)
@@ -90,7 +90,7 @@ def find_way(
 
 
 def _shortened(corners: Array, velocity: Array, is_free: Callable[[Array, Array], bool], seed: int) -> Array:
-    """A polyline with the same ends and free pieces that is no longer, shape (k, n)."""
+    """A polyline with the same ends and free pieces, at most as long, shape (k, n)."""
     rng = np.random.default_rng(seed)
     corners = _without_needless(corners, is_free)
     for _ in range(SHORTCUTS):
@@ -110,7 +110,7 @@ def _shortened(corners: Array, velocity: Array, is_free: Callable[[Array, Array]
 
 
 def _without_needless(corners: Array, is_free: Callable[[Array, Array], bool]) -> Array:
-    """The polyline without the corners that a straight piece can leave out."""
+    """The polyline without corners that a straight piece can replace."""
     kept = [corners[0]]
     for before, corner in pairwise(range(1, len(corners))):
         if not is_free(kept[-1], corners[corner]):
@@ -119,7 +119,7 @@ def _without_needless(corners: Array, is_free: Callable[[Array, Array], bool]) -
 
 
 def _lengths(corners: Array, velocity: Array) -> Array:
-    """How long each piece takes at the velocity limits [s], shape (k - 1,)."""
+    """Duration of each piece at the velocity limits [s], shape (k - 1,)."""
     lengths: Array = (np.abs(np.diff(corners, axis=0)) / velocity).max(axis=1)
     return lengths
 
@@ -144,7 +144,7 @@ def _fastest(scene: PlacedScene, corners: Array, limits: MotionLimits) -> Trajec
 
 
 def _free_reaches(scene: PlacedScene, corners: Array, lengths: Array) -> list[float]:
-    """How far the curve around each inner corner reaches, 0 where none is free; two of them share the piece between."""
+    """Reach of the curve around each inner corner, 0 where none is free; neighbours share the piece between them."""
     slopes = np.diff(corners, axis=0) / lengths[:, None]
     room = 0.5 * lengths
     room[[0, -1]] = lengths[[0, -1]]  # the ends are for one corner alone
@@ -172,7 +172,7 @@ def _leg(corners: Array, lengths: Array, reaches: Sequence[float], limits: Motio
 
 
 def _joined(legs: Sequence[Trajectory]) -> Trajectory:
-    """One motion after the other; each takes the share of the parameter that it takes of the time."""
+    """The motions one after the other; each takes its share of the time as its share of the parameter."""
     ends = np.concatenate([[0.0], np.cumsum([leg.duration for leg in legs])])
     shares = ends / ends[-1]
     path_breaks, law_breaks = [np.zeros(1)], [np.zeros(1)]
@@ -231,28 +231,30 @@ def plan_polyline(
     tries: int,
     seed: int,
 ) -> Array | None:
-    """Corners of a polyline from q0 to q1, shape (n,), whose pieces are all free, ends included, shape (k, n).
+    """Corners of a free polyline from q0 to q1, shape (n,), ends included, shape (k, n).
 
-    bounds: lower and upper limits of the joints, shape (n,) each. scale: what makes joints comparable, shape (n,):
-    distances are those of q * scale. is_free: whether the straight line between two joint positions can be taken; it
-    is asked about `tries` times at most. None if no polyline was found by then, which does not prove that there is
-    none. The result depends on the arguments alone.
+    bounds: lower and upper limits of the joints, shape (n,) each. scale: makes joints comparable, shape (n,): distances
+    are those of q * scale. is_free: whether the straight line between two joint positions is free; it is called at most
+    `tries` times. None if no polyline was found by then, which does not prove that there is none. The result depends
+    only on the arguments.
     """
     from ompl import base, geometric, util
 
     util.noOutputHandler()
-    util.RNG.setSeed(seed + 1)  # OMPL takes 0 for no seed; what is made from here on is seeded by it
-    asked = 0
+    util.RNG.setSeed(seed + 1)  # 0 means no seed to OMPL; objects made from here on use the seed
+    checks = 0
 
-    def asked_is_free(first: Array, second: Array) -> bool:
-        nonlocal asked
-        asked += 1
+    def counted_is_free(first: Array, second: Array) -> bool:
+        nonlocal checks
+        checks += 1
         return is_free(first / scale, second / scale)
 
     space = _space(q0 * scale, q1 * scale, bounds.lower * scale, bounds.upper * scale, MARGIN * scale)
     information = base.SpaceInformation(space)
     information.setStateValidityChecker(lambda _: True)
-    validator = _validator(information, lambda first, second: asked < tries and asked_is_free(first, second), len(q0))
+    validator = _validator(
+        information, lambda first, second: checks < tries and counted_is_free(first, second), len(q0)
+    )
     information.setMotionValidator(validator)
     information.setup()
     problem = base.ProblemDefinition(information)
@@ -261,7 +263,7 @@ def plan_polyline(
     planner.setRange(LONGEST_EDGE)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(base.PlannerTerminationCondition(lambda: asked >= tries))
+    planner.solve(base.PlannerTerminationCondition(lambda: checks >= tries))
     if not problem.hasExactSolution():
         return None
     corners = np.stack([_values(state, len(q0)) for state in problem.getSolutionPath().getStates()]) / scale
@@ -285,7 +287,7 @@ def _space(start: Array, goal: Array, lower: Array, upper: Array, margin: Array)
 
 
 def _validator(information: Any, is_free: Callable[[Array, Array], bool], n: int) -> Any:  # noqa: ANN401
-    """What tells OMPL whether a straight line between two states of n values can be taken."""
+    """OMPL's validator of straight lines between two states of n values."""
     from ompl import base
 
     class Validator(base.MotionValidator):  # type: ignore[misc]
