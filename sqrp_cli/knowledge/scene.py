@@ -101,7 +101,7 @@ class ObjectTraits(Stored):
     marker: Annotated[MarkerId | None, Field(description="Id of the ArUco marker on it.")] = None
 
     @property
-    def types(self) -> tuple[str, str]:
+    def types(self) -> tuple[str, ...]:
         """Its PDDL types: its own (PDDL knows lower case only), and `fixture` or `movable`."""
         return self.type.lower(), "fixture" if self.fixed else "movable"
 

@@ -206,8 +206,7 @@ def _motion_values(skill: Skill, name: str, settings: Mapping[str, str]) -> tupl
         value = read_quantity(text) or text
         for kind in parameter.kinds:
             if (complaint := kind.complaint(value)) is not None:
-                code, message = complaint
-                raise InputError(Problem(code, f"`{name}={settings[name]}`: {message}"))
+                raise InputError(Problem(complaint.code, f"`{name}={settings[name]}`: {complaint.message}"))
         plain = value if isinstance(value, str) else value.value
         if plain in values:
             raise InputError(Problem("repeated-value", f"`{name}={settings[name]}`: a value is given twice"))

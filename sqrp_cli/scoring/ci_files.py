@@ -45,7 +45,7 @@ def write_summary(scorecard: Scorecard, path: Path) -> None:
     ]
     for result in scorecard.results:
         lines += [f"- **{result.score.status}** {_name(result)}: {_text(reason)}" for reason in result.score.reasons]
-    lines += [f"- **vanished** {_text(workspace)}, {_text(task)}" for workspace, task in scorecard.vanished]
+    lines += [f"- **vanished** {_text(gone.workspace)}, {_text(gone.task)}" for gone in scorecard.vanished]
     for result in scorecard.results:
         comparison = result.comparison
         if comparison is not None and comparison.verdict == "new":

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import workspace_file
@@ -141,14 +142,21 @@ def listed(changes: Sequence[Change]) -> str:
     return shown + (f" and {more} more" if more > 0 else "")
 
 
-def read_versions(before: Path, after: Path) -> tuple[ScoredCell, ScoredCell]:
-    """Two versions of a workspace, both under the name of the later one.
+class Versions(NamedTuple):
+    """Two versions of a workspace, both under the name of the later one."""
+
+    before: ScoredCell
+    after: ScoredCell
+
+
+def read_versions(before: Path, after: Path) -> Versions:
+    """Both versions of a workspace.
 
     Raises InputError where one of them, or a task of it, cannot be used.
     """
     old, new = _read_version(before), _read_version(after)
     name = "workspace" if new.workspace is None else new.workspace.name
-    return replace(old, name=name), replace(new, name=name)
+    return Versions(replace(old, name=name), replace(new, name=name))
 
 
 def difference(

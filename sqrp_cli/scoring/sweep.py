@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,9 +111,15 @@ class Sweep:
         return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
 
 
-def read_variants(
-    file: Path, values: Sequence[Values], advance: Callable[[], None]
-) -> tuple[SourceDocument, list[Variant]]:
+class Variants(NamedTuple):
+    """A workspace file with the variants to score."""
+
+    document: SourceDocument
+    variants: list[Variant]
+    """The workspace as it is comes first."""
+
+
+def read_variants(file: Path, values: Sequence[Values], advance: Callable[[], None]) -> Variants:
     """A workspace as it is, and with each of these values; `advance` is called after each.
 
     Raises InputError if a value is not in the file, or the workspace as it is cannot be used.
@@ -127,7 +134,7 @@ def read_variants(
             raise InputError(*cell.problems)
         variants.append(Variant(chosen, content, cell))
         advance()
-    return document, variants
+    return Variants(document, variants)
 
 
 def sweep(

@@ -55,8 +55,8 @@ def print_comparison(findings: Scorecard) -> None:
             say(joined(["\n", ("new", "yellow"), f" {_name(result)} is not in the baseline"]))
         for way in comparison.gone:
             say(joined(["\n", ("gone", "yellow"), f" {_name(result)} for {way}: there is no such way any more"]))
-    for workspace, task in findings.vanished:
-        say(joined(["\n", ("vanished", "yellow"), f" {workspace}, {task} is only in the baseline"]))
+    for gone in findings.vanished:
+        say(joined(["\n", ("vanished", "yellow"), f" {gone.workspace}, {gone.task} is only in the baseline"]))
     worse = {result.score.workspace for result in findings.results if result.comparison and result.comparison.ways}
     for workspace, changes in findings.changes.items():
         if changes and workspace not in worse:
@@ -82,8 +82,8 @@ def print_difference(findings: Scorecard) -> None:
             say(joined(["  ", ("new   ", "yellow"), f"  {result.score.task}"]))
         for name in result.comparison.gone if result.comparison else ():
             say(joined(["  ", ("gone  ", "yellow"), f"  {result.score.task} for {name}"]))
-    for _, task in findings.vanished:
-        say(joined(["  ", ("gone  ", "yellow"), f"  {task}"]))
+    for vanished in findings.vanished:
+        say(joined(["  ", ("gone  ", "yellow"), f"  {vanished.task}"]))
 
 
 def verdict(findings: Scorecard) -> str:

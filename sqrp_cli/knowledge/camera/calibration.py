@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from pydantic import AliasChoices, BeforeValidator, Field, Tag, model_validator
@@ -72,7 +72,14 @@ class _CalibrationFile(ForeignEntry):
         return self
 
 
-def read_calibration(path: Path) -> tuple[Intrinsics, SourceDocument]:
+class CameraCalibration(NamedTuple):
+    """What a camera calibration file says of a camera."""
+
+    intrinsics: Intrinsics
+    document: SourceDocument
+
+
+def read_calibration(path: Path) -> CameraCalibration:
     """Intrinsics from a camera calibration file in one of the formats that this module reads.
 
     The projection matrix, if any, belongs to the rectified image and is not used: cameras see through their lens.
@@ -92,7 +99,7 @@ def read_calibration(path: Path) -> tuple[Intrinsics, SourceDocument]:
         distortion_model=model,
         distortion=read_only(coefficients),
     )
-    return intrinsics, document
+    return CameraCalibration(intrinsics, document)
 
 
 def doubtful_projection(intrinsics: Intrinsics, document: SourceDocument) -> Iterator[Problem]:

@@ -20,16 +20,17 @@ from sqrp_cli.knowledge.text.yaml_file import read_yaml
 
 @dataclass(frozen=True, eq=False)
 class HandEye:
-    """The pose of a camera.
-
-    frame: the link that carries it; place: where the file names it. camera_frame: the frame at pose `X_FC` in the link,
-    shape (4, 4).
-    """
+    """The pose of a camera."""
 
     frame: str
+    """The link that carries it."""
     place: Place
+    """Where the file names the link."""
     camera_frame: str
+    """The frame at pose `X_FC` in the link."""
     X_FC: Array
+    """Shape (4, 4)."""
+    document: SourceDocument
 
 
 class _Parameters(ForeignEntry):
@@ -81,7 +82,7 @@ class _FlatFile(_Result, _Parameters):
     """The format of early versions: the parameters beside the transformation."""
 
 
-def read_hand_eye(path: Path) -> tuple[HandEye, SourceDocument]:
+def read_hand_eye(path: Path) -> HandEye:
     """The pose in a file of easy_handeye or easy_handeye2.
 
     Raises InputError, with the line, for missing keys, values of the wrong kind and a quaternion whose length is not 1.
@@ -89,9 +90,9 @@ def read_hand_eye(path: Path) -> tuple[HandEye, SourceDocument]:
     document = read_yaml(path, keys=("parameters", "transform", "transformation", "tracking_base_frame"))
     if "tracking_base_frame" in document.data:
         flat = validate(document, _FlatFile)
-        return _hand_eye(document, flat, flat, ()), document
+        return _hand_eye(document, flat, flat, ())
     file = validate(document, _File)
-    return _hand_eye(document, file, file.parameters, ("parameters",)), document
+    return _hand_eye(document, file, file.parameters, ("parameters",))
 
 
 def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters, owner: KeyPath) -> HandEye:
@@ -100,8 +101,13 @@ def _hand_eye(document: SourceDocument, result: _Result, parameters: _Parameters
     frame = parameters.robot_effector_frame if key == "robot_effector_frame" else parameters.robot_base_frame
     if frame is None:
         raise _lacks(document, owner, f"`{key}`, the frame that carries the camera")
-    place = document.value_place((*owner, key))
-    return HandEye(frame.lstrip("/"), place, parameters.tracking_base_frame, _pose(document, result))
+    return HandEye(
+        frame=frame.lstrip("/"),
+        place=document.value_place((*owner, key)),
+        camera_frame=parameters.tracking_base_frame,
+        X_FC=_pose(document, result),
+        document=document,
+    )
 
 
 def _in_hand(document: SourceDocument, parameters: _Parameters, owner: KeyPath) -> bool:

@@ -7,12 +7,22 @@ The models are those of ROS `sensor_msgs/CameraInfo` and OpenCV: `plumb_bob` (k1
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.camera.camera import Camera
+
+
+class ImagePoints(NamedTuple):
+    """Where points are in an image, in pixels or in the plane z = 1."""
+
+    points: Array
+    """Shape (..., 2)."""
+    inside: NDArray[np.bool_]
+    """Whether the lens shows them: within the radius of the projection, shape (...)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,24 +41,24 @@ class Projection:
         """The projection of a camera."""
         return cls(camera, monotonic_radius(camera))
 
-    def pixels(self, points_C: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def pixels(self, points_C: Array) -> ImagePoints:
         """Pixels (..., 2) of points (..., 3) in the optical frame with z > 0, and whether they are within the radius.
 
         A point beyond the radius gets the pixel of the undistorted camera, which is on the right side at least.
         """
         K = self.camera.matrix
         bent, inside = self.bent(points_C[..., :2] / points_C[..., 2:])
-        return bent @ K[:2, :2].T + K[:2, 2], inside
+        return ImagePoints(bent @ K[:2, :2].T + K[:2, 2], inside)
 
-    def bent(self, plane: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def bent(self, plane: Array) -> ImagePoints:
         """Where the lens moves points (..., 2) of the plane z = 1, and whether they are within the radius.
 
         Points beyond the radius stay where they are; so does NaN.
         """
         inside = np.einsum("...i,...i", plane, plane) <= self.radius**2
         if self.camera.distortion_model == "none":
-            return plane, inside
-        return np.where(inside[..., None], _distort(self.camera, plane), plane), inside
+            return ImagePoints(plane, inside)
+        return ImagePoints(np.where(inside[..., None], _distort(self.camera, plane), plane), inside)
 
 
 def monotonic_radius(camera: Camera) -> float:

@@ -142,7 +142,7 @@ class _SkillReader:
                 self.kinds[value.parameter].append(kind)
                 self._check_values(value.parameter, kind, path)
         elif not isinstance(value, float) and (complaint := kind.complaint(value)) is not None:
-            self._report(complaint[0], path, complaint[1])
+            self._report(complaint.code, path, complaint.message)
 
     def _is_parameter(self, name: str, path: KeyPath) -> bool:
         if name not in self.file.motion:
@@ -154,7 +154,9 @@ class _SkillReader:
         """Report the first value of a parameter that does not fit the setting at `path`."""
         complaints = (kind.complaint(value) for value in self.values[parameter])
         if (complaint := next(filter(None, complaints), None)) is not None:
-            self._report(complaint[0], ("motion", parameter), f"{complaint[1]}, because `{dotted(path)}` uses it")
+            self._report(
+                complaint.code, ("motion", parameter), f"{complaint.message}, because `{dotted(path)}` uses it"
+            )
 
     def _parameters(self) -> tuple[MotionParameter, ...]:
         """The motion parameters with their values in SI units; call it after all settings are checked."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydantic import Field, GetCoreSchemaHandler, PlainValidator, Tag, WithJsonSchema
@@ -58,6 +58,13 @@ Setting = Annotated[
 """A value, or a reference to a motion parameter; the `Kind` beside it limits the values."""
 
 
+class Complaint(NamedTuple):
+    """What is wrong with the value of a setting, as the code and message of a problem."""
+
+    code: str
+    message: str
+
+
 @dataclass(frozen=True)
 class Kind:
     """The values that a setting can take: a quantity of a dimension within bounds, or a word."""
@@ -74,26 +81,29 @@ class Kind:
         """A quantity as its number; one of another dimension stays as it is, and `read_skill` refuses it."""
         return value.value if isinstance(value, Quantity) and self.complaint(value) is None else value
 
-    def complaint(self, value: Quantity | str) -> tuple[str, str] | None:
-        """What is wrong with a value, as the code and message of a problem, or None."""
+    def complaint(self, value: Quantity | str) -> Complaint | None:
+        """What is wrong with a value, or None."""
         if isinstance(value, str):
             if value in self.words:
                 return None
             close = nearest(value, self.words)
             hint = f"; did you mean `{close}`?" if close else ""
-            return "wrong-value", f"found `{value}`, expected {self._plainly_expected()}{self._expected()}{hint}"
+            message = f"found `{value}`, expected {self._plainly_expected()}{self._expected()}{hint}"
+            return Complaint("wrong-value", message)
         if self.dimension is None or value.dimension not in (None, self.dimension):
             found = value.dimension.name if value.dimension else f"`{value.value:g}`"
-            return "wrong-unit", f"found {found}, expected {self._expected()}"
+            return Complaint("wrong-unit", f"found {found}, expected {self._expected()}")
         if value.dimension is None and self.dimension is units.ANGLE and not self.least <= value.value <= self.most:
-            return "wrong-unit", f"found {value.value:g}, which would be radians; expected {self._expected()}"
+            message = f"found {value.value:g}, which would be radians; expected {self._expected()}"
+            return Complaint("wrong-unit", message)
         if value.value < self.least:
-            return "wrong-value", f"found {value.value:g}, expected a value of at least {self._shown(self.least)}"
+            message = f"found {value.value:g}, expected a value of at least {self._shown(self.least)}"
+            return Complaint("wrong-value", message)
         if value.value > self.most:
             message = f"found {value.value:g}, expected a value of at most {self._shown(self.most)}"
             plain = value.value if value.dimension is None else None
             meant = meant_instead(plain, self.dimension, self.least, self.most)
-            return "wrong-value", message + (f"; {meant}" if meant else "")
+            return Complaint("wrong-value", message + (f"; {meant}" if meant else ""))
         return None
 
     def _shown(self, bound: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 
@@ -52,9 +52,16 @@ def holding_skills(skills: Iterable[Skill], objects: Collection[str]) -> dict[st
     return found
 
 
+class ObjectsAtStart(NamedTuple):
+    """The objects, with what the facts say of the one in the tool."""
+
+    objects: dict[str, SceneObject]
+    warnings: tuple[Problem, ...]
+
+
 def with_held_by_facts(
     objects: Mapping[str, SceneObject], facts: _Facts, skills: Collection[Skill], document: SourceDocument
-) -> tuple[dict[str, SceneObject], tuple[Problem, ...]]:
+) -> ObjectsAtStart:
     """The objects, with the held one placed in the tool by the facts; and a warning if its entry does not state that.
 
     It is held as the skills that make the fact true would grasp it, with default parameters. Raises InputError, with
@@ -67,11 +74,11 @@ def with_held_by_facts(
     stated = sorted((fact for fact in facts if fact.predicate in holding), key=str)
     names = {fact.arguments[0] for fact in stated}
     if len(names) != 1 or any(obj.X_TO is not None for obj in objects.values()):
-        return dict(objects), ()
+        return ObjectsAtStart(dict(objects), ())
     (name,) = names
     grips = [grip for fact in stated for grip in _grips(fact, holding[fact.predicate], objects[name])]
     if not grips:
-        return dict(objects), ()
+        return ObjectsAtStart(dict(objects), ())
     first = grips[0]
     for other in grips[1:]:
         if not np.allclose(first.X_TO, other.X_TO, rtol=0.0, atol=1e-9):
@@ -82,7 +89,8 @@ def with_held_by_facts(
     )
     mend = f"write `pose: {{held: {first.side}}}`"
     warning = document.problem("held-by-the-facts", ("objects", name, "pose"), message, mend)
-    return {**objects, name: replace(objects[name], pose=first.held)}, (replace(warning, severity="warning"),)
+    found = {**objects, name: replace(objects[name], pose=first.held)}
+    return ObjectsAtStart(found, (replace(warning, severity="warning"),))
 
 
 def _holding(skill: Skill, objects: Collection[str]) -> tuple[str, ...]:

@@ -107,9 +107,9 @@ class CellReader:
         else:
             seen = self.document.value_place((*path, "hand_eye"))
             file = packages.resolve(entry.hand_eye, self.document.path.parent, self.roots, seen)
-            found, document = read_hand_eye(file)
-            self.digest.add(".".join(map(str, (*path, "hand_eye"))), document.path, document.content)
-            self.warnings.extend(unusual_values(document, HAND_EYE))
+            found = read_hand_eye(file)
+            self.digest.add(f"cameras.{path[-1]}.hand_eye", found.document.path, found.document.content)
+            self.warnings.extend(unusual_values(found.document, HAND_EYE))
             if entry.frame is None and found.frame == WORLD == link_called(WORLD, self.links):
                 raise InputError(self._which_world(path, found))
             frame, X_FC, place = entry.frame or link_called(found.frame, self.links), found.X_FC, found.place

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import LEFT_OUT, Document, Record
+from sqrp_cli.scoring.baselines.baseline import VanishedTask
 from sqrp_cli.scoring.baselines.changes import Change
 from sqrp_cli.scoring.baselines.comparison import Comparison, Shift, Verdict, WayChange
 from sqrp_cli.scoring.score import Status
@@ -100,21 +101,13 @@ class TaskResult(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class VanishedTask(Record):
-    """A task that exists only in the baseline."""
-
-    workspace: str
-    task: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class ScoreDocument(Document):
     """What `sqrp score` and `sqrp diff` find; the same bytes wherever it is computed."""
 
     results: list[TaskResult]
     changes: Mapping[str, list[Change]]
     """By workspace, since the baseline."""
-    vanished: list[VanishedTask]
+    vanished: tuple[VanishedTask, ...]
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
     """True if Ctrl-C came before everything was scored."""
     unfinished: int | None = field(default=None, metadata=LEFT_OUT)
@@ -127,7 +120,7 @@ class ScoreDocument(Document):
         return cls(
             results=[TaskResult.of(result) for result in findings.results],
             changes={name: list(changes) for name, changes in findings.changes.items() if changes},
-            vanished=[VanishedTask(workspace=workspace, task=task) for workspace, task in findings.vanished],
+            vanished=findings.vanished,
             interrupted=findings.interrupted or None,
             unfinished=findings.unfinished if findings.interrupted else None,
             passed=findings.passed,

@@ -5,11 +5,10 @@ from __future__ import annotations
 from types import ModuleType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.geometry import Array
 from sqrp_cli.platform.interrupts import interrupts_later
+from sqrp_cli.shapes import Triangles
 
 MOST_TRIANGLES = 3000
 """Triangles of a part in a page; larger meshes are simplified to this many."""
@@ -42,15 +41,12 @@ def viewer_library() -> str:
     return f"{notice}*/\n{library}\n"
 
 
-def simplified(vertices: Array, triangles: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """A mesh with its equal vertices merged, and with at most about `MOST_TRIANGLES` triangles.
-
-    vertices: shape (V, 3) [m]; triangles: shape (F, 3), indices into `vertices`; the result likewise.
-    """
-    mesh = _trimesh().Trimesh(vertices, triangles, process=True)
+def simplified(surface: Triangles) -> Triangles:
+    """A mesh with its equal vertices merged, and with at most about `MOST_TRIANGLES` triangles."""
+    mesh = _trimesh().Trimesh(surface.vertices, surface.faces, process=True)
     if len(mesh.faces) > MOST_TRIANGLES:
         mesh = mesh.simplify_quadric_decimation(face_count=MOST_TRIANGLES)
-    return np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64)
+    return Triangles(np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces, dtype=np.int64))
 
 
 def _trimesh() -> ModuleType:

@@ -57,7 +57,7 @@ class PageRow:
 
 @dataclass(frozen=True, eq=False)
 class CellScene:
-    """A cell. scene: the document of `show --json`. model: see `model_document`, `packed`."""
+    """A cell. scene: the document of `show --json`. model: its `CellModel`, `packed`."""
 
     scene: ShowDocument
     model: str

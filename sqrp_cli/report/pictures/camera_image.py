@@ -16,6 +16,7 @@ from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.report.pages.paint import Color
 from sqrp_cli.report.pictures.lens import directions
 from sqrp_cli.report.pictures.rays import Hits, RayScene
+from sqrp_cli.shapes import Triangles
 
 Image = NDArray[np.uint8]
 """Rows of pixels, shape (height, width, 3)."""
@@ -59,7 +60,10 @@ class Photographer:
         self._states = states
         solids = cell.observer.solids
         self._scene = RayScene(
-            [(transform(states.X_WF[solid.part.parent][0], solid.vertices), solid.triangles) for solid in solids]
+            [
+                Triangles(transform(states.X_WF[solid.part.parent][0], solid.vertices), solid.triangles)
+                for solid in solids
+            ]
         )
 
     def image(self, camera: Camera, colors: Sequence[Color]) -> Image:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.camera.projection import ImagePoints, Projection
 
 CLOSE = 1e-2
 """Greatest distance of a projected direction from its pixel [pixels]."""
@@ -15,15 +17,24 @@ _ITERATIONS = 25
 _STEP = 1e-5
 
 
-def directions(projection: Projection, pixels: Array) -> tuple[Array, NDArray[np.bool_]]:
-    """Unit vectors (n, 3) in the optical frame that are seen at pixels (n, 2), and whether the lens shows any there.
+class SeenDirections(NamedTuple):
+    """Where pixels look."""
+
+    rays: Array
+    """Unit vectors in the optical frame, shape (n, 3)."""
+    shown: NDArray[np.bool_]
+    """Whether the lens shows any direction there, shape (n,)."""
+
+
+def directions(projection: Projection, pixels: Array) -> SeenDirections:
+    """The directions that are seen at pixels of shape (n, 2).
 
     Found by Newton's method from the point without distortion.
     """
     K = projection.camera.matrix
     plane = (pixels - K[:2, 2]) @ np.linalg.inv(K[:2, :2]).T
     if projection.camera.distortion_model == "none":
-        return _unit(plane), np.ones(len(plane), dtype=bool)
+        return SeenDirections(_unit(plane), np.ones(len(plane), dtype=bool))
     length = np.linalg.norm(plane, axis=1, keepdims=True)
     plane = plane * np.minimum(1.0, 0.98 * projection.radius / np.maximum(length, 1e-12))
     for _ in range(_ITERATIONS):
@@ -39,10 +50,10 @@ def directions(projection: Projection, pixels: Array) -> tuple[Array, NDArray[np
         if float(np.abs(change).max(initial=0.0)) < _STEP:
             break
     found, inside = _seen_at(projection, plane)
-    return _unit(plane), inside & (np.abs(found - pixels).max(axis=1, initial=0.0) < CLOSE)
+    return SeenDirections(_unit(plane), inside & (np.abs(found - pixels).max(axis=1, initial=0.0) < CLOSE))
 
 
-def _seen_at(projection: Projection, plane: Array) -> tuple[Array, NDArray[np.bool_]]:
+def _seen_at(projection: Projection, plane: Array) -> ImagePoints:
     return projection.pixels(np.column_stack([plane, np.ones(len(plane))]))
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array
+from sqrp_cli.shapes import Triangles
 
 _LIFT = 1e-4
 """How far above a surface a ray to the light starts [m], so that the surface does not shade itself."""
@@ -28,12 +30,13 @@ class Hits:
 class RayScene:
     """Triangle meshes that rays are cast at."""
 
-    def __init__(self, meshes: Sequence[tuple[Array, NDArray[np.int64]]]) -> None:
-        """Meshes as vertices, (V, 3) [m], and triangles, (F, 3). Raises InputError where Embree is missing."""
-        construction, scene = check_rays()
-        self._scene = scene.EmbreeScene()
-        for vertices, triangles in meshes:
-            construction.TriangleMesh(self._scene, vertices.astype(np.float32), triangles.astype(np.int32))
+    def __init__(self, meshes: Sequence[Triangles]) -> None:
+        """Raises InputError where Embree is missing."""
+        embree = check_rays()
+        self._scene = embree.rtcore_scene.EmbreeScene()
+        for mesh in meshes:
+            vertices, faces = mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32)
+            embree.mesh_construction.TriangleMesh(self._scene, vertices, faces)
 
     def first_hits(self, origin: Array, directions: Array) -> Hits:
         """What rays from `origin`, (3,), along unit vectors, (n, 3), hit first; normals look towards the origin."""
@@ -53,11 +56,18 @@ class RayScene:
         return blocked
 
 
-def check_rays() -> tuple[ModuleType, ModuleType]:
+class Embree(NamedTuple):
+    """The modules of Embree."""
+
+    mesh_construction: ModuleType
+    rtcore_scene: ModuleType
+
+
+def check_rays() -> Embree:
     """Embree's modules. Raises InputError, with the command that installs it, where it is missing."""
     try:
         from embreex import mesh_construction, rtcore_scene
     except ImportError as error:
         message = "pictures need the Python package `embreex`, which is not installed"
         raise InputError(Problem("missing-extra", message, mend="pip install embreex")) from error
-    return mesh_construction, rtcore_scene
+    return Embree(mesh_construction, rtcore_scene)

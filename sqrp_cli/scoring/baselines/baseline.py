@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainSerializer, PlainValidator, ValidationError
 from pydantic_core import PydanticCustomError
@@ -223,8 +223,9 @@ def _option(sampling: Sampling) -> str:
             return f"--dt {dt:g}"
 
 
-class VanishedTask(NamedTuple):
-    """A task of a baseline that no longer exists."""
+@dataclass(frozen=True)
+class VanishedTask:
+    """A task that exists only in the baseline."""
 
     workspace: str
     task: str

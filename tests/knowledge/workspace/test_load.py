@@ -14,7 +14,7 @@ import pytest
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.skill.settings import Reference
-from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
+from sqrp_cli.knowledge.skill.skill import JointMove, RetryEntry, StraightMove
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Box
@@ -110,11 +110,11 @@ def test_a_skill_keeps_parameters_settings_and_responses(cell: Path) -> None:
     assert (second.speed, second.acceleration, second.jerk) == (0.05, 0.5, 5.0)
     assert isinstance(last, JointMove)
     assert last.speed == 1.0
-    settle = [requirement.settle for requirement in skill.requirements]
+    settle = [requirement.stated.settle for requirement in skill.requirements]
     assert settle == [0.5, 0.2, 0.5]
     slip = skill.requirements[-1]
-    assert (slip.name, slip.response.action, slip.response.retries) == ("slip", "retry", 2)
-    assert str(slip.response.condition) == "on_table"
+    assert (slip.name, slip.stated.response) == ("slip", RetryEntry(retry=2, when="on_table"))
+    assert str(slip.retry_when) == "on_table"
 
 
 def test_objects_may_be_named_with_words_that_yaml_1_1_takes_for_booleans(damaged: Damage) -> None:

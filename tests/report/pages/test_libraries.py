@@ -10,7 +10,7 @@ import pytest
 from sqrp_cli.errors import InputError
 from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.report.pages.libraries import MOST_TRIANGLES, simplified, viewer_library
-from sqrp_cli.shapes import Part, Sphere
+from sqrp_cli.shapes import Part, Sphere, Triangles
 
 
 def test_the_viewer_library_is_three_js_alone():
@@ -23,11 +23,10 @@ def test_the_viewer_library_is_three_js_alone():
 
 def test_a_small_mesh_is_kept_and_its_double_vertices_merged():
     solid = load_solid(Part("ball", "world", Sphere(0.1), np.eye(4)))
-    vertices, triangles = simplified(
-        solid.vertices[solid.triangles.reshape(-1)], np.arange(solid.triangles.size).reshape(-1, 3)
-    )
-    assert len(vertices) < len(solid.vertices)
-    assert np.linalg.norm(vertices[triangles], axis=-1).max() == pytest.approx(0.1, rel=0.01)
+    corners = solid.vertices[solid.triangles.reshape(-1)]
+    found = simplified(Triangles(corners, np.arange(len(corners)).reshape(-1, 3)))
+    assert len(found.vertices) < len(solid.vertices)
+    assert np.linalg.norm(found.vertices[found.faces], axis=-1).max() == pytest.approx(0.1, rel=0.01)
 
 
 def test_a_large_mesh_is_simplified_and_keeps_its_shape():
@@ -35,8 +34,10 @@ def test_a_large_mesh_is_simplified_and_keeps_its_shape():
     vertices = np.column_stack([u, v, 0.1 * np.sin(6 * u) * np.cos(6 * v)])
     corner = np.arange(101 * 101).reshape(101, 101)
     a, b, c, d = (block.reshape(-1) for block in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]))
-    fewer, triangles = simplified(vertices, np.concatenate([np.column_stack([a, b, c]), np.column_stack([b, d, c])]))
-    assert len(triangles) <= MOST_TRIANGLES
+    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([b, d, c])])
+    found = simplified(Triangles(vertices, faces))
+    fewer = found.vertices
+    assert len(found.faces) <= MOST_TRIANGLES
     assert np.abs(fewer[:, 2] - 0.1 * np.sin(6 * fewer[:, 0]) * np.cos(6 * fewer[:, 1])).max() < 2e-3
 
 

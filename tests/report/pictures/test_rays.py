@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from sqrp_cli.report.pictures.rays import RayScene
+from sqrp_cli.shapes import Triangles
 
 SQUARE = np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def wall(x: float) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([[x, -1.0, -1.0], [x, 1.0, -1.0], [x, 1.0, 1.0], [x, -1.0, 1.0]]), SQUARE
+def wall(x: float) -> Triangles:
+    return Triangles(np.array([[x, -1.0, -1.0], [x, 1.0, -1.0], [x, 1.0, 1.0], [x, -1.0, 1.0]]), SQUARE)
 
 
 def test_a_ray_meets_the_nearest_mesh_and_its_normal_looks_back():
