@@ -113,11 +113,13 @@ def test_what_kills_its_process_twice_is_an_error() -> None:
 
 
 ORPHANS = """
-import os, sys, time
+import os, signal, time
 from sqrp_cli.platform.processes import in_processes
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background processes ignore Ctrl-C
+
 def work(number):
-    print(os.getpid(), flush=True)
+    os.write(1, b"%d\\n" % os.getpid())  # in one piece
     time.sleep(600)
 
 list(in_processes(work, range(2), 2))
