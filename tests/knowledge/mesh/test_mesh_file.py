@@ -92,7 +92,7 @@ def test_what_passes_neither_crashes_the_loaders_nor_takes_them_long(tmp_path: P
 
 
 def end_of_child(path: Path) -> str:
-    """What comes of loading a mesh in a process that may take 10 s, and 1 GB more than this one, whose memory it shares."""
+    """What comes of loading a mesh in a process that may take 10 s, and 1 GB beside what it shares with this one."""
     shared = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1]) * resource.getpagesize() // 1024
     child = os.fork()
     if child == 0:
