@@ -22,6 +22,7 @@ from sqrp_cli.runtime.record.events import (
     Retrying,
     ShownAtom,
     State,
+    StepBegan,
     Stopping,
     listed,
 )
@@ -95,6 +96,29 @@ class LiveView:
         return joined([*parts, (self._last, "yellow")])
 
 
+class FinishedSteps:
+    """How far a run has come: a listener of it."""
+
+    def __init__(self, program: Program) -> None:
+        self._tasks = [step.short_task for step in program.steps]
+        self._ends: list[float] = []
+        self._t = 0.0
+
+    def __str__(self) -> str:
+        return f"{self._t:.2f} s of the run, when {len(self._ends)} of {len(self._tasks)} steps were finished"
+
+    def __call__(self, event: Event) -> None:
+        """Take note of an event."""
+        self._t = event.t
+        if isinstance(event, StepBegan) and event.number > len(self._ends) + 1:  # the one before is done
+            self._ends.append(event.t)
+
+    def show(self, workspace: str) -> None:
+        """Print the steps that are finished."""
+        for number, (task, end) in enumerate(zip(self._tasks, self._ends, strict=False), 1):
+            say(joined([f"{number}: {task} in {workspace}: ", ("done", "bold green"), f", {end:.2f} s"]))
+
+
 def _in_words(event: Event) -> str | None:
     """The event in words; None if the view shows it elsewhere."""
     match event:
@@ -131,7 +155,7 @@ def print_run(workspace: str, report: RunReport, period: float | None = None) ->
         _print_late(report.faults, period)
     say()
     _print_prediction(report.prediction, report.total)
-    _print_disagreements(report.disagreements)
+    _print_disagreements(report.disagreements, len(report.prediction))
     say()
     times = "once" if report.conflicts == 1 else f"{report.conflicts} times"
     conflicts = f"cameras contradicted each other {times}" if report.conflicts else ""
@@ -213,43 +237,47 @@ def _cells(found: Confusion) -> list[Any]:
     return [str(found.tp + found.fp), plain(right, style), str(found.tn + found.fn), str(found.fn or "-")]
 
 
-def _print_disagreements(found: Sequence[Disagreement]) -> None:
-    """Where predictions were wrong: stretches of images of a camera, the overconfident ones first."""
-    groups: dict[tuple[bool, str, str, str], list[Disagreement]] = {}
+def _print_disagreements(found: Sequence[Disagreement], steps: int) -> None:
+    """Where predictions were wrong: stretches of images of a camera, the overconfident ones first.
+
+    steps: of the program; where there are several, each row names its own.
+    """
+    groups: dict[tuple[bool, int, str, str, str], list[Disagreement]] = {}
     for entry in found:
-        groups.setdefault((not entry.predicted, entry.atom, entry.camera, entry.seen), []).append(entry)
-    if not groups:
-        return
-    say()
-    rows = []
-    for (_, atom, camera, seen), entries in sorted(groups.items())[:MOST_DISAGREEMENTS]:
-        what = f"{seen} ({', '.join(sorted({e.because for e in entries}))})" if entries[0].predicted else seen
-        shares = [entry.share for entry in entries]
-        rows.append(
-            [
-                atom,
-                camera,
-                "seen" if entries[0].predicted else "not",
-                what,
-                str(len(entries)),
-                f"{min(e.t for e in entries):.1f} - {max(e.t for e in entries):.1f}",
-                f"{100 * min(shares):.0f} - {100 * max(shares):.0f}",
-            ]
-        )
-    print_table(
-        [
-            Column("literal"),
-            Column("camera"),
-            Column("predicted"),
-            Column("shown"),
-            Column("images", right=True),
-            Column("from - to [s]", right=True),
-            Column("judged [%]", right=True),
-        ],
-        rows,
-    )
+        groups.setdefault((not entry.predicted, entry.step, entry.atom, entry.camera, entry.seen), []).append(entry)
+    listed_groups = sorted(groups.items())[:MOST_DISAGREEMENTS]
+    for unforeseen, title in ((False, "Predicted, but not seen:"), (True, "Seen, but not predicted:")):
+        rows = [_disagreement(entries, steps) for group, entries in listed_groups if group[0] is unforeseen]
+        if rows:
+            say()
+            say(title)
+            print_table(
+                [
+                    Column("literal"),
+                    Column("camera"),
+                    Column("shown", shrink=True),
+                    Column("images", right=True),
+                    Column("from - to [s]", right=True),
+                    Column("judged [%]", right=True),
+                ],
+                rows,
+            )
     if len(groups) > MOST_DISAGREEMENTS:
         say(f"and {len(groups) - MOST_DISAGREEMENTS} more; --json lists every image", "dim")
+
+
+def _disagreement(entries: Sequence[Disagreement], steps: int) -> list[str]:
+    """The row of images that disagree with the same prediction in the same way."""
+    first, shares = entries[0], [entry.share for entry in entries]
+    reasons = ", ".join(sorted({entry.because for entry in entries}))
+    return [
+        first.atom if steps == 1 else f"{first.step + 1}: {first.atom}",
+        first.camera,
+        f"{first.seen} ({reasons})" if first.predicted else first.seen,
+        str(len(entries)),
+        f"{min(e.t for e in entries):.1f} - {max(e.t for e in entries):.1f}",
+        f"{100 * min(shares):.0f} - {100 * max(shares):.0f}",
+    ]
 
 
 def print_sweep(
@@ -309,7 +337,7 @@ def print_audit(program: Program, workspace: str, report: AuditReport, threshold
         say(f"{report.repeated} images are bit by bit the same as the one before them; they count as blind.", "yellow")
     say()
     _print_prediction(report.prediction, report.total)
-    _print_disagreements(report.disagreements)
+    _print_disagreements(report.disagreements, len(report.prediction))
     say()
     precision = report.total.precision
     if precision is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ from typing import Any
 import pytest
 import yaml
 
+from sqrp_cli.runtime.record.events import Event, StepBegan
+from sqrp_cli.terminal.run_view import LiveView
 from tests.cli.slip_run import QUICK_ARM, RATE, ROOT, Cell, SlipRun
 
 
@@ -186,6 +189,25 @@ def test_a_fault_happens_in_the_step_that_is_told(sqrp: Callable[..., Any], two_
     assert times["left"][1] == times["right"][1] is not None
     again = sqrp("run", "--replay", log, "--json")
     assert {**again.document, "wall": 0} == {**found.document, "wall": 0}
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_ctrl_c_in_the_second_step_keeps_the_first(
+    sqrp: Callable[..., Any], two_steps: Cell, monkeypatch: pytest.MonkeyPatch, *, as_json: bool
+) -> None:
+    def interrupted(_: LiveView, event: Event) -> None:
+        if isinstance(event, StepBegan) and event.number == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(LiveView, "__call__", interrupted)
+    found = sqrp("run", two_steps.program, "--sim", *(["--json"] if as_json else []))
+    assert found.code == 130
+    assert "Traceback" not in found.err
+    assert "when 1 of 2 steps were finished" in found.err
+    if as_json:
+        assert found.out == ""
+    else:
+        assert re.fullmatch(r"1: place red table in two\S*: done, \d+\.\d\d s\n", found.out)
 
 
 def test_a_sweep_goes_to_the_step_in_which_something_can_slip(sqrp: Callable[..., Any], two_steps: Cell) -> None:

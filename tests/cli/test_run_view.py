@@ -11,7 +11,7 @@ from rich.console import Console
 
 from sqrp_cli.report.sentences import short_times
 from sqrp_cli.runtime.record.log import read_log
-from sqrp_cli.runtime.record.report import FaultRecord, RunReport, StepRecord
+from sqrp_cli.runtime.record.report import Disagreement, FaultRecord, RunReport, StepRecord
 from sqrp_cli.terminal import console
 from sqrp_cli.terminal.console import Column, print_table
 from sqrp_cli.terminal.run_view import LiveView, print_run
@@ -75,6 +75,45 @@ def test_faults_of_several_steps_name_the_step_in_which_they_were_first_told(
     print_run("cell", RunReport("stopped", "dropped", 9.6, steps, [slip, dropped]))
     rows = [line.split()[:2] for line in capsys.readouterr().out.splitlines() if line[:2] in ("1:", "2:")]
     assert rows == [["1:", "slip"], ["2:", "dropped"]]
+
+
+def disagreement(step: int, atom: str, *, predicted: bool) -> Disagreement:
+    return Disagreement(
+        step=step,
+        t=14.25,
+        atom=atom,
+        camera="cam4",
+        predicted=predicted,
+        seen="blind" if predicted else "true",
+        true=True,
+        share=1.0,
+        because="same colour behind" if predicted else "",
+    )
+
+
+def test_wrong_predictions_of_several_steps_name_their_step_and_are_a_table_at_80_columns(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "output", lambda: Console(width=80))
+    found = [
+        disagreement(step, "obj_on_table(red1)", predicted=predicted) for step in (0, 1) for predicted in (True, False)
+    ]
+    print_run("cell", RunReport("done", None, 9.6, [], prediction=[{}, {}], disagreements=found))
+    lines = capsys.readouterr().out.splitlines()
+    assert all(len(line) <= 80 for line in lines)
+    assert [line.split("  ")[0] for line in lines if "obj_on_table" in line] == 2 * [
+        "1: obj_on_table(red1)",
+        "2: obj_on_table(red1)",
+    ]
+    assert lines.index("Predicted, but not seen:") < lines.index("Seen, but not predicted:")
+
+
+def test_wrong_predictions_of_a_single_step_do_not_number_it(capsys: pytest.CaptureFixture[str]) -> None:
+    print_run(
+        "cell",
+        RunReport("done", None, 9.6, [], prediction=[{}], disagreements=[disagreement(0, "open", predicted=True)]),
+    )
+    assert any(line.startswith("open  ") for line in capsys.readouterr().out.splitlines())
 
 
 def test_titles_break_where_their_columns_are_wide_enough_anyway(capsys: pytest.CaptureFixture[str]) -> None:

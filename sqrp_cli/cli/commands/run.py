@@ -85,7 +85,9 @@ def command(
     if sweep is not None:
         return _sweep(opened, sweep, n, as_json=as_json)
     check_not_read([record, log, report], opened.files)
-    run = _run(opened, fault or [], kept, witnessed=report is not None)
+    run = _run(opened, fault or [], kept, witnessed=report is not None, as_json=as_json)
+    if run is None:
+        return ExitCode.INTERRUPTED
     return _show(run, report, context.obj, as_json=as_json)
 
 
@@ -134,14 +136,28 @@ def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
     return opened
 
 
-def _run(opened: OpenProgram, faults: Sequence[str], kept: Kept, *, witnessed: bool) -> SimulatedRun:
-    """Run a program with a live view. witnessed: whether a page will show where everything really was."""
-    from sqrp_cli.terminal.run_view import LiveView
+def _run(
+    opened: OpenProgram, faults: Sequence[str], kept: Kept, *, witnessed: bool, as_json: bool
+) -> SimulatedRun | None:
+    """Run a program, shown live; at Ctrl-C its finished steps are printed, and None is returned.
 
-    with LiveView(list(opened.workspace.cameras)) as view:
-        return opened.run(
-            faults, film=kept.record, log=kept.log, frames=kept.frames, listeners=[view], witnessed=witnessed
-        )
+    witnessed: whether a page will show where everything really was.
+    """
+    from sqrp_cli.terminal.console import note
+    from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
+
+    finished = FinishedSteps(opened.program)
+    try:
+        with LiveView(list(opened.workspace.cameras)) as view:
+            listeners = [finished, view]
+            return opened.run(
+                faults, film=kept.record, log=kept.log, frames=kept.frames, listeners=listeners, witnessed=witnessed
+            )
+    except KeyboardInterrupt:
+        if not as_json:
+            finished.show(opened.workspace.name)
+        note(f"interrupted at {finished}")
+        return None
 
 
 def _replay(log: Path, program: Path | None, page: Path | None, *, as_json: bool) -> SimulatedRun:
