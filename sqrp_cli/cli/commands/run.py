@@ -85,10 +85,10 @@ def command(
     if sweep is not None:
         return _sweep(opened, sweep, n, as_json=as_json)
     check_not_read([record, log, report], opened.files)
-    run = _run(opened, fault or [], kept, witnessed=report is not None, as_json=as_json)
-    if run is None:
+    finished = _run(opened, fault or [], kept, witnessed=report is not None, as_json=as_json)
+    if finished is None:
         return ExitCode.INTERRUPTED
-    return _show(run, report, context.obj, as_json=as_json)
+    return _show(finished, report, context.obj, as_json=as_json)
 
 
 def _check_options(
@@ -149,9 +149,13 @@ def _run(
     finished = FinishedSteps(opened.program)
     try:
         with LiveView(list(opened.workspace.cameras)) as view:
-            listeners = [finished, view]
             return opened.run(
-                faults, film=kept.record, log=kept.log, frames=kept.frames, listeners=listeners, witnessed=witnessed
+                faults,
+                film=kept.record,
+                log=kept.log,
+                frames=kept.frames,
+                listeners=[finished, view],
+                witnessed=witnessed,
             )
     except KeyboardInterrupt:
         if not as_json:
