@@ -1,1 +1,1 @@
-"""What cameras see of a whole motion: sampled states, timelines, qualities, faults and verdicts."""
+"""Coverage of a whole motion: sampled states, timelines, qualities, faults and verdicts."""

@@ -1,4 +1,4 @@
-"""One candidate from check to quality: preconditions, motion, skill states, coverage and what people decide by."""
+"""One candidate from check to quality: preconditions, motion, skill states, coverage and the final figures."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from sqrp_cli.programming.task import Candidate
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What is reported of one candidate; all figures are None, and `faults` empty, where it is infeasible."""
+    """The reported figures of one candidate; all are None, and `faults` empty, if it is infeasible."""
 
     candidate: Candidate
     feasible: bool
@@ -52,13 +52,13 @@ class Assessment:
     largest_gap: float | None = None
     """Between samples [s]."""
     ways_around: tuple[str, ...] = ()
-    """What goes around what, such as `a1 goes around wall`, where the direct move is blocked."""
+    """Detours where the direct move is blocked, such as `a1 goes around wall`."""
     outside: tuple[tuple[int, int], ...] = ()
-    """The temporal operators that are never looked at, see `grounding.formulas_outside`."""
+    """The temporal operators that are never checked, see `grounding.formulas_outside`."""
     verdict: str = ""
     """One or two sentences."""
     recalibrated: tuple[Qualities, ...] = ()
-    """The qualities with camera poses drawn anew, if that was asked for."""
+    """The qualities for random camera poses, if requested."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if a figure is not finite."""
@@ -67,13 +67,13 @@ class Assessment:
 
     @property
     def delay_worst(self) -> float | None:
-        """The longest time that any fault may remain unnoticed [s]; None where there is no fault to notice."""
+        """The longest time that any fault may remain unnoticed [s]; None without faults."""
         return max((fault.delay_worst for fault in self.faults.values()), default=None)
 
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A feasible candidate with everything that its figures were computed from."""
+    """A feasible candidate with all data behind its figures."""
 
     candidate: Candidate
     world: World
@@ -112,7 +112,7 @@ class Study:
 def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *, full: bool) -> Study | Infeasible:
     """Check, move and observe one candidate that starts in `world`.
 
-    full: with the verdicts of every camera and their causes. Raises InputError for a sampling that asks for too much.
+    full: with the verdicts of every camera and their causes. Raises InputError for a sampling with too many samples.
     """
     workspace, model = cell.workspace, cell.model
     motion = feasible_motion(cell, candidate, world)

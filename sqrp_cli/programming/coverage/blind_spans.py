@@ -1,6 +1,6 @@
-"""What keeps which camera from seeing which target: at a sample, in total, and when.
+"""Why each camera does not see each target: at a sample, in total, and over time.
 
-`Coverage` is a record of it to keep and compare.
+`Coverage` is a record of it to store and compare.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Failure:
     by: int
     """As in `BoxVerdicts`."""
     figure: float
-    """By how much the limit is missed, in the limit's unit."""
+    """Amount by which the limit is missed, in the limit's unit."""
 
 
 SEEN = Failure(Cause.NONE, -1, 0.0)
@@ -41,7 +41,7 @@ _CAUSES = {int(cause): cause for cause in Cause}
 
 @dataclass(frozen=True)
 class CauseTotal:
-    """How long a camera does not see an atom's target for one cause, while it must be observable."""
+    """Total time that one cause keeps a camera from seeing an atom's target while it must be observable."""
 
     atom: Atom
     camera: str
@@ -56,7 +56,7 @@ class CauseTotal:
 def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
     """Totals of every atom, camera and cause, the longest first within each atom.
 
-    Each sample stands for half of the time to its neighbours in its piece.
+    Each sample counts for half of the time to its neighbours in its piece.
     """
     weights = sample_weights(study)
     observation = study.timeline.observation
@@ -84,7 +84,7 @@ def cause_totals(cell: Cell, study: Study) -> tuple[CauseTotal, ...]:
 
 
 def first_failures(boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64], camera: int) -> list[Failure]:
-    """How the first box that a camera does not see fails, for each of the given samples."""
+    """The failure of the first box that a camera does not see, for each of the given samples."""
     causes = np.stack([box.cause[rows, camera] for box in boxes])
     first, at = (causes != Cause.NONE).argmax(axis=0), np.arange(len(rows))
     by, figure = (
@@ -99,7 +99,7 @@ def first_failures(boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64], came
 
 
 def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
-    """What output calls the culprit of a cause."""
+    """The name of a cause's culprit in output."""
     match cause:
         case Cause.HIDDEN:
             return cell.solid_name(by)
@@ -110,7 +110,7 @@ def by_name(cell: Cell, cause: Cause, by: int) -> str | None:
 
 
 def sample_weights(study: Study) -> Array:
-    """Time that each sample stands for [s], shape (m,); they add up to the duration of the motion."""
+    """Weight of each sample in time [s], shape (m,); they add up to the duration of the motion."""
     steps = np.nan_to_num(study.timeline.steps)
     weights = np.zeros(len(steps) + 1)
     weights[:-1] += 0.5 * steps
@@ -120,7 +120,7 @@ def sample_weights(study: Study) -> Array:
 
 @dataclass(frozen=True)
 class BlindSpan:
-    """A stretch of time in which a camera does not see a target, always for the same cause."""
+    """A stretch of time in which a camera does not see a target for one cause."""
 
     stretch: Stretch
     cause: Cause
@@ -136,14 +136,14 @@ class BlindSpan:
 
 @dataclass(frozen=True)
 class TargetCoverage:
-    """How the target of an atom is seen."""
+    """The coverage of an atom's target."""
 
     needed: int
-    """Cameras that must see it."""
+    """Number of cameras that must see it."""
     required: tuple[Stretch, ...]
     """When it must be observable."""
     blind: Mapping[str, tuple[BlindSpan, ...]]
-    """Per camera, in order of time and without overlap, when it does not see the target while it is required."""
+    """Per camera, in order of time and without overlap, when it does not see the required target."""
 
     def seen_by(self, camera: str) -> tuple[Stretch, ...]:
         """When a camera sees it; never if there is no such camera."""
@@ -175,9 +175,9 @@ class Coverage:
 
 
 def coverage_of(cell: Cell, study: Study) -> Coverage:
-    """The coverage that a full study found.
+    """The coverage in a full study.
 
-    Between neighbouring samples of one verdict that verdict holds; between others the target counts as not seen.
+    Between neighbouring samples of equal verdict that verdict holds; between others the target counts as not seen.
     """
     observation = study.timeline.observation
     targets = {}
@@ -193,7 +193,7 @@ def coverage_of(cell: Cell, study: Study) -> Coverage:
 
 
 def difference(stretches: Sequence[Stretch], without: Sequence[Stretch]) -> tuple[Stretch, ...]:
-    """The parts of some stretches that are in none of the others; both in order of time and without overlap."""
+    """The parts of `stretches` outside those `without`; both in order of time and without overlap."""
     parts = []
     for stretch in stretches:
         start = stretch.start
@@ -209,7 +209,7 @@ def difference(stretches: Sequence[Stretch], without: Sequence[Stretch]) -> tupl
 
 
 def intersection(stretches: Sequence[Stretch], others: Sequence[Stretch]) -> tuple[Stretch, ...]:
-    """The parts of some stretches that are in one of the others."""
+    """The parts of `stretches` inside the others."""
     return difference(stretches, difference(stretches, others))
 
 
@@ -218,7 +218,7 @@ def _contains(stretches: Sequence[Stretch], t: float) -> bool:
 
 
 def _required(study: Study, rows: Sequence[int]) -> tuple[Stretch, ...]:
-    """When the target of the samples `rows` must be observable: the pieces that they lie in."""
+    """When the target of the samples `rows` must be observable: the pieces of these samples."""
     samples, pieces = study.timeline.samples, study.timeline.pieces
     numbers = dict.fromkeys(samples.piece[list(rows)].tolist())
     return merge(Stretch(pieces[number].start, pieces[number].end) for number in numbers)

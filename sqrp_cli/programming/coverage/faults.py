@@ -1,4 +1,4 @@
-"""How late a fault would be noticed, and what that costs in time, on the nominal motion."""
+"""Detection delay of faults, and its cost in time, on the nominal motion."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class _Range:
     noticed: float = 0.0
     """When a fault of this range is noticed if it is not [s]."""
     response: float = 0.0
-    """From when it is visible until images show it [s]."""
+    """Time from its visibility until images show it [s]."""
     ever: bool = True
     """Whether it is noticed before the end."""
 
@@ -62,7 +62,7 @@ def interval_metrics(
     """The metrics of a fault whose formula spans `interval`, on a motion of duration `total` [s].
 
     delay(x) = first time >= x at which all literals of the fault are covered, minus x, plus the response (one frame
-    period and latency) of the cameras that see it then; if that never comes, the fault is noticed at the end. Between
+    period and latency) of the cameras that see it then; without such a time, the fault is noticed at the end. Between
     neighbouring covered samples it is covered, with the slower of their responses; between others it is not.
     expected_time = mean over x of x + delay + stop + move back to the start + `total`.
     """
@@ -122,7 +122,7 @@ def _stretches(together: Mask, response: Array) -> tuple[NDArray[np.intp], NDArr
 
 
 def _mean_end(part: _Range, recovery: Recovery, total: float) -> float:
-    """Mean time at which the retry is done, over the x of one range.
+    """Mean time at which the retry ends, over the x of one range.
 
     It is noticed + recovery + total; the mean is exact for a piecewise linear recovery.
     """

@@ -1,4 +1,4 @@
-"""Sensing quality: how much of the time that matters the cameras cover."""
+"""Sensing quality: the share of the monitored time that the cameras cover."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What it does to the qualities if a camera fails, or if cameras are not quite where they are thought to be."""
+"""Robustness of the qualities against a failed camera and against errors of camera poses."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from sqrp_cli.programming.coverage.timeline import observe
 from sqrp_cli.programming.sensing.observer import Observer, sees_all
 
 DRAWS = 20
-"""Sets of camera poses that are drawn to see what an inexact calibration does."""
+"""Number of random sets of camera poses for the influence of calibration errors."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """How exactly the cameras are calibrated."""
+    """Accuracy of the cameras' calibration."""
 
     position: float
     """Standard deviation of the error of each camera's optical frame along each of its axes [m]."""
     rotation: float
     """The same about each of its axes [rad]."""
     seed: int
-    """Of the errors that are drawn."""
+    """Seed of the random errors."""
 
 
 def without_each_camera(cell: Cell, study: Study) -> dict[str, Qualities]:

@@ -1,4 +1,4 @@
-"""Which instants of a motion are sampled first: a fixed number, a fixed step, or as densely as things move."""
+"""The first samples of a motion: a fixed number, a fixed step, or adapted to the speed of objects and robot."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ DEFAULT_TOLERANCE = 1e-3
 """Largest error of Q that bisection leaves, as a fraction (0.1 points)."""
 
 MAX_MOTION = 0.01
-"""How far, in adaptive sampling, anything may move from one sample to the next [m].
+"""Largest motion between neighbouring samples in adaptive sampling [m].
 
-That is any corner of a target or of a box around a moving part; for a camera on a link, its centre and a point 1 m
-before it.
+It applies to every corner of a target and of a box around a moving part; for a camera on a link, to its centre and a
+point 1 m in front of it.
 """
 
 VIEW = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""What is tracked of a camera that moves, in its optical frame, shape (2, 3) [m]."""
+"""Tracked points of a moving camera, in its optical frame, shape (2, 3) [m]."""
 
 _PROBES = 21
-"""Instants per primitive at which the speed of things is measured, to place the adaptive samples."""
+"""Instants per primitive at which speeds are measured, to place the adaptive samples."""
 
 _SPACING = 0.97 * MAX_MOTION
-"""How far the adaptive samples are placed apart [m].
+"""Motion between adaptive samples as they are placed [m].
 
-Speed is taken as constant between the probes, and steps that come out longer than `MAX_MOTION` are halved: these few
-per cent spare most of that.
+Speed counts as constant between the probes, and steps longer than `MAX_MOTION` are halved; this margin of a few per
+cent avoids most halving.
 """
 
 MAX_SAMPLES = 200_000
@@ -44,7 +44,7 @@ MAX_SAMPLES = 200_000
 
 @dataclass(frozen=True)
 class FixedCount:
-    """So many instants per primitive, equally spaced in time, both ends included."""
+    """A number of instants per primitive, equally spaced in time, both ends included."""
 
     samples: int
 
@@ -58,7 +58,7 @@ class FixedStep:
 
 @dataclass(frozen=True)
 class Adaptive:
-    """As dense as `MAX_MOTION` asks, then bisected until the transitions are known to `tolerance` (a fraction of Q)."""
+    """As dense as `MAX_MOTION` requires, then bisected until Q is exact to `tolerance` (a fraction)."""
 
     tolerance: float = DEFAULT_TOLERANCE
 
@@ -82,7 +82,7 @@ def first_samples(sampling: Sampling, stage: Stage, observer: Observer, targets:
 
 
 def sample_count(sampling: Sampling, motion: Motion) -> float:
-    """About how many samples a fixed sampling asks for; 0 for the adaptive one, which bounds itself."""
+    """Approximate number of samples of a fixed sampling; 0 for the adaptive one, which bounds itself."""
     match sampling:
         case FixedCount(samples):
             return float(samples) * len(motion.primitives)
@@ -98,12 +98,12 @@ def _within(piece: Piece, instants: Array) -> Array:
 
 
 def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -> list[Array]:
-    """Instants of each primitive between which nothing moves further than `MAX_MOTION`."""
+    """Instants of each primitive with no motion larger than `MAX_MOTION` between them."""
     pieces = {piece.primitive: number for number, piece in reversed(list(enumerate(stage.pieces)))}
     primitives = stage.motion.primitives
 
     def steps(instants: dict[int, Array]) -> dict[int, Array]:
-        """How far things move between the instants of each primitive."""
+        """Largest motion between the instants of each primitive [m]."""
         piece = np.repeat([pieces[index] for index in instants], [len(t) for t in instants.values()])
         samples = Samples(piece, np.concatenate(list(instants.values())))
         found = np.append(_steps(stage.states(samples), observer, targets), 0.0)
@@ -124,7 +124,7 @@ def _equal_motion(stage: Stage, observer: Observer, targets: Sequence[Target]) -
 
 
 def _steps(states: SceneStates, observer: Observer, targets: Sequence[Target]) -> Array:
-    """How far the fastest of all that is tracked moves from each state to the next [m], shape (m - 1,)."""
+    """Motion of the fastest tracked point from each state to the next [m], shape (m - 1,)."""
     boxes = [box for target in targets for box in target.boxes]
     tracked = [(states.X_WF[solid.part.parent], solid.corners) for solid in observer.solids]
     tracked += [(states.box_poses(box), box_corners(box.size)) for box in boxes]

@@ -1,4 +1,4 @@
-"""Where robot and objects are at any instant of a motion: the geometric side of skill states."""
+"""Poses of robot and objects at any instant of a motion: the geometric side of skill states."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Samples:
         return len(self.t)
 
     def merge_order(self, other: Samples) -> NDArray[np.int64]:
-        """Order of these samples followed by the others that sorts them by piece and time."""
+        """The order that sorts these samples, followed by the others, by piece and time."""
         return np.lexsort((np.concatenate([self.t, other.t]), np.concatenate([self.piece, other.piece])))
 
     def joined(self, other: Samples, order: NDArray[np.int64]) -> Samples:
@@ -40,7 +40,7 @@ class Stage:
     """Robot, objects and their frames over a motion that begins with objects at known poses."""
 
     def __init__(self, model: RobotModel, motion: Motion, pieces: Sequence[Piece], X_WO: Mapping[str, Array]) -> None:
-        """X_WO: pose of each object whose place is known when the motion begins, shape (4, 4)."""
+        """X_WO: known poses of objects at the start of the motion, shape (4, 4)."""
         self.model, self.motion, self.pieces = model, motion, tuple(pieces)
         self._primitive = np.array([piece.primitive for piece in self.pieces])
         self._X_WO = X_WO
@@ -54,7 +54,7 @@ class Stage:
         return q
 
     def held(self, samples: Samples) -> list[str | None]:
-        """What the tool holds at each sample."""
+        """The object in the tool at each sample."""
         holding = [primitive.held for primitive in self.motion.primitives]
         return [holding[index] for index in self._primitive[samples.piece].tolist()]
 
@@ -68,13 +68,13 @@ class Stage:
         return SceneStates(len(samples), frame_poses(links, {**starts, **carried}, starts, fixed_frame()))
 
     def _stays(self, name: str, samples: Samples) -> Iterator[Stay]:
-        """Where an object is, that is carried in some primitives and rests in the others."""
+        """The stays of an object that some primitives carry and that rests in the others."""
         for index, rows in self._by_primitive(samples):
             primitive = self.motion.primitives[index]
             yield Stay(rows, primitive.X_TO if primitive.held == name else None, primitive.X_WO.get(name))
 
     def _by_primitive(self, samples: Samples) -> list[tuple[int, slice]]:
-        """The primitives that have samples, with where these are."""
+        """The primitives with samples, and the slices of these."""
         count = len(self.motion.primitives)
         ends = self._primitive[samples.piece].searchsorted(np.arange(count), side="right").tolist()
         return [(index, slice(start, end)) for index, (start, end) in enumerate(pairwise([0, *ends])) if start < end]

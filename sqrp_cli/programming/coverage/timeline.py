@@ -25,45 +25,45 @@ SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""
 
 _ROUNDS = range(1, 9)
-"""In how many rounds a bracket may be made narrow enough."""
+"""Most rounds of narrowing a bracket."""
 
 _LOOK = 100
-"""What a look costs apart from its samples, in samples."""
+"""Fixed cost of one observation, in samples."""
 
 _TOGETHER = 1000
-"""Targets that are looked at together, each counted in every sample: so few that the calls cost the most."""
+"""Targets to observe together, counted in every sample: so few that the overhead of calls dominates."""
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What the cameras see of `a` targets in m samples."""
+    """Coverage of `a` targets in m samples."""
 
     looked: Mask
-    """Whether nothing is taken over from the samples around it, shape (m,)."""
+    """Whether nothing is inferred from neighbouring samples, shape (m,)."""
     required: Mask
     """Whether a state holds the target's atom, shape (m, a)."""
     known: Mask
-    """Where it is required and was asked for, or the samples around it agree, shape (m, a).
+    """Where the target is required and was observed, or its neighbouring samples agree, shape (m, a).
 
-    Where only coverage is asked, another atom may already have decided.
+    If only coverage is requested, another atom may already decide a state.
     """
     covered: Mask
     """Whether enough cameras see the target, False where not known, shape (m, a)."""
     response: Array
-    """Of the cameras that cover it, NaN where uncovered, shape (m, a) [s]."""
+    """Response of the cameras that cover it, NaN where uncovered, shape (m, a) [s]."""
     matrix: tuple[tuple[BoxVerdicts, ...], ...] | None
-    """Per target and box the verdicts of every camera; None where only coverage was asked."""
+    """Per target and box the verdicts of every camera; None if only coverage was requested."""
 
     @property
     def full_matrix(self) -> tuple[tuple[BoxVerdicts, ...], ...]:
-        """The matrix. Raises ValueError where only coverage was asked."""
+        """The matrix. Raises ValueError if only coverage was requested."""
         if self.matrix is None:
             raise ValueError("the causes were not looked up")
         return self.matrix
 
     @classmethod
     def unknown(cls, required: Mask) -> Observation:
-        """Nothing yet of samples that require targets, shape (m, a)."""
+        """An observation without results, of samples that require targets, shape (m, a)."""
         nothing = np.zeros(required.shape, dtype=bool)
         return cls(
             looked=np.ones(len(required), dtype=bool),
@@ -75,7 +75,7 @@ class Observation:
         )
 
     def agreed(self, first: Indices, second: Indices) -> Observation:
-        """What the samples `first` and `second`, by index, agree about, without a matrix."""
+        """The results common to the samples `first` and `second`, by index, without a matrix."""
         covered, response = self.covered, self.response
         both = self.known[first] & self.known[second]
         seen = both & covered[first] & covered[second] & (response[first] == response[second])
@@ -127,11 +127,11 @@ class Timeline:
     pieces: tuple[Piece, ...]
     """Of the motion, in order."""
     samples: Samples
-    """When the cameras were asked."""
+    """The samples."""
     atoms: tuple[Atom, ...]
     """In the order of the columns of `observation`."""
     observation: Observation
-    """What they see."""
+    """What the cameras see in them."""
     faults: Mapping[str, tuple[int, ...]]
     """The columns of the atoms of each fault, by its name."""
     T: float
@@ -173,7 +173,7 @@ class Timeline:
 
     @property
     def largest_gap(self) -> float:
-        """Longest time between neighbouring samples that hold literals and were looked at [s].
+        """Longest time between neighbouring samples that hold literals and were observed [s].
 
         Shorter events may be missed.
         """
@@ -183,7 +183,7 @@ class Timeline:
 
     @property
     def transition_error(self) -> float:
-        """Bound on the error of Q from not knowing when between two samples the coverage changed, as a fraction."""
+        """Bound on the error of Q from the unknown times of transitions between samples, as a fraction."""
         width = np.where(self.covered[1:] != self.covered[:-1], np.nan_to_num(self.steps), 0.0)
         inside = width[self.interesting[:-1]].sum()
         return max(float(width.sum() / self.T) if self.T else 0.0, float(inside / self.T_eoi) if self.T_eoi else 0.0)
@@ -234,9 +234,10 @@ class _FinerSamples(NamedTuple):
 
 
 def _finer(timeline: Timeline, tolerance: float) -> _FinerSamples | None:
-    """Samples that cut every bracket around a transition that is still too wide; None when none is.
+    """Samples that cut every bracket around a transition that is still too wide; None if none is.
 
-    Each is cut into equal parts, in as many rounds as cost least in all: many parts at once, or few again and again.
+    Each is cut into equal parts, in the number of rounds with the least total cost: many parts at once, or few
+    repeatedly.
     """
     t, piece, steps = timeline.samples.t, timeline.samples.piece, np.nan_to_num(timeline.steps)
     ratio = steps / _allowed_widths(timeline, tolerance)
@@ -253,9 +254,9 @@ def _finer(timeline: Timeline, tolerance: float) -> _FinerSamples | None:
 def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
     """How wide the bracket from each sample to the next may be [s], shape (m - 1,); infinite where nothing changes.
 
-    The brackets around changes of the state's coverage share what error Q_avg may have, and those in events of interest
-    what Q_eoi may have. A change of a fault's coverage, on which a delay depends, is found as exactly as an only change
-    in events of interest would be; one of a camera's, in the full matrix, as an only change at any time.
+    The brackets around changes of the state's coverage share the allowed error of Q_avg, and those in events of
+    interest that of Q_eoi. A change of a fault's coverage, on which a delay depends, is found as exactly as a single
+    change in events of interest; one of a camera's, in the full matrix, as a single change at any time.
     """
     apart = ~np.isnan(timeline.steps)
     state = (timeline.covered[1:] != timeline.covered[:-1]) & apart
@@ -275,7 +276,7 @@ def _allowed_widths(timeline: Timeline, tolerance: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _MotionWatch:
-    """What stays the same while samples of a motion are added."""
+    """Data that stay the same while samples of a motion are added."""
 
     stage: Stage
     observer: Observer
@@ -283,10 +284,10 @@ class _MotionWatch:
     faults: Mapping[str, tuple[int, ...]]
     """Columns of each fault's atoms: indices into `targets`."""
     full: bool
-    """Whether to ask for the verdicts of every camera."""
+    """Whether to compute the verdicts of every camera."""
 
     def observation(self, samples: Samples, agreed: Observation | None = None) -> Observation:
-        """What is seen in the samples; agreed: what those agree about between which each lies."""
+        """The observation of the samples; agreed: results common to the neighbours of each."""
         atoms = [{literal.atom for literal in piece.literals} for piece in self.stage.pieces]
         held = np.array([[target.atom in of_piece for target in self.targets] for of_piece in atoms], dtype=bool)
         required = held[samples.piece]
@@ -317,8 +318,8 @@ class _MotionWatch:
     def _coverage_only(self, states: SceneStates, required: Mask, agreed: Observation) -> Observation:
         """Coverage, without the verdicts of every camera.
 
-        A target is not looked at where the state and every fault that needs it are already known uncovered, nor between
-        samples that agree about it. Where there are few samples, several targets are looked at together all the same.
+        A target is not observed where the state and every fault that needs it are already known uncovered, nor between
+        samples that agree about it. For few samples, several targets are still observed together.
         """
         targets, faults = self.targets, self.faults
         known, covered, response = agreed.known.copy(), agreed.covered.copy(), agreed.response.copy()
@@ -333,9 +334,9 @@ class _MotionWatch:
                 wanted = np.logical_or.reduce([state_open, *(fault_open[fault] for fault in self._faults_of(column))])
                 rows.append(np.flatnonzero(required[:, column] & ~known[:, column] & wanted))
             found = self.observer.coverage([targets[column] for column in columns], states, rows)
-            for column, asked, coverage in zip(columns, rows, found, strict=True):
-                known[asked, column] = True
-                covered[asked, column], response[asked, column] = coverage.covered, coverage.response
+            for column, observed, coverage in zip(columns, rows, found, strict=True):
+                known[observed, column] = True
+                covered[observed, column], response[observed, column] = coverage.covered, coverage.response
                 state_open &= covered[:, column] | ~required[:, column]
                 for fault in self._faults_of(column):
                     fault_open[fault] &= covered[:, column]

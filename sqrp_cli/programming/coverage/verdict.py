@@ -1,6 +1,6 @@
-"""Why a candidate scores as it does, in a sentence or two.
+"""The score of a candidate explained in a sentence or two.
 
-What is lost when, for which camera, behind what, and what would help.
+Which literal is lost when, by which camera, behind what, and what would help.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _LOOKS, _LOOKS_OF_SEVERAL = 5, 25
 of them."""
 
 NOTHING_MISSING = "Every literal is covered all the time."
-"""What is said of a candidate in which nothing is lost."""
+"""The verdict on a candidate without loss."""
 
 HELP = ". It would help to "
-"""What parts the sentence about what is lost from the one about what would help."""
+"""Separates the sentence about the loss from the one about the remedy."""
 
 _SENTENCES = {
     Cause.TOO_NEAR: "{camera} is {figure} too near to {target}",
@@ -66,7 +66,7 @@ class CameraCause:
     figure: float
     """Mean amount by which the limit is missed, in the limit's unit."""
     partly: bool
-    """Whether the camera does see the target for a part of the stretch."""
+    """Whether the camera sees the target for a part of the stretch."""
 
     def sentence(self, templates: dict[Cause, str], atom: Atom) -> str:
         """One of the sentences above about this camera."""
@@ -97,11 +97,11 @@ class BlindStretch:
     atom: Atom
     """One whose target is not covered."""
     causes: tuple[CameraCause, ...]
-    """Of every camera that does not see it, the one that comes nearest to seeing it first."""
+    """Causes of all cameras that do not see it; the one nearest to seeing it comes first."""
     seeing: tuple[str, ...]
-    """The cameras that do see it."""
+    """The cameras that see it."""
     needed: int
-    """How many must."""
+    """Number of cameras that must see it."""
 
     def __str__(self) -> str:
         when = f"from {self.start:.1f} s to {self.end:.1f} s"
@@ -126,7 +126,7 @@ class BlindStretch:
 
 
 def _listed(causes: Sequence[CameraCause]) -> str:
-    """Cameras by what is in their way."""
+    """Cameras grouped by their causes."""
     groups: dict[str, list[str]] = defaultdict(list)
     for cause in causes:
         groups[cause.words].append(cause.camera)
@@ -161,9 +161,9 @@ def stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
 
 
 def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindStretch:
-    """What is lost in a run of uncovered samples, and why.
+    """The lost literal in a run of uncovered samples, and why.
 
-    Of all literals the one that is lost in most of a few samples.
+    Of several literals, the one lost in most of a few samples.
     """
     timeline, samples = study.timeline, study.timeline.samples
     looks = _LOOKS_OF_SEVERAL if any(target.cameras > 1 for target in study.targets) else _LOOKS
@@ -196,7 +196,7 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
 def _camera_causes(cell: Cell, boxes: tuple[BoxVerdicts, ...], rows: NDArray[np.int64]) -> Sequence[CameraCause]:
     """The commonest cause of each camera that does not see all boxes.
 
-    Those that fail all the time come first, and of these the ones that fail at the last check.
+    Cameras that fail all the time come first, and among them those that fail at the latest check.
     """
     found = []
     for index, camera in enumerate(cell.observer.cameras):

@@ -1,1 +1,1 @@
-"""What the cameras see: field of view, detector limits and occlusion."""
+"""Visibility for the cameras: field of view, detector limits and occlusion."""

@@ -1,4 +1,4 @@
-"""The limits of camera and detector that need no scene.
+"""The limits of camera and detector that do not depend on the scene.
 
 The viewing frustum (range of depth and image), and the detector's limits on distance, incidence and size of a box.
 """
@@ -26,7 +26,7 @@ class LimitVerdicts:
     side: NDArray[np.int8]
     """Index into `SIDES` where the cause is OUT_OF_IMAGE, else -1, shape (c, n)."""
     figure: Array
-    """By how much the limit is missed, 0 where none fails, shape (c, n).
+    """Amount by which the limit is missed, 0 where none fails, shape (c, n).
 
     [m] for ranges and distances, [pixels] for image and size, [rad] for the incidence.
     """
@@ -82,7 +82,7 @@ def check_limits(
         cosine = -(normal_C * center).sum(axis=0) / np.maximum(distance, 1e-12)
         incidence = np.where(normal_C.any(axis=0), np.arccos(np.clip(cosine, -1.0, 1.0)), 0.0)
 
-    # Each says what is within, so that what is not a number is not.
+    # Each condition is true within the limit, so NaN counts as outside.
     limits = [
         (Cause.TOO_NEAR, in_front & (nearest >= near), near - nearest),
         (Cause.TOO_FAR, farthest <= far, farthest - far),
@@ -129,7 +129,7 @@ def _hull_areas(u: Array, v: Array, extremes: Array, enough: Array) -> Array:
     """Areas of the convex hulls of points (8, c, n), exact where below `enough` (n,), elsewhere a bound above it.
 
     The four extreme points along the axes (left, right, top, bottom; shape (2, 4, c, n)) span a quadrilateral inside
-    the hull, which settles nearly every box that is far from the limit.
+    the hull, which decides nearly every box far from the limit.
     """
     across, down = extremes[:, 1] - extremes[:, 0], extremes[:, 3] - extremes[:, 2]
     areas: Array = 0.5 * np.abs(across[0] * down[1] - across[1] * down[0])

@@ -1,6 +1,6 @@
 """Coverage of targets by cameras over a batch of states.
 
-The full verdict matrix, or just what is covered, as fast as possible.
+The full verdict matrix, or only the coverage, as fast as possible.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from sqrp_cli.programming.targets import SoughtBox, Target
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 _TOGETHER = 300
-"""BoxViews that are tested at once even if fewer might do: below this the calls cost more than what they compute."""
+"""Least number of views to test at once, even if fewer might be enough: below it the call overhead dominates."""
 
 _BOXES_TOGETHER = 2000
-"""Boxes that are looked at together, each counted in every state, to bound the memory."""
+"""Boxes to test together, counted in every state, to bound the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +43,9 @@ class BoxVerdicts:
     by: Indices
     """Index of the occluding solid where hidden, of the image side where out of the image, else -1, shape (m, c)."""
     figure: Array
-    """By how much the limit that failed first is missed (see `LimitVerdicts`), shape (m, c)."""
+    """Amount by which the first failing limit is missed (see `LimitVerdicts`), shape (m, c)."""
     visible: Array
-    """Visible share: that of the silhouette that is seen, NaN where an earlier limit failed, shape (m, c)."""
+    """Visible share of the silhouette, NaN where an earlier limit failed, shape (m, c)."""
 
 
 def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:
@@ -56,7 +56,7 @@ def sees_all(boxes: Sequence[BoxVerdicts]) -> Mask:
 
 @dataclass(frozen=True, eq=False)
 class CoveredStates:
-    """Whether a target is covered in m states, and how soon after an event the images show it."""
+    """Whether a target is covered in m states, and the response of the cameras."""
 
     covered: Mask
     """Shape (m,)."""
@@ -66,7 +66,7 @@ class CoveredStates:
 
 @dataclass(frozen=True, eq=False)
 class Observer:
-    """The cameras of a cell with everything solid in it."""
+    """The cameras of a cell with all its solids."""
 
     cameras: tuple[Camera, ...]
     solids: tuple[Solid, ...]
@@ -84,7 +84,7 @@ class Observer:
     ) -> tuple[tuple[BoxVerdicts, ...], ...]:
         """The full matrix of targets: every box, state and camera, with causes.
 
-        shares: whether to measure the visible shares; without, `visible` stays NaN, and only verdicts are right.
+        shares: whether to measure the visible shares; without, `visible` stays NaN, and only the verdicts are valid.
         """
         boxes = [box for target in targets for box in target.boxes]
         together = max(1, _BOXES_TOGETHER // states.count)
@@ -95,9 +95,9 @@ class Observer:
     def coverage(
         self, targets: Sequence[Target], states: SceneStates, rows: Sequence[Indices]
     ) -> tuple[CoveredStates, ...]:
-        """Whether each target is covered in its states `rows`, asking no more cameras than needed.
+        """Whether each target is covered in its states `rows`, testing no more cameras than needed.
 
-        Cameras are asked fastest response first, so that the response found is that of the best k cameras.
+        Cameras with the fastest response come first, so the result is the response of the best k cameras.
         """
         questions = _Questions.of(targets, rows)
         watched = self._watched([box for target in targets for box in target.boxes], states)
@@ -105,12 +105,12 @@ class Observer:
         within = questions.within_limits(watched)
         possible = within.sum(axis=0) >= questions.needed
         for tier in self._tiers():
-            order, asked = np.nonzero(within[tier] & possible & (count < questions.needed))
-            if len(asked):
-                self._count_seeing(watched, questions, tier[order], asked, count)
+            order, open_ones = np.nonzero(within[tier] & possible & (count < questions.needed))
+            if len(open_ones):
+                self._count_seeing(watched, questions, tier[order], open_ones, count)
             reached = (count >= questions.needed) & np.isnan(response)
             response[reached] = self.cameras[tier[0]].response
-        ends = np.cumsum([len(asked) for asked in rows])[:-1]
+        ends = np.cumsum([len(states_of_target) for states_of_target in rows])[:-1]
         return tuple(map(CoveredStates, np.split(count >= questions.needed, ends), np.split(response, ends)))
 
     def _tiers(self) -> list[NDArray[np.int64]]:
@@ -132,11 +132,11 @@ class Observer:
     def _count_seeing(
         self, watched: WatchedBoxes, questions: _Questions, camera: Indices, asked: Indices, count: Indices
     ) -> None:
-        """Add to `count` of each question how many of the cameras see its target, at least up to the number it needs.
+        """Add to `count` of each question the number of cameras that see its target, at least up to the needed number.
 
-        camera, asked: views by index of camera and question, shape (v,). BoxViews whose hulls nothing is near see it
-        without further tests. The others of a question are tested one after the other, those with the fewest solids
-        near first, until enough of them see it.
+        camera, asked: views by index of camera and question, shape (v,). Views with no solid near their hulls see it
+        without further tests. The other views of a question are tested one after the other, those with the fewest near
+        solids first, until enough of them see it.
         """
         boxes = questions.boxes_of(asked)
         view = boxes.asked
@@ -152,7 +152,7 @@ class Observer:
             sees[tested] = True
             for turn in range(int(boxes.number.max()) + 1):
                 wanted = sees[view] & (boxes.number == turn)
-                # Shares tell of empty hulls as well, and faster.
+                # Shares also detect free hulls, and faster.
                 seen = visible_shares(lines, watched.solid_poses, near.of_lines(wanted & (least < 1)))
                 sees[view[seen.line[seen.share < least[seen.line]]]] = False
                 whole = near.of_lines(wanted & (least >= 1))
@@ -200,11 +200,11 @@ class _AskedBoxes(NamedTuple):
     """The boxes of questions, n in all: first boxes of all questions, then second ones and so on."""
 
     asked: Indices
-    """Which of the questions, shape (n,)."""
+    """Index of the question, shape (n,)."""
     box: Indices
-    """Which of all boxes, shape (n,)."""
+    """Index among all boxes, shape (n,)."""
     number: Indices
-    """Which of its target's boxes, shape (n,)."""
+    """Index among its target's boxes, shape (n,)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,11 +216,11 @@ class _Questions:
     state: Indices
     """By index, shape (q,)."""
     needed: Indices
-    """How many cameras must see the target, shape (q,)."""
+    """Number of cameras that must see the target, shape (q,)."""
     first_box: Indices
     """The first box of each target among those of all, shape (targets,)."""
     box_count: Indices
-    """How many boxes each target has, shape (targets,)."""
+    """Number of boxes of each target, shape (targets,)."""
 
     @classmethod
     def of(cls, targets: Sequence[Target], rows: Sequence[Indices]) -> _Questions:
@@ -255,7 +255,7 @@ class _Questions:
 
 
 def _one_per_question(order: Indices, question: Indices, count: Indices, needed: Indices) -> Iterator[Indices]:
-    """Rounds over views that are ordered by question: in each, the next view of every one that has not got enough yet.
+    """Rounds over views ordered by question: in each, the next view of every question that needs more cameras.
 
     A few views make one round.
     """

@@ -1,4 +1,4 @@
-"""Where everything is over a batch of robot states: cameras, target boxes, and the solids that may be in the way."""
+"""Poses over a batch of robot states: of cameras, target boxes, and solids that may occlude them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class SolidPoses:
     """Solids with the world poses of their parents over a batch of m states."""
 
     solids: tuple[Solid, ...]
-    """By the index that everything else names them by."""
+    """In the order of their indices."""
     X_WP: Mapping[str, Array]
     """Pose of each parent by name, shape (m, 4, 4), or (1, 4, 4) where it never moves."""
 

@@ -1,4 +1,4 @@
-"""Sight lines: which boxes are seen from where, and the view hulls that must be free of anything solid.
+"""Sight lines from cameras to boxes, and the view hulls that must be free of solids.
 
 A view hull is the convex hull of the camera's centre and the corners of a box.
 """
@@ -20,9 +20,9 @@ from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.targets import SoughtBox
 
 SKIN = 1e-3
-"""By how much a box is shrunk on every side before its sight is tested [m].
+"""Amount by which a box is shrunk on every side for sight tests [m].
 
-What merely touches it must not hide it.
+A solid that only touches it must not hide it.
 """
 
 TOUCH = 1e-9
@@ -42,7 +42,7 @@ class Pairs:
         return len(self.line)
 
     def some(self, which: Mask | Indices) -> Pairs:
-        """Those that are wanted, by mask or by index."""
+        """Some of the pairs, by mask or by index."""
         return Pairs(self.line[which], self.solid[which])
 
     def of_lines(self, wanted: Mask) -> Pairs:
@@ -100,7 +100,7 @@ class ShrunkBox(NamedTuple):
 
 
 def shrink(size: Sequence[float], normal: Sequence[float] | None) -> ShrunkBox:
-    """A box of `size` [m] without its skin, so that what merely touches it does not hide it.
+    """A box of `size` [m] without its skin, so that a solid that only touches it does not hide it.
 
     A side no thicker than twice the skin keeps its thickness; the box then moves by the skin along its normal instead.
     """
@@ -112,7 +112,7 @@ def shrink(size: Sequence[float], normal: Sequence[float] | None) -> ShrunkBox:
 
 @dataclass(frozen=True, eq=False)
 class BoxViews:
-    """Which box is looked at by which camera in which state: v views, by index."""
+    """v views of a box by a camera in a state, by index."""
 
     box: Indices
     """Shape (v,)."""
@@ -124,7 +124,7 @@ class BoxViews:
 
 @dataclass(frozen=True, eq=False)
 class WatchedBoxes:
-    """Several boxes watched by all cameras over a batch of states: what all their views have in common."""
+    """Several boxes watched by all cameras over a batch of states: the data common to all their views."""
 
     boxes: Sequence[SoughtBox]
     """b boxes."""
@@ -156,7 +156,7 @@ class WatchedBoxes:
         moving = self._moving_cameras
         for group in (np.flatnonzero(~moving), np.flatnonzero(moving)):
             if len(group):
-                # What never moves in the image is looked at once.
+                # Boxes that never move in the image are checked once.
                 differs = moving[group[0]] | self._moving_boxes[box] | begins_run(box)
                 places = np.flatnonzero(differs)
                 found = self._limits(group, box[places], state[places])
@@ -217,7 +217,7 @@ class WatchedBoxes:
         X_WC = [self._X_WC[camera] for camera in cameras]
         if len(X_WC[0]) > 1:
             return np.moveaxis(inverse(np.stack([X[state] for X in X_WC]))[..., :3, :] @ X_WB, (2, 3), (0, 1))
-        # One product of two matrices, in place of one for every camera and box.
+        # One product of two matrices instead of one for every camera and box.
         X_CW = np.moveaxis(inverse(np.concatenate(X_WC))[:, :3], 0, 1).reshape(-1, 4)
         X_CB = X_CW @ np.moveaxis(X_WB, 0, 2).reshape(4, -1)
         return np.moveaxis(X_CB.reshape(3, len(cameras), 4, len(X_WB)), 1, 2)

@@ -1,6 +1,6 @@
 """Parts of the cell as coal geometry, for collision and for sight.
 
-The one place that turns shapes into coal's classes.
+The only module that turns shapes into coal's classes.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from sqrp_cli.knowledge.text.bounds import LARGEST_LENGTH
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere, Triangles
 
 SIDES = 48
-"""Sides of the prisms that stand for round shapes where sight needs triangles.
+"""Sides of the prisms that replace round shapes where sight needs triangles.
 
 They enclose cylinders (0.2 % too wide); the faces of spheres and capsules are within 0.2 % of them.
 """
 
 _CLOSED = 1e-3
-"""By how much the number of times that a closed surface goes around a point may differ from a whole number."""
+"""Tolerance of the winding number of a closed surface around a point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +36,7 @@ class Solid:
 
     part: Part
     name: str
-    """What output calls it; the pieces of a link have one name."""
+    """Its name in output; the pieces of a link share one name."""
     geometry: Any
     """Coal's collision geometry, in the shape's frame; place it with X_WP @ part.X_PG."""
     vertices: Array
@@ -44,11 +44,11 @@ class Solid:
     triangles: NDArray[np.int64]
     """Indices into `vertices`, shape (F, 3)."""
     center: Array
-    """Of a sphere around it [m], shape (3,)."""
+    """Centre of a sphere around it [m], shape (3,)."""
     radius: float
-    """Of that sphere [m]."""
+    """Radius of that sphere [m]."""
     corners: Array
-    """Of a box around it [m], shape (8, 3)."""
+    """Corners of a box around it [m], shape (8, 3)."""
     half_axes: Array
     """Vectors from the box's centre to three of its faces, one a row [m], shape (3, 3)."""
 
@@ -61,7 +61,7 @@ class Solid:
 
     @property
     def diagonal(self) -> float:
-        """Of the box around it along the axes of the parent's frame [m]."""
+        """Diagonal of the box around it along the axes of the parent's frame [m]."""
         return float(np.linalg.norm(np.ptp(self.vertices, axis=0)))
 
     def contains(self, point: Array) -> bool:
@@ -129,7 +129,7 @@ def _load_shape(shape: Shape) -> tuple[Any, Triangles]:
 
 def _load_mesh(mesh: Mesh) -> tuple[Any, Triangles]:
     try:
-        # As bytes, since not every name of a file is text.
+        # As bytes, because not every file name is text.
         geometry = coal.MeshLoader(coal.BV_OBBRSS).load(os.fsencode(mesh.path), np.array(mesh.scale))
     except (RuntimeError, ValueError) as error:
         message = f"this mesh cannot be loaded: {_because(str(error))}"
@@ -145,7 +145,7 @@ def _load_mesh(mesh: Mesh) -> tuple[Any, Triangles]:
     return geometry, Triangles(vertices, faces)
 
 
-def _because(said: str) -> str:
-    """What coal says without its places in code, hints, and the path again."""
-    said = said.partition("Could not load resource")[2].partition("\nHint")[0].partition("\n")[2] or said
-    return "no triangle of it has an area" if said.startswith("No meshes remaining") else " ".join(said.split())
+def _because(text: str) -> str:
+    """Coal's message without code locations, hints and the repeated path."""
+    text = text.partition("Could not load resource")[2].partition("\nHint")[0].partition("\n")[2] or text
+    return "no triangle of it has an area" if text.startswith("No meshes remaining") else " ".join(text.split())

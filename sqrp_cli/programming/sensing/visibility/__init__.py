@@ -1,1 +1,1 @@
-"""Which share of a box a camera sees past everything solid, and what hides the rest."""
+"""The visible share of a box past all solids, and what hides the rest."""

@@ -1,8 +1,8 @@
-"""The culprit: which of several solids to name as the one that hides a box.
+"""The culprit: the solid that is named as hiding a box, of several.
 
-Where the whole box must be seen, anything that reaches into its view hull hides it, and the nearest is named: the first
-that the ray to the box's centre meets or, if it meets none, the one of which a point inside the hull is nearest. Where
-a share of the box is enough, what hides the largest share is named.
+If the whole box must be seen, any solid in its view hull hides it, and the nearest is named: the first that the ray to
+the box's centre meets or, if it meets none, the one with the nearest point inside the hull. If a share of the box is
+enough, the solid that hides the largest share is named.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.shapes import BOX_TRIANGLES
 
 _PRODUCTS = 50_000
-"""Pairs of ray and triangle that are compared at once: about what fits the cache."""
+"""Pairs of ray and triangle to compare at once: about the size of the cache."""
 
 _CORNERS = 10_000_000
-"""Corners of triangles that are held against half spaces at once, at most, to bound the memory."""
+"""Most corners of triangles to compare with half spaces at once, to bound the memory."""
 
 _CLIPPED = 100_000
-"""Triangles that are clipped at once, at most, to bound the memory."""
+"""Most triangles to clip at once, to bound the memory."""
 
 _EDGES = np.array(list(combinations(range(8), 2))).T
 """Pairs of a box's corners, shape (2, 28)."""
@@ -38,9 +38,8 @@ _EDGES = np.array(list(combinations(range(8), 2))).T
 def find_culprits(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Indices:
     """Index of the solid that hides each sight line's box, shape (v,); -1 where no pair names the sight line.
 
-    It is the solid whose first hit along the ray from the camera to the box's centre is nearest or, if none meets that
-    ray, the one whose nearest point inside the view hull is closest to the camera. pairs: of solids that do reach into
-    the view hulls.
+    It is the solid with the nearest hit along the ray from the camera to the box's centre or, if none meets that ray,
+    the one with a point inside the view hull closest to the camera. pairs: of solids that reach into the view hulls.
     """
     culprits = np.full(len(lines.state), -1, dtype=np.int64)
     culprits[pairs.line] = pairs.solid
@@ -56,10 +55,10 @@ def find_culprits(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Indices
 def find_largest(lines: SightLines, poses: SolidPoses, pairs: Pairs, part: Indices) -> Indices:
     """Index of a solid of the part that hides the largest share of each sight line's box, shape (v,).
 
-    -1 where no pair names the sight line. Each part counts all directions in which it lies before the box's far side,
-    whatever else lies there too, on the rays that decide whether the box is visible. Of equals the first part is named.
+    -1 where no pair names the sight line. Each part counts all directions in which it lies in front of the box's far
+    side, other parts ignored, on the rays that decide whether the box is visible. Of equals the first part is named.
 
-    pairs: of solids that do reach into the view hulls. part: of each solid, by rank, shape (s,).
+    pairs: of solids that reach into the view hulls. part: of each solid, by rank, shape (s,).
     """
     largest = np.full(len(lines.state), -1, dtype=np.int64)
     largest[pairs.line] = pairs.solid
@@ -67,7 +66,7 @@ def find_largest(lines: SightLines, poses: SolidPoses, pairs: Pairs, part: Indic
     begins = begins_run(pairs.line) | begins_run(part[pairs.solid])
     several = np.bincount(pairs.line[begins], minlength=len(largest))[pairs.line] > 1
     pairs, begins = pairs.some(several), begins[several]
-    # Each part by itself, as if it were alone before the box.
+    # Each part by itself, as if it were alone in front of the box.
     of_part = pairs.some(begins)
     alone = replace(lines, state=lines.state[of_part.line], hull=lines.hull[of_part.line])
     seen = visible_shares(alone, poses, Pairs(np.cumsum(begins) - 1, pairs.solid))
@@ -117,7 +116,7 @@ def _least_of_lines(line: Indices, values: Array) -> Array:
 def _along_rays(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
     """Smallest factor of the ray from the eye to the box's centre at which it meets each pair's solid, shape (pairs,).
 
-    It is infinite if it meets none of the solid's triangles.
+    Infinite if it meets none of the solid's triangles.
     """
     factors = np.full(len(pairs), np.inf)
     hull = lines.hull[pairs.line]
@@ -153,7 +152,7 @@ def _first_hits(eye: Array, ray: Array, facets: _Facets) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class _Facets:
-    """The F triangles of a solid one by one, in its parent's frame, with what rays and view hulls are compared with."""
+    """The F triangles of a solid, in its parent's frame, prepared for comparison with rays and view hulls."""
 
     points: Array
     """Their corners, shape (F, 3, 3) [m]."""
@@ -194,7 +193,7 @@ def _line(start: Array, end: Array) -> Array:
 
 
 _facets: WeakKeyDictionary[Solid, _Facets] = WeakKeyDictionary()
-"""What was made of solids that are still in use."""
+"""Cached results for solids still in use."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +216,7 @@ class _HullSpaces:
         return _HullSpaces(np.concatenate([normals, spaces[..., 3:]], axis=2), eyes)
 
     def outside(self, rows: Indices, vertices: Array) -> NDArray[np.unsignedinteger]:
-        """Which half spaces of some hulls (n,) each vertex (V, 3) lies outside of, one bit each, shape (V, n)."""
+        """The half spaces of hulls (n,) that exclude each vertex (V, 3), one bit each, shape (V, n)."""
         normals = np.ascontiguousarray(self.spaces[rows, :, :3])
         reach = self.spaces[rows, :, 3] + (normals @ self.eyes[rows, :, None])[..., 0]
         outside = (vertices @ normals.reshape(-1, 3).T > reach.reshape(-1)).reshape(len(vertices), *reach.shape)
@@ -230,8 +229,8 @@ class _HullSpaces:
     def distances(self, rows: Indices, triangles: Array, normals: Array, least: Array) -> Array:
         """Distance from the eye to the part of each triangle (n, 3, 3) inside its hull (n,), shape (n,) [m].
 
-        It is infinite where nothing of the triangle is both inside and nearer than `least`. normals: of the triangles,
-        shape (n, 3).
+        Infinite where no part of the triangle is both inside and nearer than `least`. normals: of the triangles, shape
+        (n, 3).
         """
         triangles = triangles - self.eyes[rows, None]
         distances = _distances_to_origin(triangles, np.full(len(triangles), 3), normals)
@@ -242,7 +241,7 @@ class _HullSpaces:
 
 
 def _by_solid(poses: SolidPoses, solids: Indices, spaces: int = 0) -> Iterator[tuple[Solid, Indices]]:
-    """Each solid with the pairs that have it, as many at once as fit the memory with so many half spaces."""
+    """Each solid with its pairs, as many at once as fit the memory with that number of half spaces."""
     for index in np.flatnonzero(np.bincount(solids)).tolist():
         solid, rows = poses.solids[index], np.flatnonzero(solids == index)
         for some in np.array_split(rows, 1 + len(rows) * spaces * len(solid.triangles) // _CORNERS):
@@ -272,7 +271,7 @@ def _half_spaces(corners: Array) -> Array:
 def _clipped_distances(triangles: Array, normals: Array, spaces: Array) -> Array:
     """Distance from the origin to the part of each triangle (n, 3, 3) inside its half spaces (n, k, 4); shape (n,).
 
-    It is infinite where nothing is left. The triangles are clipped side by side (Sutherland and Hodgman 1974).
+    Infinite where nothing is left. The triangles are clipped side by side (Sutherland and Hodgman 1974).
     """
     polygons = np.zeros((len(triangles), 3 + spaces.shape[1], 3))
     polygons[:, :3] = triangles
@@ -288,9 +287,9 @@ def _clipped_distances(triangles: Array, normals: Array, spaces: Array) -> Array
 
 
 def _clipped(polygons: Array, counts: Indices, heights: Array) -> tuple[Array, Indices]:
-    """What of polygons (n, p, 3) lies where the height is not above 0, and how many points they then have.
+    """The parts of polygons (n, p, 3) where the height is not above 0, and their numbers of points.
 
-    counts: how many of the points each has, shape (n,). heights: of the points, shape (n, p).
+    counts: number of points of each, shape (n,). heights: of the points, shape (n, p).
     """
     width = polygons.shape[1]
     present, following = np.arange(width) < counts[:, None], _following(counts, width)

@@ -1,10 +1,9 @@
-"""Occlusion: which solids reach into the view hull of a box.
+"""Occlusion: the solids that reach into the view hull of a box.
 
 The hull decides for the whole box at once; rays to its corners would miss thin occluders. `near_pairs` culls by bounds
-alone. First balls around the solids are held against cones around the hulls, for all states at once; then boxes around
-those that remain against ten planes around the hull, and the hull against the boxes. Each comparison asks whether
-something is beyond a bound, so that what is not a number counts as near. What is left, `HullTester` hands to coal,
-whose answer against the meshes is exact.
+only: first balls around the solids against cones around the hulls, for all states at once; then boxes around the
+remaining solids against ten planes around the hull, and the hull against the boxes. Each comparison tests whether a
+solid is beyond a bound, so NaN counts as near. `HullTester` tests the remaining pairs with coal, exactly on the meshes.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.shapes import BOX_TRIANGLES
 
 _HULLS_AT_ONCE = 4096
-"""View hulls, each in a state, that are compared with all solids at once: what that takes should fit the cache."""
+"""View hulls, each in a state, to compare with all solids at once: the data should fit the cache."""
 
 _LEAST_DEPTH = 1e-6
 """Depth of a box's nearest corner [m] below which the box has no bounded image, and its hull no cone."""
@@ -38,7 +37,7 @@ def near_pairs(lines: SightLines, poses: SolidPoses, opaque: Mask) -> Pairs:
     hulls = _HullBounds.of(lines)
     moves = np.array([len(poses.pose(index)) > 1 for index in solids.tolist()])
     every_hull = np.arange(len(lines.box))
-    # What stands still is compared with each hull once, whatever the number of its lines.
+    # Solids at rest are compared with each hull once, for all its lines.
     standing = _Bounds.of(poses, solids[~moves], count=1)
     of_hull = hulls.near(every_hull, standing, np.zeros_like(every_hull), opaque)
     at, line = _all_lines_of(of_hull.line, lines)
@@ -58,7 +57,7 @@ class HullTester:
             faces.append(coal.Triangle(*triangle))
         points = coal.StdVec_Vec3s()
         points.extend([*BOX_SIGNS, np.array([0.0, 0.0, 3.0])])
-        # Only the points matter to the support function; the faces are there because coal asks for some.
+        # The support function uses only the points; coal requires some faces.
         self._hull = coal.Convex(points, faces)
         self._points = self._hull.points()
         self._at_origin = coal.Transform3s.Identity()
@@ -124,7 +123,7 @@ class _Bounds:
     """Balls and boxes around s of the solids in m states, with the same centres."""
 
     solids: Indices
-    """Which of all solids these are, shape (s,)."""
+    """Indices of these solids, shape (s,)."""
     centers: Array
     """In the world, coordinate first, shape (3, s, m) [m]."""
     radii: Array
@@ -137,7 +136,7 @@ class _Bounds:
         """The bounds of some of the solids in the first `count` states."""
         axes_and_center = np.empty((4, 3, len(solids), count))
         for row, index in enumerate(solids.tolist()):
-            # One product of two matrices, in place of one for every state.
+            # One product of two matrices instead of one for every state.
             columns_W = (poses.pose(index)[:count].reshape(-1, 4) @ poses.solids[index].box).reshape(-1, 4, 4)
             axes_and_center[:, :, row] = columns_W[:, :3].transpose(2, 1, 0)
         radii = np.array([[poses.solids[index].radius] for index in solids.tolist()])
@@ -149,7 +148,7 @@ class _HullBounds:
     """Bounds of h view hulls in the world, coordinate first."""
 
     box: Indices
-    """Which box each of the hulls belongs to, shape (h,)."""
+    """Index of the box of each hull, shape (h,)."""
     cones: Array
     """x, y, z of the eye, x, y, z of the axis (unit), cosine and sine of half the opening, and length [m], (9, h)."""
     planes: Array
@@ -164,7 +163,7 @@ class _HullBounds:
         axis = rays.mean(axis=1)
         axis /= _norm(axis)
         depth = _dot(rays, axis[:, None])
-        bounded = depth.min(axis=0) > _LEAST_DEPTH  # not so where it is not a number: then anything may be near
+        bounded = depth.min(axis=0) > _LEAST_DEPTH  # false for NaN: then anything may be near
         cosine = np.where(bounded, (depth / _norm(rays)).min(axis=0), 0.0)
         sine = np.where(bounded, np.sqrt(np.maximum(1.0 - cosine * cosine, 0.0)), 0.0)
         length = np.where(bounded, depth.max(axis=0), np.inf)

@@ -29,17 +29,17 @@ Edges in a cell are often level or upright in the image; along a row of rays, a 
 """
 
 _LONG = 2.0
-"""By how much longer than wide an image must be for the rows to follow each other along it."""
+"""Least ratio of length to width of an image for rows across its length."""
 
 _COUNTS = np.array([[COLUMNS], [ROWS]])
 
 _ROUNDING = 1e-6
-"""More than single precision is wrong by in the products of `beyond_sides`, as a share of what is summed."""
+"""Bound of the single-precision error in the products of `beyond_sides`, as a share of the summed terms."""
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 SHIFT = (np.arange(ROWS) * 0.5 * (np.sqrt(5.0) - 1.0)) % 1.0
-"""By which part of a column each row is shifted, so that the rays form no columns either."""
+"""Shift of each row as a share of a column, so that the rays form no columns."""
 
 
 def turns(image: Array) -> Array:
@@ -140,23 +140,23 @@ def first_row(v: Array) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class Bends:
-    """Edges of a surface at which it turns away from where it is looked at from: n of them, in several views."""
+    """Edges of a surface between its front and its back: n of them, in several views."""
 
     ends: Array
-    """Where each begins and ends, in the surface's frame, coordinate first, shape (3, 2, n) [m]."""
+    """Start and end of each, in the surface's frame, coordinate first, shape (3, 2, n) [m]."""
     view: Indices
-    """In which of the views, shape (n,)."""
+    """Index of its view, shape (n,)."""
     weight: NDArray[np.int8]
-    """How often it counts, whole numbers, shape (n,)."""
+    """Its multiplicity, an integer, shape (n,)."""
 
     @classmethod
     def of(cls, surface: Triangulation, turned: NDArray[np.int8], sides: NDArray[np.float32], views: Indices) -> Bends:
         """The edges between triangles that face different ways, each triangle taken as if it faced the camera.
 
-        Those that lie wholly beyond one side of the rays are left out: they are most of them, and bound nothing there.
+        Edges wholly beyond one side of the rays are left out: they are the majority, and bound nothing there.
 
-        turned: see `facing`, shape (F + 1, k). sides: see `beyond_sides`, shape (3, 4, k). views: which of all views
-        these are, shape (k,).
+        turned: see `facing`, shape (F + 1, k). sides: see `beyond_sides`, shape (3, 4, k). views: indices of these
+        views, shape (k,).
         """
         left, right = turned.take(surface.left, axis=0), turned.take(surface.right, axis=0)
         first, second, third = (surface.homogeneous @ sides < 0.0).view(np.uint8)
@@ -170,10 +170,10 @@ class Bends:
 
 @dataclass(frozen=True, eq=False)
 class Silhouette:
-    """n edges in layers of rays, each layer a grid of its own.
+    """n edges in layers of rays, each layer with its own grid.
 
-    A closed silhouette holds what it winds around. Edges that cross no row of rays may be missing, and those that have
-    no ray of the grid before them.
+    A closed silhouette contains the rays that it winds around. Edges that cross no row of rays, or have no ray of the
+    grid before them, may be missing.
     """
 
     layer: Indices
@@ -183,7 +183,7 @@ class Silhouette:
     row: Array
     """Of each edge's start and end, shape (2, n)."""
     weight: NDArray[np.int8]
-    """How often each edge counts, whole numbers, shape (n,)."""
+    """Multiplicity of each edge, an integer, shape (n,)."""
 
     @classmethod
     def of(cls, bends: Sequence[Bends], maps: Array, layers: Indices) -> Silhouette:
@@ -207,9 +207,9 @@ class Silhouette:
         return cls(layer=layers.take(view), column=column, row=row, weight=weight)
 
     def inside(self, layers: int) -> Mask:
-        """Which rays the silhouettes of each layer wind around, shape (COLUMNS, layers, ROWS).
+        """The rays that the silhouettes of each layer wind around, shape (COLUMNS, layers, ROWS).
 
-        How often that is is the sum of the edges that cross the ray's row beyond it, each with the sign of its
+        The winding number of a ray is the sum of the edges that cross its row beyond it, each with the sign of its
         direction.
         """
         whole_row = first_row(self.row)
@@ -224,7 +224,7 @@ class Silhouette:
         beyond = each(self.column[0] - self.row[0] * slope) + row * each(slope) - SHIFT.take(row)
         beyond = np.ceil(np.minimum(np.maximum(beyond, 0.0), COLUMNS))
         weight = (self.weight * np.sign(whole_row[1] - whole_row[0])).astype(np.int16)
-        # Each crossing counts for the rays on the one side of it: it is a step where the rays begin.
+        # Each crossing counts for the rays on one side of it: it is a step at the first of them.
         rays = layers * ROWS
         winding = np.zeros((COLUMNS + 1, rays), dtype=np.int16)
         at = beyond.astype(np.int64) * rays + each(self.layer * ROWS) + row
@@ -238,8 +238,8 @@ class Silhouette:
 def beyond_sides(maps: Array, reach: float) -> NDArray[np.float32]:
     """Products with points that are negative only beyond a side of the rays: the left, the first row, the last row.
 
-    They are to be taken of homogeneous points, no coordinate of which is larger than `reach` [m], in single precision,
-    which is several times faster. maps: see `RayGrid.maps`, shape (3, 4, n), as the result.
+    The points are homogeneous, with no coordinate larger than `reach` [m], in single precision, which is several times
+    faster. maps: see `RayGrid.maps`, shape (3, 4, n), as the result.
     """
     column, row, depth = maps
     sides = np.stack([column, row, (ROWS - 0.5) * depth - row])

@@ -1,4 +1,4 @@
-"""How the triangles of a solid hang together: its silhouettes are made of their edges."""
+"""Connectivity of the triangles of a solid: its silhouettes consist of their edges."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from sqrp_cli.geometry import Array, Indices, cross, norms
 from sqrp_cli.programming.sensing.solids import Solid
 
 _MOST_TRIED = 1_000_000
-"""Most products of numbers of vertices and triangles for which it is tried whether a surface is convex."""
+"""Largest product of the numbers of vertices and triangles for a test of convexity."""
 
 _FLAT = 1e-9
-"""How far vertices may lie in front of triangles of a convex surface [m]: so far places are rounded."""
+"""Largest distance of a vertex in front of a triangle of a convex surface [m], from rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class Triangulation:
     """V vertices, F triangles and E edges.
 
-    An edge that does not join just two triangles of like orientation is there once for each of its triangles, with F,
-    no triangle, on its right.
+    An edge that does not join exactly two triangles of equal orientation is stored once for each of its triangles, with
+    F, no triangle, on its right.
     """
 
     vertices: Array
@@ -49,7 +49,7 @@ class Triangulation:
 
     @cached_property
     def is_convex(self) -> bool:
-        """Whether no vertex lies in front of any triangle; no for surfaces too large to try that."""
+        """Whether no vertex lies in front of any triangle; False for surfaces too large for the test."""
         if len(self.vertices) * len(self.triangles) > _MOST_TRIED or np.any(self.right == len(self.triangles)):
             return False
         a, b, c = self.vertices[self.triangles].swapaxes(0, 1)
@@ -105,4 +105,4 @@ class Triangulation:
 
 
 _triangulations: WeakKeyDictionary[Solid, Triangulation] = WeakKeyDictionary()
-"""What was made of solids that are still in use."""
+"""Cached results for solids still in use."""

@@ -1,12 +1,12 @@
 """How much of a box a camera sees: the share of its silhouette, by area in the undistorted image.
 
 Rays run on a grid over the silhouette (`RayGrid`). A ray is blocked if a triangle lies on it before it leaves the box.
-Triangles that lie wholly before the box's far side block what their common outline winds around: layers of triangles
-that hang together need not be looked at one by one, and what is left of a closed mesh is the edges at which it turns
-away from the camera. Only triangles that reach through the far side are compared with single rays.
+Triangles wholly in front of the box's far side block the rays that their common outline winds around: connected
+triangles need not be tested one by one, and of a closed mesh only the edges between front and back matter. Only
+triangles that reach through the far side are compared with single rays.
 
-The error is that of counting rays: at most half a row, 0.8 points, for an edge that runs along the rows all across the
-silhouette; far less for others, of which every row measures another place.
+The error is that of counting rays: at most half a row, 0.8 points, for an edge along the rows across the whole
+silhouette; far less for others, which every row measures at another place.
 """
 
 from __future__ import annotations
@@ -35,28 +35,28 @@ from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
 from sqrp_cli.shapes import BOX_TRIANGLES
 
 _CHUNK = 1024
-"""Sight lines that are sampled together at most."""
+"""Most sight lines to sample together."""
 
 _MEMORY = 2_000_000
-"""Triangles, each counted for each sight line, that are looked at together at most, to bound the memory."""
+"""Most triangles, counted for each sight line, to test together, to bound the memory."""
 
 _BOX = Triangulation.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
 
 
 class VisibleShares(NamedTuple):
-    """How much of their boxes is seen along n sight lines."""
+    """The visible shares of the boxes of n sight lines."""
 
     line: Indices
     """Index of the sight line, shape (n,)."""
     share: Array
-    """Of the box's silhouette that is seen, in 0..1, shape (n,)."""
+    """Visible share of the box's silhouette, in 0..1, shape (n,)."""
 
 
 def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> VisibleShares:
-    """The visible shares of the boxes of those sight lines that the pairs name.
+    """The visible shares of the boxes of the sight lines in the pairs.
 
-    pairs: of solids that may reach into the view hulls; nothing else can block. All corners of the boxes must lie in
-    front of the camera. Of a box or from a camera whose place is not finite nothing is seen.
+    pairs: of solids that may reach into the view hulls; no other solid can block. All corners of the boxes must lie in
+    front of the camera. The share is 0 if the pose of box or camera is not finite.
     """
     named = pairs.line[begins_run(pairs.line)]
     finite, shares = lines.finite[lines.hull[named]], np.zeros(len(named))
@@ -65,7 +65,7 @@ def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Visibl
 
 
 def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
-    """The visible shares of the boxes of those sight lines that the pairs name, shape (n,)."""
+    """The visible shares of the boxes of the sight lines in the pairs, shape (n,)."""
     begins = begins_run(pairs.line)
     named, number = pairs.line[begins], np.cumsum(begins) - 1
     shares = np.empty(len(named))
@@ -98,7 +98,7 @@ def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, 
         bounds_B = transform(view.X_BW[at[rows]] @ X_WP[rows], bounds_P[rows])
         reaching[rows] = ~view.places(at[rows], bounds_B).all_before()
 
-    # One layer for each silhouette, then one for what hides each line.
+    # One layer for each silhouette, then one for the occluders of each line.
     bends, marked, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
     for index in np.flatnonzero(np.bincount(which)).tolist():
         rows = np.flatnonzero(which == index)
@@ -111,7 +111,7 @@ def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, 
             places = view.places(at[of], points_B)
             before, beyond = _wholly_in(places.before, surface.triangles), _wholly_in(places.beyond, surface.triangles)
             through = ~before & ~beyond
-            if surface.is_convex:  # what is met at its back was met at its front, unless the camera is inside
+            if surface.is_convex:  # a ray that meets its back has met its front, unless the camera is inside
                 front = turned[:-1, doubtful].T > 0
                 through &= front | ~front.any(axis=1, keepdims=True)
             turned[:-1, doubtful] *= before.T
@@ -125,7 +125,7 @@ def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, 
     for column, of_line, row in marked:
         blocked[column, of_line, row] = True
     seen, all_rays = _count(silhouette[:, hull] & ~blocked), _count(silhouette)[hull]
-    return np.where(all_rays > 0, seen / np.maximum(all_rays, 1), 1.0)  # nothing hides what has no area in the image
+    return np.where(all_rays > 0, seen / np.maximum(all_rays, 1), 1.0)  # a box without area in the image is not hidden
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +186,7 @@ class _SeenBoxes:
         return Bends.of(_BOX, turned, beyond_sides(self.maps, 1.0), np.arange(len(self.eyes)))
 
     def places(self, hull: Indices, points_B: Array) -> _Places:
-        """Where points (k, n, 3) lie that are seen in k of the views."""
+        """The regions of points (k, n, 3) seen in k of the views."""
         X_CB = self.X_CB[hull]
         depth = (points_B @ X_CB[:, 2, :3, None])[..., 0] + X_CB[:, 2, 3, None]
         ahead = depth > AHEAD
@@ -218,7 +218,7 @@ class _SeenBoxes:
         ahead = (corners[2] > 0).all(axis=0)
         v = corners[1] / np.where(ahead, corners[2], 1.0)
         v = np.where(ahead, (v.min(axis=0), v.max(axis=0)), [[-np.inf], [np.inf]])
-        v = np.where(volume > 0, v, 0.0)  # what is seen edge-on blocks nothing
+        v = np.where(volume > 0, v, 0.0)  # a triangle seen edge-on blocks nothing
         rays = self.grid.inside(hull, v, np.concatenate([edges, self._before(hull, edges, volume)]))
         return rays._replace(shape=touching[rays.shape])
 
@@ -237,12 +237,12 @@ class _SeenBoxes:
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """In which convex regions points lie that cameras see, one mask of shape (k, n) for each region."""
+    """Convex regions of points that cameras see, one mask of shape (k, n) for each region."""
 
     before: tuple[Mask, ...]
-    """What lies wholly in one of these regions blocks the rays that it meets."""
+    """A triangle wholly in one of these regions blocks the rays that it meets."""
     beyond: tuple[Mask, ...]
-    """What lies wholly in one of these regions blocks none."""
+    """A triangle wholly in one of these regions blocks none."""
 
     def all_before(self) -> Mask:
         """Whether all points of a row lie in one of the regions before, shape (k,)."""
@@ -251,7 +251,7 @@ class _Places:
 
 
 def _wholly_in(regions: tuple[Mask, ...], triangles: Indices) -> Mask:
-    """Which triangles (F, 3) over points have all corners in the same of the regions, (k, n) each; shape (k, F)."""
+    """Whether all corners of triangles (F, 3) over points lie in one of the regions, (k, n) each; shape (k, F)."""
     a, b, c = triangles.T
     within: Mask = np.logical_or.reduce([mask[:, a] & mask[:, b] & mask[:, c] for mask in regions])
     return within
