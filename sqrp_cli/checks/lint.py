@@ -20,7 +20,6 @@ from sqrp_cli.checks.formulas import (
 )
 from sqrp_cli.checks.placement import floating_objects, overlapping_objects
 from sqrp_cli.errors import Place, Problem
-from sqrp_cli.knowledge.skill.settings import Reference
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.workspace.held import holding_skills
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -81,14 +80,8 @@ def _held_against_the_facts(workspace: Workspace) -> Iterator[Problem]:
 
 
 def _unused_parameters(skill: Skill) -> Iterator[Problem]:
-    used = {
-        value.parameter
-        for item in (*skill.waypoints.values(), *skill.primitives)
-        for value in vars(item).values()
-        if isinstance(value, Reference)
-    }
     for parameter in skill.motion_parameters:
-        if parameter.name not in used:
+        if not parameter.kinds:
             message = f"skill `{skill.name}`: no waypoint or primitive action uses the parameter `{parameter.name}`"
             mend = f"write `${parameter.name}` where it is meant, or remove it"
             place = skill.places.get(f"motion.{parameter.name}")

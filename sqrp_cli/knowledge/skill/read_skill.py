@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
 from sqrp_cli.knowledge.frames import TOOL
-from sqrp_cli.knowledge.skill.settings import Kind, ListedValues, MotionParameter, MotionValue, Reference, ValueRange
+from sqrp_cli.knowledge.skill.settings import Kind, ListedValues, MotionParameter, Reference, ValueRange
 from sqrp_cli.knowledge.skill.skill import (
     HOME,
     FormulaEntry,
@@ -20,6 +20,8 @@ from sqrp_cli.knowledge.skill.skill import (
     RetryEntry,
     Skill,
     SkillFile,
+    marked,
+    origins,
 )
 from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.entries import Entry
@@ -126,22 +128,20 @@ class _SkillReader:
 
     def _check_fields(self, entry: Entry, path: KeyPath) -> None:
         """Check the names and settings of a waypoint or primitive action, by the marks of its fields."""
-        for name, info in type(entry).model_fields.items():
-            value, at = getattr(entry, name), (*path, info.alias or name)
-            for mark in info.metadata:
-                if isinstance(mark, Kind):
-                    self._check_setting(value, mark, at)
-                elif isinstance(mark, Names):
-                    valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
-                    self._known(value, [*valid, HOME] if mark.home else valid, mark.what, at)
+        for at, value, mark in marked(entry, path):
+            if isinstance(mark, Names):
+                valid = self.objects if mark.what == "skill parameter" else list(self.file.waypoints)
+                self._known(str(value), [*valid, HOME] if mark.home else valid, mark.what, at)
+            else:
+                self._check_setting(value, mark, at)
 
-    def _check_setting(self, value: Quantity | MotionValue | Reference, kind: Kind, path: KeyPath) -> None:
+    def _check_setting(self, value: object, kind: Kind, path: KeyPath) -> None:
         """Check that the setting at `path`, or every value of its parameter, is of `kind`."""
         if isinstance(value, Reference):
             if self._is_parameter(value.parameter, path):
                 self.kinds[value.parameter].append(kind)
                 self._check_values(value.parameter, kind, path)
-        elif not isinstance(value, float) and (complaint := kind.complaint(value)) is not None:
+        elif isinstance(value, Quantity | str) and (complaint := kind.complaint(value)) is not None:
             self._report(complaint.code, path, complaint.message)
 
     def _is_parameter(self, name: str, path: KeyPath) -> bool:
@@ -188,22 +188,17 @@ class _SkillReader:
         return tuple(Quantity(float(value), dimension) for value in np.linspace(start.value, end.value, entry.count))
 
     def _check_origins(self) -> None:
-        """Check that every `from` names another waypoint without a cycle, and that `home` is not redefined."""
+        """Check that no waypoint leads back to itself, and that `home` is not redefined."""
         if HOME in self.file.waypoints:
             self._report(
                 "ambiguous-name", ("waypoints", HOME), "`home` is the robot's home configuration; take another name"
             )
-        origins = {name: getattr(waypoint, "waypoint", None) for name, waypoint in self.file.waypoints.items()}
-        for name, origin in origins.items():
-            path = ("waypoints", name, "from")
-            if origin in (None, HOME) or not self._known(origin, [*origins, HOME], "waypoint", path):
-                continue
-            seen = {name: None}
-            while origin is not None and origin in origins and origin not in seen:
-                seen[origin] = None
-                origin = origins[origin]
-            if origin == name and name == next(other for other in origins if other in seen):
-                self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join([*seen, name])}")
+        others = {name: origins(waypoint) for name, waypoint in self.file.waypoints.items()}
+        for name in others:
+            circle = _circle(name, others)
+            if circle and name == next(other for other in others if other in circle):
+                path = ("waypoints", name, *others[name][circle[1]])
+                self._report("cyclic-waypoint", path, f"leads back to itself: {' -> '.join(circle)}")
 
     def _requirements(self) -> tuple[Requirement, ...]:
         found = [self._requirement(None, entry, ("formulas", index)) for index, entry in enumerate(self.file.formulas)]
@@ -263,3 +258,17 @@ class _SkillReader:
         if box.frame == TOOL and box.fits in grasped and not grasps:
             message = f"found waypoint `{box.at}`, expected one that grasps `{box.fits}` (with `object` and `side`)"
             self._report("wrong-value", path, message)
+
+
+def _circle(name: str, others: Mapping[str, Collection[str]]) -> tuple[str, ...]:
+    """The shortest way from a waypoint through its origins back to it, which stands at both ends; empty if none."""
+    ways: list[tuple[str, ...]] = [(name,)]
+    reached: set[str] = set()
+    for way in ways:
+        for other in others.get(way[-1], ()):
+            if other == name:
+                return (*way, name)
+            if other not in reached:
+                reached.add(other)
+                ways.append((*way, other))
+    return ()

@@ -5,17 +5,17 @@ The models here, from `SkillFile` down, are both the format of skill.yaml and th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 from pydantic import Field, Tag
 
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.skill import settings
-from sqrp_cli.knowledge.skill.settings import MotionParameter, MotionValues
+from sqrp_cli.knowledge.skill.settings import Kind, MotionParameter, MotionValues
 from sqrp_cli.knowledge.skill.target_box import TargetSpec
 from sqrp_cli.knowledge.text.entries import (
     Entry,
@@ -26,7 +26,7 @@ from sqrp_cli.knowledge.text.entries import (
     mapping_or_else,
     one_of,
 )
-from sqrp_cli.knowledge.text.source import dotted
+from sqrp_cli.knowledge.text.source import KeyPath, dotted
 from sqrp_cli.logic.domain import Action, Domain
 from sqrp_cli.logic.formula import Formula
 
@@ -36,14 +36,37 @@ HOME = "home"
 
 @dataclass(frozen=True)
 class Names:
-    """Marks a field that names a part of the skill; home: `HOME` is allowed too."""
+    """Marks a field that names a part of the skill, or several in a list; home: `HOME` is allowed too."""
 
     what: Literal["skill parameter", "waypoint"]
     home: bool = False
 
 
+class Marked(NamedTuple):
+    """A name or setting of a waypoint or primitive action, with the mark of its field."""
+
+    path: KeyPath
+    value: object
+    mark: Names | Kind
+
+
+def marked(value: object, path: KeyPath = (), marks: Sequence[object] = ()) -> Iterator[Marked]:
+    """The names and settings of an entry at `path`, also those in lists and in entries within it.
+
+    marks: of the field that holds the value.
+    """
+    if isinstance(value, Entry):
+        for name, info in type(value).model_fields.items():
+            yield from marked(getattr(value, name), (*path, info.alias or name), info.metadata)
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from marked(item, (*path, index), marks)
+    elif value is not None:
+        yield from (Marked(path, value, mark) for mark in marks if isinstance(mark, Names | Kind))
+
+
 ParameterName = Annotated[Name, Names("skill parameter")]
-Origin = Annotated[Name, Field(alias="from", description="The other waypoint.")]
+Origin = Annotated[Name, Names("waypoint", home=True), Field(alias="from", description="The other waypoint.")]
 
 
 class GraspWaypoint(Entry):
@@ -115,6 +138,13 @@ Waypoint = Annotated[
     | Annotated[PoseWaypoint, Tag("<pose>")],
     one_of("object", "put", "retreat", "raise", "turn", "pose"),
 ]
+
+
+def origins(waypoint: Waypoint) -> dict[str, KeyPath]:
+    """The other waypoints that one is defined by, apart from `HOME`, each with the path of its name in the entry."""
+    found = (part for part in marked(waypoint) if isinstance(part.mark, Names) and part.mark.what == "waypoint")
+    return {str(part.value): part.path for part in found if part.value != HOME}
+
 
 PrimitiveName = Annotated[Name, Field(description="What formulas call it, as in `a1.start`.")]
 

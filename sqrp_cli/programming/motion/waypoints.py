@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from sqrp_cli.knowledge.skill.skill import (
     RetreatWaypoint,
     TurnWaypoint,
     Waypoint,
+    origins,
 )
 
 
@@ -56,6 +57,9 @@ class WaypointGrounder:
     X_TO: Mapping[str, Array]
     """Poses in the tool frame of the objects that are held, or were last."""
 
+    _found: dict[str, Array] = field(default_factory=dict, init=False)
+    """Poses that were asked for: several waypoints may be defined by the same one."""
+
     def pose(self, name: str) -> Array:
         """The pose X_WT of the tool frame at a waypoint without `missing` data, shape (4, 4).
 
@@ -67,6 +71,11 @@ class WaypointGrounder:
         """
         if name == HOME:
             return self.X_WH
+        if name not in self._found:
+            self._found[name] = self._pose(name)
+        return self._found[name]
+
+    def _pose(self, name: str) -> Array:
         match self.waypoints[name]:
             case GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
                 grasped = self.binding[parameter]
@@ -95,8 +104,13 @@ class WaypointGrounder:
 
     def missing(self, name: str) -> str | None:
         """Why the pose of a waypoint is unknown; None if it is known."""
-        if name == HOME:
-            return None
+        names = [] if name == HOME else [name]
+        for known in names:
+            names += [other for other in origins(self.waypoints[known]) if other not in names]
+        return next(filter(None, map(self._lack, names)), None)
+
+    def _lack(self, name: str) -> str | None:
+        """What a waypoint itself lacks, apart from its origins."""
         match self.waypoints[name]:
             case GraspWaypoint(object=parameter):
                 return self._unplaced(parameter)
@@ -104,10 +118,7 @@ class WaypointGrounder:
                 if self.binding[parameter] not in self.X_TO:
                     return f"the tool does not hold `{self.binding[parameter]}`"
                 return self._unplaced(surface)
-            case RetreatWaypoint(waypoint=other) | RaiseWaypoint(waypoint=other) | TurnWaypoint(waypoint=other):
-                return self.missing(other)
-            case PoseWaypoint():
-                return None
+        return None
 
     def _unplaced(self, parameter: str) -> str | None:
         name = self.binding[parameter]
