@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sqrp_cli.checks.dependency_check import Feasibility
     from sqrp_cli.program.record import Program
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.coverage.assessment import Study
+    from sqrp_cli.programming.pipeline import Explained
     from sqrp_cli.programming.ranking import Criterion, Ranked
     from sqrp_cli.programming.suggestion import SuggestedStep
     from sqrp_cli.report.pages.run_page import RunCell
@@ -131,17 +131,17 @@ class Ranking(Answer[RankDocument]):
 
 @dataclass(frozen=True, eq=False)
 class Explanation(Answer[TaskDocument]):
-    """Some candidates over time.
-
-    task: its text. ranking: of all candidates. explained: the requested ones, each with its study, or None if it is
-    infeasible. several: whether they are compared, not explained one by one.
-    """
+    """Some candidates over time."""
 
     session: Session
     task: str
+    """Its text."""
     ranking: Sequence[Ranked]
-    explained: Sequence[tuple[Ranked, Study | None]]
+    """Of all candidates."""
+    explained: Sequence[Explained]
+    """The requested ones."""
     several: bool
+    """Whether they are compared, not explained one by one."""
 
     @property
     def candidates(self) -> list[CandidateStudy]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -18,6 +19,15 @@ from sqrp_cli.programming.task import Candidate
 
 WORTH_A_PROCESS = 8
 """Least number of candidates per further process; fewer are not worth its start."""
+
+
+class Explained(NamedTuple):
+    """A candidate with all that its figures were computed from."""
+
+    ranked: Ranked
+    """With the figures of the study."""
+    study: Study | None
+    """None if the candidate is infeasible."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +53,14 @@ class Assignment:
         recalibrated = under_calibration_errors(self.cell, result, self.sampling, self.calibration)
         return replace(assessment, recalibrated=recalibrated)
 
-    def explain(self, ranked: Ranked) -> tuple[Ranked, Study | None]:
-        """A candidate with its full study and the figures from that; no study if infeasible."""
+    def explain(self, ranked: Ranked) -> Explained:
+        """A candidate with its full study and the figures from that."""
         if ranked.rank is None:
-            return ranked, None
+            return Explained(ranked, None)
         found = study(self.cell, ranked.assessment.candidate, self.world, self.sampling, full=True)
         if isinstance(found, Infeasible):
             raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
-        return replace(ranked, assessment=found.assessment(verdict(self.cell, found))), found
+        return Explained(replace(ranked, assessment=found.assessment(verdict(self.cell, found))), found)
 
 
 def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[Assessment]:

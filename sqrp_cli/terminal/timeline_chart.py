@@ -12,6 +12,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment, Study
 from sqrp_cli.programming.coverage.blind_spans import CauseTotal, cause_totals, first_failures
 from sqrp_cli.programming.coverage.robustness import without_each_camera
 from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.pipeline import Explained
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.report.sentences import accuracy
@@ -89,7 +90,7 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampl
     say(plain(accuracy(sampling, [ranked]), "dim"))
 
 
-def print_comparison(explained: Sequence[tuple[Ranked, Study | None]], sampling: Sampling) -> None:
+def print_comparison(explained: Sequence[Explained], sampling: Sampling) -> None:
     """The coverage of every candidate on one time scale, a row each, and the verdicts."""
     longest = max((study.motion.time for _, study in explained if study is not None), default=0.0)
     say(plain(" " * LABEL + _axis(longest)))

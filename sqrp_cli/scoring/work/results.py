@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import hashlib
 import os
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
@@ -34,8 +35,6 @@ _NOT_KEPT = "results cannot be kept in this folder"
 
 _PLAIN = tuple(f.name for f in fields(Assessment) if f.name not in ("candidate", "faults", "recalibrated"))
 """An assessment in numbers and texts."""
-
-Numbers = dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +73,7 @@ class Outcome:
             raise ValueError(f"no outcome of a candidate: {error!r}") from error
 
 
-def _checksum(document: Numbers) -> str:
+def _checksum(document: Mapping[str, object]) -> str:
     """A checksum that reveals damage and edits, even where the text still reads as an outcome."""
     return hashlib.sha256(json_line(document).encode()).hexdigest()
 
