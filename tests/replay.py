@@ -57,15 +57,15 @@ class Replay:
             part = pin.GeometryObject(f"cup{index}", frame.parentJoint, X, coal.Cylinder(radius, length))
             links.append(self.geometry.addGeometryObject(part))
         self.boxes = {}
-        for name, thing in self.objects.items():
-            box = coal.Box(*(np.array(thing["size"]) - 2 * TOUCH))
+        for name, obj in self.objects.items():
+            box = coal.Box(*(np.array(obj["size"]) - 2 * TOUCH))
             self.boxes[name] = self.geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), box))
-        parents = [thing.parentJoint for thing in self.geometry.geometryObjects]
+        parents = [obj.parentJoint for obj in self.geometry.geometryObjects]
         for i, j in combinations([*links, *self.boxes.values()], 2):
             own = i in links and j in links
             mounted = own and min(parents[i], parents[j]) == 0 == max(parents[i], parents[j])
             neighbours = own and abs(parents[i] - parents[j]) <= 1
-            both_fixed = all(thing in self.boxes.values() and self._is_fixed(thing) for thing in (i, j))
+            both_fixed = all(obj in self.boxes.values() and self._is_fixed(obj) for obj in (i, j))
             on_base = {i, j} & set(self.boxes.values()) and parents[min(i, j)] == 0 and not own
             if not (mounted or neighbours or both_fixed or (on_base and min(i, j) in links)):
                 self.geometry.addCollisionPair(pin.CollisionPair(i, j))
@@ -79,8 +79,8 @@ class Replay:
         return self.X_WB * self.data.oMf[self.flange] * pin.SE3(np.eye(3), np.array([0, 0, TIP]))
 
     def contacts(self) -> set[tuple[str, str]]:
-        """Pairs of things that touch at any row; a held object moves with the tool and stays where it is let go."""
-        X_WO = {name: pin.SE3(np.array(thing["pose"])) for name, thing in self.objects.items()}
+        """Pairs of solids that touch at any row; a held object moves with the tool and stays where it is let go."""
+        X_WO = {name: pin.SE3(np.array(obj["pose"])) for name, obj in self.objects.items()}
         data = self.geometry.createData()
         held, X_TO = "", pin.SE3.Identity()
         found = set()

@@ -24,9 +24,9 @@ def test_a_command_in_a_message_stays_whole() -> None:
     assert Problem("no-rates", f"give it as {command}").message == f"give it as {command}"
 
 
-def test_of_thousands_of_problems_the_first_are_told_and_how_many_more_there_are() -> None:
+def test_of_thousands_of_problems_the_first_are_reported_and_how_many_more_there_are() -> None:
     problems = [Problem("unknown-key", f"`key{k}` is no known key") for k in range(60_000)]
-    told = InputError(*problems).problems
-    assert told[:20] == tuple(problems[:20])
-    assert [problem.message for problem in told[20:]] == ["59,980 more problems are not listed"]
+    listed = InputError(*problems).problems
+    assert listed[:20] == tuple(problems[:20])
+    assert [problem.message for problem in listed[20:]] == ["59,980 more problems are not listed"]
     assert InputError(*problems[:20]).problems == tuple(problems[:20])

@@ -115,7 +115,7 @@ def unreachable_speeds(workspace: Workspace, model: RobotModel) -> Iterator[Prob
             speed = max(_values(skill, primitive.speed), default=0.0)
             if speed > fastest:
                 message = (
-                    f"skill `{skill.name}`: a speed of {speed:g} m/s is asked of `{primitive.name}`, but the velocity "
+                    f"skill `{skill.name}`: `{primitive.name}` asks for a speed of {speed:g} m/s, but the velocity "
                     f"limits of the joints allow less than {fastest:.3g} m/s anywhere, so the move is slower"
                 )
                 place = skill.places.get(f"primitives.{index}.speed")

@@ -145,7 +145,7 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
         if under is not None:
             aside = min(one.gap_from_above(other) for one, other in product(above, below))
             if aside >= LEAST_GAP - 1e-9:
-                message = f"`{item.name}` is said to be on `{support.name}`, but does not stand over it: "
+                message = f"`{item.name}` has `on: {support.name}`, but does not stand over it: "
                 message += f"it is {aside:.3g} m beside it, on `{under}`"
                 mend = f"move it onto `{support.name}`, or write `on: {under}`"
                 yield Problem("beside-support", message, place, severity="warning", mend=mend)
@@ -153,7 +153,7 @@ def floating_objects(workspace: Workspace) -> Iterator[Problem]:
         bottom = min(box.corners[:, 2].min() for box in above)
         top = max(box.corners[:, 2].max() for box in below)
         mend = f"lower it by {shown_length(gap)}" if bottom - top > gap - 1e-6 else f"move it onto `{support.name}`"
-        message = f"`{item.name}` is said to be on `{support.name}`, but between them is a gap of {shown_length(gap)}"
+        message = f"`{item.name}` has `on: {support.name}`, but between them is a gap of {shown_length(gap)}"
         yield Problem("floating-object", message, place, severity="warning", mend=f"{mend}, or correct `on`")
 
 

@@ -54,8 +54,8 @@ def test_the_meshes_of_the_shipped_robot_are_not_doubted(tabletop: Workspace, ur
     assert list(doubtful_meshes(tabletop, ur5)) == []
 
 
-def told(tabletop: Workspace, *placed: tuple[Shape, Array]) -> list[Problem]:
-    """What is said of `g1` with this size and these parts."""
+def problems_of_g1(tabletop: Workspace, *placed: tuple[Shape, Array]) -> list[Problem]:
+    """The problems of `g1` with these parts."""
     parts = tuple(Part(f"g1/{index}", "g1", *one) for index, one in enumerate(placed))
     item = replace(tabletop.objects["g1"], size=SIZE, parts=parts)
     places = {f"objects.g1.parts.{index}": Place(Path("w.yaml"), index + 1, 9) for index in range(len(parts))}
@@ -72,10 +72,10 @@ def told(tabletop: Workspace, *placed: tuple[Shape, Array]) -> list[Problem]:
         (Box((0.06, 0.06, 0.083)), pose(), "1.5 mm outside the object's `size` along z", "0.06, 0.06, 0.083"),
     ],
 )  # fmt: skip
-def test_a_part_outside_the_size_is_told_with_the_size_that_holds_it(
+def test_a_part_outside_the_size_is_reported_with_the_size_that_holds_it(
     tabletop: Workspace, shape: Shape, X_PG: Array, outside: str, size: str
 ) -> None:
-    (problem,) = told(tabletop, (Sphere(0.02), pose()), (shape, X_PG))
+    (problem,) = problems_of_g1(tabletop, (Sphere(0.02), pose()), (shape, X_PG))
     assert (problem.code, problem.severity) == ("part-outside-size", "warning")
     assert problem.message.startswith("part `g1/1` of `g1`")
     assert outside in problem.message
@@ -83,21 +83,23 @@ def test_a_part_outside_the_size_is_told_with_the_size_that_holds_it(
     assert str(problem.place) == "w.yaml:2:9"
 
 
-def test_a_mesh_that_its_pose_moves_out_of_the_box_is_told(tabletop: Workspace, tmp_path: Path) -> None:
+def test_a_mesh_that_its_pose_moves_out_of_the_box_is_reported(tabletop: Workspace, tmp_path: Path) -> None:
     mesh = Mesh(written_stl(tmp_path / "cube.stl", 0.03))
-    assert told(tabletop, (mesh, pose())) == []
-    (problem,) = told(tabletop, (mesh, pose(position=(0.0, 0.0, 0.3))))
+    assert problems_of_g1(tabletop, (mesh, pose())) == []
+    (problem,) = problems_of_g1(tabletop, (mesh, pose(position=(0.0, 0.0, 0.3))))
     assert "a mesh, reaches 290.0 mm outside the object's `size` along z" in problem.message
     assert "[0.06, 0.06, 0.66]" in (problem.mend or "")
     in_millimetres = Mesh(mesh.path, (1e3, 1e3, 1e3))
-    assert told(tabletop, (in_millimetres, pose())) == [], "its scale is doubted, and that is told elsewhere"
+    assert problems_of_g1(tabletop, (in_millimetres, pose())) == [], (
+        "its scale is doubted, and that is reported elsewhere"
+    )
 
 
 def test_one_warning_counts_the_other_parts_outside(tabletop: Workspace) -> None:
-    (problem,) = told(tabletop, *((Sphere(radius), pose()) for radius in (0.04, 0.05, 0.02, 0.035)))
+    (problem,) = problems_of_g1(tabletop, *((Sphere(radius), pose()) for radius in (0.04, 0.05, 0.02, 0.035)))
     assert problem.message.startswith("part `g1/1`")
     assert problem.message.endswith("and 2 other parts outside it too")
 
 
 def test_a_millimetre_is_allowed(tabletop: Workspace) -> None:
-    assert told(tabletop, (Cylinder(0.031, 0.082), pose()), (Box(SIZE), pose())) == []
+    assert problems_of_g1(tabletop, (Cylinder(0.031, 0.082), pose()), (Box(SIZE), pose())) == []

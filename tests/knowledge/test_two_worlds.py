@@ -100,7 +100,7 @@ def test_which_world_was_meant_is_said_where_the_two_differ(
     assert told(workspace) == (expected if warned else [])
 
 
-def test_a_link_called_tool_is_told_from_the_tool_frame(damaged: Damage) -> None:
+def test_a_link_called_tool_is_reported_from_the_tool_frame(damaged: Damage) -> None:
     cell = damaged({"file": "workspace.yaml", "replace": {"tool_frame: tip": "tool_frame: tip  #"}})
     for name in ("arm.urdf", "workspace.yaml"):
         text = (cell / name).read_text(encoding="utf-8")

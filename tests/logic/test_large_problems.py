@@ -104,7 +104,7 @@ CONDITIONS: st.SearchStrategy[Condition] = st.recursive(
 
 
 @given(CONDITIONS, st.integers(0, 3), st.integers(0, 2))
-def test_the_number_of_literals_is_told_without_making_them(condition: Condition, cubes: int, others: int) -> None:
+def test_the_number_of_literals_is_reported_without_making_them(condition: Condition, cubes: int, others: int) -> None:
     objects = {f"c{number}": frozenset({"cube"}) for number in range(cubes)}
     objects |= {f"o{number}": frozenset({"thing"}) for number in range(others)}
     typed = "(:requirements :typing) (:types cube) (:predicates (p))"

@@ -51,7 +51,7 @@ def test_no_shipped_camera_is_inside_a_link() -> None:
         (HAND, "frame: lower\n    pose: {position: [0.1, 0, 0]", "hand", None),
     ],
 )
-def test_a_camera_inside_a_link_is_told_with_the_link(
+def test_a_camera_inside_a_link_is_reported_with_the_link(
     old: str, new: str, camera: str, solid: str | None, cell: Path
 ) -> None:
     replace(cell / "workspace.yaml", old, new)
@@ -64,7 +64,7 @@ def test_a_camera_inside_a_link_is_told_with_the_link(
         assert problem.place.line is not None
 
 
-def test_a_speed_that_the_joints_allow_nowhere_is_told_where_it_stands(tmp_path: Path) -> None:
+def test_a_speed_that_the_joints_allow_nowhere_is_reported_where_it_stands(tmp_path: Path) -> None:
     shutil.copytree(TABLETOP.parents[1] / "skills", tmp_path / "skills")
     shutil.copytree(TABLETOP.parent, tmp_path / "workspaces")
     replace(
@@ -72,7 +72,7 @@ def test_a_speed_that_the_joints_allow_nowhere_is_told_where_it_stands(tmp_path:
     )
     (problem,) = found(tmp_path / "workspaces" / "tabletop")
     assert problem.code == "unreachable-speed"
-    assert "a speed of 3 m/s is asked of `a2`" in problem.message
+    assert "`a2` asks for a speed of 3 m/s" in problem.message
     assert problem.place is not None
     assert (problem.place.file.name, problem.place.line) == ("skill.yaml", 18)
 

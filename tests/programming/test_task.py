@@ -118,7 +118,7 @@ def many_parameters(workspace: Workspace, count: int) -> Workspace:
     return replace(workspace, skills={"pickup": replace(skill, action=replace(skill.action, parameters=parameters))})
 
 
-def test_words_for_a_skill_of_fifteen_parameters_are_told_apart_at_once(workspace: Workspace) -> None:
+def test_words_for_a_skill_of_fifteen_parameters_are_reported_apart_at_once(workspace: Workspace) -> None:
     large = many_parameters(workspace, 15)
     named = " ".join(f"p{number}=g1" for number in range(3, 15))
     (candidate,) = read_task(f"pickup g2 g3 g4 {named}", large).candidates
@@ -155,7 +155,9 @@ LISTED = "  - {task: pickup green, min_q_eoi: 0.5}"
         ),
     ],
 )
-def test_an_expectation_that_cannot_be_met_is_told_where_it_stands(entry: str, code: str, at: str, says: str) -> None:
+def test_an_expectation_that_cannot_be_met_is_reported_where_it_stands(
+    entry: str, code: str, at: str, says: str
+) -> None:
     line = f"  - {{task: pickup green, {entry}}}"
     text = FILE.read_text(encoding="utf-8").replace(LISTED, line)
     (problem,) = impossible_tasks(load_workspace(FILE, text.encode()))

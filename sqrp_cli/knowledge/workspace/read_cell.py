@@ -149,7 +149,7 @@ class CellReader:
             problem = Problem("ambiguous-name", f"`{name}` is {what}; take another name", self.document.key_place(path))
             self.problems.append(problem)
         if entry.on == name:
-            message = f"found `{name}`, so `{name}` is said to be on itself; expected another object"
+            message = f"found `{name}`, which is the object itself; expected another object"
             self._report("on-itself", (*path, "on"), message, mend=f"name what `{name}` stands on, or leave `on` out")
         elif entry.on is not None and entry.on not in self.file.objects:
             others = [other for other in self.file.objects if other != name]

@@ -108,7 +108,7 @@ def test_radius_worked_out_by_hand(model: str, distortion: tuple[float, ...], ra
     assert monotonic_radius(make_camera(model=model, distortion=distortion)) == pytest.approx(radius)
 
 
-def test_a_point_beyond_the_radius_is_told_and_keeps_its_side() -> None:
+def test_a_point_beyond_the_radius_is_reported_and_keeps_its_side() -> None:
     projection = Projection.of(make_camera(model="plumb_bob", distortion=(-0.3, 0, 0, 0, 0), focal=(200.0, 200.0)))
     assert projection.radius == pytest.approx(np.sqrt(1 / 0.9))
     # The lens folds this point back to u = r (1 - 0.3 r^2) = 0: right in the middle of the image.

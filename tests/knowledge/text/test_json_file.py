@@ -45,7 +45,7 @@ def refusal(text: str, line: int = 1) -> Problem:
     ],
     ids=lambda value: value[:20] if isinstance(value, str) else "",
 )
-def test_what_is_not_accepted_is_told_with_line_and_key(text: str, code: str, line: int, says: str) -> None:
+def test_what_is_not_accepted_is_reported_with_line_and_key(text: str, code: str, line: int, says: str) -> None:
     problem = refusal(text)
     assert (problem.code, problem.place and problem.place.line) == (code, line)
     assert says in problem.message

@@ -41,7 +41,7 @@ def findings(folder: Path) -> list[Problem]:
 
 
 @pytest.mark.parametrize("case", CASES, ids=[case["case"] for case in CASES])
-def test_what_cannot_be_meant_is_told_where_it_stands(
+def test_what_cannot_be_meant_is_reported_where_it_stands(
     case: dict[str, Any], damaged: Callable[[dict[str, Any]], Path], position_of: Callable[[str, Path], tuple[int, int]]
 ) -> None:
     cell = damaged(case)

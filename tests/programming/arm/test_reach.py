@@ -109,7 +109,7 @@ def test_the_limit_in_the_way_is_named_with_its_excess():
     assert str(reason) == "joint `elbow_joint` 12 deg past its limit"
 
 
-def test_a_sliding_joint_past_its_limit_is_told_in_metres(tmp_path):
+def test_a_sliding_joint_past_its_limit_is_reported_in_metres(tmp_path):
     urdf = written_urdf(
         tmp_path / "lift.urdf",
         joint("lift", "base", "l1", "prismatic", "0 0 0", "0 0 1", '<limit lower="0" upper="0.5" velocity="1"/>'),
@@ -119,7 +119,7 @@ def test_a_sliding_joint_past_its_limit_is_told_in_metres(tmp_path):
     assert str(reason) == "joint `lift` 0.25 m past its limit"
 
 
-def test_an_orientation_that_the_arm_cannot_take_is_told_as_such(tmp_path):
+def test_an_orientation_that_the_arm_cannot_take_is_reported_as_such(tmp_path):
     urdf = written_urdf(
         tmp_path / "turntable.urdf",
         joint("slide", "base", "l1", "prismatic", "0 0 0", "1 0 0"),

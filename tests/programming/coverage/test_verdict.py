@@ -94,7 +94,7 @@ def test_a_cell_whose_only_camera_is_hidden_names_the_occluder(cell: Cell, studi
 
 
 @pytest.mark.parametrize("name", ["g1", "g4"])
-def test_where_two_cameras_are_needed_each_is_told_with_whether_it_sees_for_a_while(
+def test_where_two_cameras_are_needed_each_is_reported_with_whether_it_sees_for_a_while(
     name: str, cell: Cell, studies: dict[str, Study]
 ) -> None:
     found = studies[name]

@@ -194,7 +194,7 @@ def test_a_held_object_collides_with_what_the_tool_would_miss(ur5: RobotModel) -
     assert scene.placed(world([TABLE])).check(READY) is None
 
 
-def test_what_carries_an_object_is_told_from_what_stands_beside_it(ur5: RobotModel) -> None:
+def test_what_carries_an_object_is_reported_from_what_stands_beside_it(ur5: RobotModel) -> None:
     beside = thing("beside", CUBE.size, pose(position=(0.49, -0.25, 0.02)), fixed=False)
     scene = CollisionScene(ur5, [TABLE, CUBE, beside])
     assert scene.supports("cube", CUBE.X_WO, world([TABLE, CUBE, beside])) == {"table"}
@@ -272,7 +272,7 @@ def arm(folder: Path, home: float) -> RobotModel:
     return RobotModel.load(robot(path, "l3", home={"j1": 0.0, "j2": 0.0, "j3": home}))
 
 
-def test_pairs_that_always_touch_or_touch_at_home_are_told_from_those_that_never_do(tmp_path: Path) -> None:
+def test_pairs_that_always_touch_or_touch_at_home_are_reported_from_those_that_never_do(tmp_path: Path) -> None:
     stretched = find_self_contacts(arm(tmp_path, home=0.0), seed=0)
     assert stretched.always == {("base", "l2")}
     assert stretched.at_home == {("base", "l2")}
