@@ -1,4 +1,4 @@
-"""The pages of the documentation that are made from the code: commands, keys of files, findings.
+"""The pages of the documentation that are generated from the code: commands, keys of files, findings.
 
 A hook of MkDocs, which calls `on_files` before it builds.
 """
@@ -27,7 +27,7 @@ WHOLE_FILE = "The file"
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages that are made from the code."""
+    """Add the pages that are generated from the code."""
     pages = {
         "reference/commands.md": commands_page(),
         "reference/findings.md": findings_page(),
@@ -69,7 +69,7 @@ def findings_page() -> str:
     parts = [
         "# Findings",
         "",
-        "What can be wrong with the input, as `sqrp rules` lists it. Errors must be mended, and",
+        "What can be wrong with the input, as `sqrp rules` lists it. Errors must be fixed;",
         "",
     ]
     parts[2] += " warnings are doubts. `sqrp check --json` has the codes in `problems[].code`."
@@ -100,9 +100,9 @@ def _prose(sentence: str) -> str:
 
 
 def keys_page(name: str, title: str) -> str:
-    """Every key of a file: what it may be, what it is unless stated, and what it means."""
+    """Every key of a file: its type, default and meaning."""
     schema = file_schema(name)
-    parts = [f"# {title}", "", f"As `sqrp schema {name}` describes them. A key without a default must be there.", ""]
+    parts = [f"# {title}", "", f"As `sqrp schema {name}` describes them. A key without a default is required.", ""]
     parts += _table(WHOLE_FILE, schema)
     for entry, definition in schema["$defs"].items():
         if "properties" in definition:
@@ -120,10 +120,10 @@ USUAL: Mapping[str, tuple[Usual, ...]] = {
 
 
 def usual_values_page() -> str:
-    """What numbers usually are; others get a warning."""
+    """Usual ranges of numbers; others get a warning."""
     parts = ["# Usual values", ""]
-    parts += ["A number beyond these is possible, gets a warning (`unusual-value`), and is used as it stands.", ""]
-    parts += ["The first row that fits counts. `*` is any name or index, `{fixed}` means fixed objects only.", ""]
+    parts += ["A number outside these ranges gets a warning (`unusual-value`), and is used as it is.", ""]
+    parts += ["The first matching row counts. `*` is any name or index, `{fixed}` means fixed objects only.", ""]
     for file, rows in USUAL.items():
         parts += [f"## {file}", "", "| field | usual | because otherwise |", "|---|---|---|"]
         parts += [f"| `{row.at}` | {row} | {_cell(row.why)} |" for row in rows] + [""]
@@ -135,11 +135,11 @@ def _table(title: str, schema: Schema) -> Iterator[str]:
     yield ""
     yield schema.get("description", "").partition("\n\n")[0].replace("\n", " ")
     yield ""
-    yield "| key | may be | default | meaning |"
+    yield "| key | type | default | meaning |"
     yield "|---|---|---|---|"
     required = schema.get("required", ())
     for key, value in schema["properties"].items():
-        default = "must be there" if key in required else _default(value.get("default"))
+        default = "required" if key in required else _default(value.get("default"))
         yield f"| `{key}` | {_cell(_kind(value))} | {default} | {_cell(value.get('description', ''))} |"
     yield ""
 
