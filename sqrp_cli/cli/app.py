@@ -10,6 +10,7 @@ from sqrp_cli.cli.commands import run as run_program
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.errors import ExitCode, InputError
 from sqrp_cli.shown import harmless, one_line
+from sqrp_cli.terminal import progress_lines
 
 UsageError: type[Exception] = typer.BadParameter.__base__  # type: ignore[assignment] # typer names it nowhere else
 
@@ -46,6 +47,7 @@ def execute(arguments: list[str]) -> int:
 
     Raises KeyboardInterrupt at a Ctrl-C that the command has not reported itself, and ResultsLost.
     """
+    lines = progress_lines.wanted.set("--json" not in arguments)
     try:
         # Calling `app` itself would take system errors for Ctrl-C or for a reader that has left.
         with typer.main.get_command(app).make_context("sqrp", [*arguments], obj=arguments) as context:
@@ -75,6 +77,8 @@ def execute(arguments: list[str]) -> int:
         what = " ".join(f"{type(error).__name__}: {error}".split())
         _print_error(f"internal error: {what}; run `sqrp --debug ...` for the traceback")
         return ExitCode.INTERNAL_ERROR
+    finally:
+        progress_lines.wanted.reset(lines)
 
 
 def _print_usage_error(error: Exception) -> None:

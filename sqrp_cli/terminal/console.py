@@ -23,6 +23,7 @@ from rich.text import Text
 
 from sqrp_cli.errors import Problem
 from sqrp_cli.shown import harmless, one_line
+from sqrp_cli.terminal.progress_lines import Advance, progress_lines
 
 BAR_WIDTH = 8
 """Cells of a bar in a table."""
@@ -302,20 +303,17 @@ def blocks(share: float) -> str:
     return ("█" * full + (" ▏▎▍▌▋▊▉"[rest] if rest else "")).ljust(BAR_WIDTH)
 
 
-class Advance(Protocol):
-    """Called when parts of the work are done."""
-
-    def __call__(self, count: int = 1) -> None:
-        """Count them."""
-
-
 @contextmanager
 def progress(title: str, total: int | None) -> Iterator[Advance]:
-    """Progress on stderr with done/total and time left; it vanishes when done, and log files get none.
+    """Progress on stderr with done/total and time left, which vanishes when done; log files get a line now and then.
 
     total: None if it is not known beforehand.
     """
     console = diagnostics()
+    if not console.is_terminal:
+        with progress_lines(title, total, note) as advance:
+            yield advance
+        return
     columns = [
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=PROGRESS_WIDTH),
@@ -326,7 +324,7 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
     rest = PROGRESS_WIDTH + len(f" {total}/{total} -:--:-- ")
     shown = _text(title)
     shown.truncate(max(console.width - rest - 1, LEAST_WIDTH), overflow="ellipsis")
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+    with Progress(*columns, console=console, transient=True) as bars:
         task = bars.add_task(shown.plain, total=total)
         yield lambda count=1: bars.advance(task, count)
 

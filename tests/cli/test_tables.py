@@ -9,13 +9,15 @@ import pty
 import re
 import subprocess
 import sys
+import time
 import unicodedata
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
-from sqrp_cli.terminal import console
+from sqrp_cli.programming import pipeline
+from sqrp_cli.terminal import console, progress_lines
 
 OUTPUTS = [
     ("rank", "{tabletop}", "pickup green"),
@@ -287,6 +289,34 @@ def test_progress_never_reaches_a_file(sqrp_process, tabletop):
     assert outcome.err == ""
     assert outcome.out.count("Assessing") == 0
     assert Path(tabletop).name in outcome.out
+
+
+def test_a_step_that_takes_long_has_a_line_now_and_then_where_stderr_is_no_terminal(monkeypatch):
+    monkeypatch.setattr(progress_lines, "PERIOD", 0.05)
+    out = io.StringIO()
+    monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out))
+    with console.progress("Assessing pickup green", 40) as advance:
+        advance(12)
+        time.sleep(0.5)
+    lines = out.getvalue().splitlines()
+    assert 2 <= len(lines) <= 10
+    assert set(lines) <= {"Assessing pickup green: 12 of 40 after 0 s", "Assessing pickup green: 12 of 40 after 1 s"}
+
+
+def test_a_step_that_is_quick_has_no_line_where_stderr_is_no_terminal(monkeypatch):
+    out = io.StringIO()
+    monkeypatch.setattr(console, "diagnostics", lambda: Console(file=out))
+    with console.progress("Assessing pickup green", None):
+        time.sleep(0.01)
+    assert out.getvalue() == ""
+
+
+def test_beside_a_document_no_progress_is_told(sqrp, watch, monkeypatch):
+    monkeypatch.setattr(progress_lines, "PERIOD", 1e-3)
+    assess = pipeline.Assignment.assess
+    monkeypatch.setattr(pipeline.Assignment, "assess", lambda *given: (time.sleep(0.1), assess(*given))[1])
+    assert sqrp("rank", watch, "watch seen", "--json").err == ""
+    assert "Assessing watch seen: 0 of 1 after 0 s" in sqrp("rank", watch, "watch seen").err
 
 
 def test_progress_shows_how_much_is_done_and_time_left_however_long_the_task(monkeypatch):

@@ -40,13 +40,14 @@ def command(
     """
     from sqrp_cli.api.cell import new_cell
     from sqrp_cli.starter.random_cell import Crowd
-    from sqrp_cli.terminal.console import print_problems
+    from sqrp_cli.terminal.console import print_problems, progress
 
     for option, value in (("--objects", objects), ("--cameras", cameras), ("--seed", seed)):
         if value is not None and not random:
             raise InputError(Problem("bad-option", f"{option} is about --random, which is missing"))
     crowd = Crowd(seed or 0, objects or DEFAULT_OBJECTS, cameras or DEFAULT_CAMERAS) if random else None
-    made = new_cell(folder, urdf=urdf, crowd=crowd)
+    with progress(f"Making {folder}", None):
+        made = new_cell(folder, urdf=urdf, crowd=crowd)
     print_problems(made.problems)
     answer(made, as_json=as_json)
     return ExitCode.OK

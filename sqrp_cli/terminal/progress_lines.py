@@ -1,0 +1,63 @@
+"""Progress where no bar can be shown, as in the log of a CI server: a line now and then about a step that is long."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Protocol
+
+
+class Advance(Protocol):
+    """Called when parts of the work are done."""
+
+    def __call__(self, count: int = 1) -> None:
+        """Count them."""
+
+
+PERIOD = 10.0
+"""Least time before the first line and between two [s]."""
+
+SLOWER = 0.2
+"""Least time between two lines, as a share of what has passed: a step of hours has tens of lines."""
+
+wanted: ContextVar[bool] = ContextVar("wanted", default=True)
+"""Whether there may be lines: not beside a document."""
+
+
+@contextmanager
+def progress_lines(title: str, total: int | None, write: Callable[[str], None]) -> Iterator[Advance]:
+    """Write a line about a step now and then while it goes on; yields what counts the parts that are done.
+
+    total: of the parts; None if it is not known beforehand.
+    """
+    done, ended = 0, threading.Event()
+
+    def advance(count: int = 1) -> None:
+        nonlocal done
+        done += count
+
+    def tell() -> None:
+        began = time.monotonic()
+        pause = PERIOD
+        while not ended.wait(pause):
+            passed = time.monotonic() - began
+            parts = f" {done} of {total}" if total else ""
+            try:
+                write(f"{title}:{parts} after {passed:.0f} s")
+            except (OSError, ValueError):  # nobody reads any more
+                return
+            pause = max(PERIOD, SLOWER * passed)
+
+    if not wanted.get():
+        yield advance
+        return
+    thread = threading.Thread(target=tell, daemon=True)
+    thread.start()
+    try:
+        yield advance
+    finally:
+        ended.set()
+        thread.join()
