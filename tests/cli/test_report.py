@@ -487,7 +487,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.report.documents.explanation import CandidateStudy
     from sqrp_cli.report.documents.playback import PlayedCandidate
     from sqrp_cli.report.documents.scene import ShowDocument
-    from sqrp_cli.report.pages.model import CellModel
+    from sqrp_cli.report.pages.model import SceneModel
     from sqrp_cli.report.pages.page import tidy
 
     session = Session.begin(Cell.load(load_workspace(watch)), "watch green", None, Adaptive())
@@ -501,4 +501,4 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
         for ranked, study in explained
         if study is not None
     ]
-    return ranked, tidy(ShowDocument.of(session.cell)), tidy(CellModel.of(session.cell))
+    return ranked, tidy(ShowDocument.of(session.cell)), tidy(SceneModel.of(session.cell))

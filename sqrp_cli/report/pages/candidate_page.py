@@ -16,7 +16,7 @@ from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.explanation import CandidateStudy
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.documents.scene import ShowDocument
-from sqrp_cli.report.pages.model import CellModel
+from sqrp_cli.report.pages.model import SceneModel
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, packed, write_page
 from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
 from sqrp_cli.version import __version__
@@ -142,7 +142,7 @@ def _score(score: TaskScore, scene: int | None, detail: str | None) -> PageRow:
 
 def cell_scene(cell: Cell) -> CellScene:
     """What a page needs to draw a cell."""
-    return CellScene(ShowDocument.of(cell), packed(CellModel.of(cell)))
+    return CellScene(ShowDocument.of(cell), packed(SceneModel.of(cell)))
 
 
 def origin(arguments: Sequence[str]) -> list[tuple[str, str]]:

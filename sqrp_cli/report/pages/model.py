@@ -56,7 +56,7 @@ class ModelSolid(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CellModel(Record):
+class SceneModel(Record):
     """What moves with what, and the shape of every part."""
 
     step: float
@@ -66,7 +66,7 @@ class CellModel(Record):
     solids: list[ModelSolid]
 
     @classmethod
-    def of(cls, cell: Cell) -> CellModel:
+    def of(cls, cell: Cell) -> SceneModel:
         """The model of a cell. Raises InputError where a library is missing."""
         tree = cell.model.tree
         return cls(

@@ -57,7 +57,7 @@ class PageRow:
 
 @dataclass(frozen=True, eq=False)
 class CellScene:
-    """A cell. scene: the document of `show --json`. model: its `CellModel`, `packed`."""
+    """A cell. scene: the document of `show --json`. model: its `SceneModel`, `packed`."""
 
     scene: ShowDocument
     model: str

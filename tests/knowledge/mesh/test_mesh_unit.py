@@ -21,7 +21,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision_body import Body
 from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.report.documents.scene import ShowDocument
-from sqrp_cli.report.pages.model import STEP, CellModel
+from sqrp_cli.report.pages.model import STEP, SceneModel
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.mujoco_model import build_model
 from sqrp_cli.runtime.surface import Surface, load_triangles
@@ -98,7 +98,7 @@ def test_physics_and_pages_show_a_mesh_in_inches_as_large_as_it_is(tabletop: Wor
     cell = Cell.load(workspace)
     (shown,) = (part for part in ShowDocument.of(cell).opaque if part.parent == "g1")
     assert shown.scale == [0.0254] * 3
-    (drawn,) = (solid for solid in CellModel.of(cell).solids if solid.parent == "g1")
+    (drawn,) = (solid for solid in SceneModel.of(cell).solids if solid.parent == "g1")
     np.testing.assert_allclose(spans(STEP * np.array(drawn.vertices).reshape(-1, 3)), spans(CORNERS), atol=STEP)
 
     model = build_model(workspace, {"g1": pose()})
