@@ -1,1 +1,1 @@
-"""Phase 3: run a program, watch it through cameras, and act on what they show."""
+"""Phase 3: run a program, monitor it through cameras, and react to what they show."""

@@ -1,1 +1,1 @@
-"""What stands for the real cell: today a simulation in MuJoCo, physics and camera images."""
+"""The cell that a program runs in: today a simulation in MuJoCo, physics and camera images."""

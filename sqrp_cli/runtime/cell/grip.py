@@ -37,7 +37,7 @@ class Grip(Protocol):
         """Hold what is there."""
 
     def release(self) -> None:
-        """Let go of it, and be as new."""
+        """Let go of it, and reset."""
 
     def slip(self) -> None:
         """Lose it while still grasping."""

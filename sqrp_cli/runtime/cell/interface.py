@@ -1,4 +1,4 @@
-"""What goes to a cell and what comes back, whichever cell it is: the motion to follow, and the state that it has."""
+"""The interface of any cell: the motion to follow, and its state."""
 
 from __future__ import annotations
 

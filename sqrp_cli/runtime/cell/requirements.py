@@ -27,7 +27,7 @@ _DEBIAN = {"egl": "libegl1 libgl1 libgl1-mesa-dri", "osmesa": "libosmesa6"}
 
 
 def check_simulator() -> None:
-    """See that MuJoCo can be imported and draw, and choose how it draws where MUJOCO_GL does not say.
+    """Make sure that MuJoCo can be imported and render; chooses the backend if MUJOCO_GL does not.
 
     Raises InputError, with the command that mends it, if a package or OpenGL is missing.
     """
@@ -45,7 +45,7 @@ def check_simulator() -> None:
 
 
 def check_packages() -> None:
-    """See that the packages of the extra `sim` are there. Raises InputError, with the command that mends it."""
+    """Make sure that the packages of the extra `sim` are installed. Raises InputError, with the command to install."""
     missing = [package for module, package in _PACKAGES.items() if find_spec(module) is None]
     if missing:
         message = f"images need {', '.join(missing)}, which belongs to the extra `sim`"

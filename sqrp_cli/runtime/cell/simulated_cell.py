@@ -1,4 +1,4 @@
-"""A cell in MuJoCo that can be moved, looked at through its cameras and made to fail."""
+"""A cell in MuJoCo: motion, camera images and injected faults."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class SimulatedCell:
         return self._physics.joints()
 
     def truth(self) -> CellState:
-        """What really is so now."""
+        """The present ground truth."""
         physics = self._physics
         return CellState(self.t, physics.object_poses(), physics.held(), physics.joints())
 

@@ -1,1 +1,1 @@
-"""What evidence means for a step: nominal, judgement, alarms, and the check of predictions."""
+"""What evidence means for a step: the nominal step, verdicts, alarms, and the check of predictions."""

@@ -1,4 +1,4 @@
-"""One attempt at a step: what is to be done, what is expected of it, and how far it has gone."""
+"""One attempt at a step: its motion, its expected course, and its progress."""
 
 from __future__ import annotations
 
@@ -63,9 +63,9 @@ class Attempt:
 
     @property
     def unseen(self) -> Mapping[str, float | None]:
-        """What is asked at the end of the motion and no image from then on showed, with when one last did [s]."""
-        asked, last = self.monitor.monitored(self.step.time), self.last_shown
-        return {atom: last.get(atom) for atom in asked if last.get(atom, 0.0) < self.end - 1e-9}
+        """Atoms required at the end of the motion that no image showed from then on, with when one last did [s]."""
+        required, last = self.monitor.monitored(self.step.time), self.last_shown
+        return {atom: last.get(atom) for atom in required if last.get(atom, 0.0) < self.end - 1e-9}
 
     def note(self, evidence: Evidence) -> None:
         """Remember what complete evidence showed."""

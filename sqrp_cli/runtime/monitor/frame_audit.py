@@ -32,9 +32,9 @@ class AuditReport:
     images: int
     """How many were compared."""
     skipped: int
-    """How many were of times at which the step did not go as planned."""
+    """How many were taken when the step did not go as planned."""
     repeated: int
-    """How many were the very image before them."""
+    """How many were identical to the image before them."""
 
     @property
     def total(self) -> Confusion:
@@ -45,7 +45,7 @@ class AuditReport:
 def audit(program: Program, workspace: Workspace, folder: Path, image_done: Callable[[], None]) -> AuditReport:
     """Compare a folder of frames (see `recording`) with a program.
 
-    The robot is taken to be where the program wants it at each frame's time, and all to go as planned. Raises
+    Assumes that at each frame's time the robot is where the program wants it, and everything goes as planned. Raises
     InputError for a folder or an image that cannot be used.
     """
     entries = list(read_frames(folder, list(workspace.cameras), len(program.steps)))

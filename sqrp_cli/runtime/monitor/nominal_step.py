@@ -1,4 +1,4 @@
-"""What a step that goes well looks like: which atoms hold when, and which the cameras were predicted to see."""
+"""A step that goes well: which atoms hold when, and which the cameras are predicted to see."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sqrp_cli.runtime.perception.detections import object_of
 from sqrp_cli.runtime.robot_body import RobotBody
 
 SPACING = 0.02
-"""Time between the instants at which the nominal motion is looked at [s]."""
+"""Sampling period of the nominal motion [s]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,8 @@ class Situation:
 def holds(atom: str, target: ProgramTarget, situation: Situation, *, when_open: bool) -> bool:
     """Whether an atom is true: its object is in each box that is for one.
 
-    In a box that moves with the robot it is if the tool holds it, in any other if its centre is inside. An atom that is
-    about no object is about the gripper's fingers. when_open: the value of such an atom while they are open.
+    It is in a box that moves with the robot if the tool holds it, in any other if its centre is inside. An atom without
+    an object is about the gripper's fingers. when_open: the value of such an atom while they are open.
     """
     named = [(object_of(atom, box, situation.X_WO), box) for box in target.boxes]
     if all(name is None for name, _ in named):
@@ -65,7 +65,7 @@ def _is_in(name: str | None, box: TargetBox, situation: Situation) -> bool:
 
 
 class NominalStep:
-    """What is expected of a step if all goes well."""
+    """The expected course of a step if all goes well."""
 
     def __init__(self, step: Step, joints: tuple[str, ...], robot: RobotBody) -> None:
         """joints: names of the arm's joints, in the order of the step's trajectories."""
@@ -137,7 +137,7 @@ class NominalStep:
 
 
 def _stays(name: str, step: Step, primitive_of: NDArray[np.int64], X_WT: Array) -> Iterator[Stay]:
-    """Where an object is, that is carried in some primitives and rests in the others where it was last."""
+    """The pose of an object that is carried in some primitives and rests in the others."""
     X_WO, X_TO = step.before.X_WO[name], step.before.X_TO if step.before.held == name else None
     holding = np.array([primitive.held == name for primitive in step.primitives])[primitive_of]
     edges = (np.flatnonzero(np.diff(holding)) + 1).tolist()

@@ -45,7 +45,7 @@ class PredictionCheck:
 
 
 def predicted_delay(step: Step, atoms: Collection[str], responses: Mapping[str, float], x: float) -> float | None:
-    """Time from a fault at time x [s] of a step until it is seen; None if it is never.
+    """Time from a fault at time x [s] of a step until it is seen; None if it never is.
 
     atoms: that decide the fault; responses: of each camera [s]. First all atoms must be covered at once, then comes one
     frame period and the latency of the k-th fastest camera of the slowest atom.

@@ -1,4 +1,4 @@
-"""The formulas of a program: reading them, the conditions of retries, and those that the plan itself contradicts."""
+"""The formulas of a program: reading them, conditions of retries, and formulas that the plan itself contradicts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from sqrp_cli.runtime.robot_body import RobotBody
 
 
 def read_formula(text: str) -> Formula:
-    """A formula of a program, whose predicates have all their arguments."""
+    """A formula of a program; its predicates have all their arguments."""
     return _grounded(parse_formula(text, Place(Path("program"))))
 
 
@@ -41,7 +41,7 @@ def condition_atoms(text: str) -> tuple[str, ...]:
 
 
 def contradictions(program: Program, robot: RobotBody) -> Iterator[str]:
-    """Formulas that the plan contradicts, in words: monitors could only be silent about them, or wrong."""
+    """Formulas that the plan contradicts, in words: monitors cannot judge them."""
     for number, step in enumerate(program.steps, 1):
         for text in against_the_plan(NominalStep(step, program.joints, robot)):
             yield f"step {number} (`{step.short_task}`): {text}"
@@ -61,10 +61,9 @@ def against_the_plan(nominal: NominalStep) -> Iterator[str]:
 
 
 def _settled(nominal: NominalStep, operators: tuple[GroundOperator, ...], t: float) -> Mapping[Atom, Truth]:
-    """The values of the atoms that operators ask about at a time [s] and that do not change any more while they do.
+    """The values of the atoms that operators require at a time [s] and that stay constant to the end of the interval.
 
-    What changes within an interval is on its way to what is asked: an object that is lifted leaves its place after a
-    while.
+    An atom that changes within an interval is only late: a lifted object leaves its place after a while.
     """
     ends: dict[Atom, float] = {}
     for operator in operators:

@@ -16,14 +16,14 @@ from sqrp_cli.runtime.monitor.nominal_step import NominalStep
 from sqrp_cli.runtime.monitor.program_formulas import read_formula
 
 PATIENCE = 0.3
-"""How long evidence that was predicted may be missing before the robot stops [s], and at least three images."""
+"""How long predicted evidence may be missing before the robot stops [s]; at least three images."""
 
 _SAME = 1e-9
 
 
 @dataclass(frozen=True)
 class Alarm:
-    """Something that calls for a response."""
+    """An event that needs a response."""
 
     kind: OneOf["fault", "violation", "blindness"]
     """A fault was seen, a formula is violated, or evidence that was predicted is missing."""
@@ -54,7 +54,7 @@ class _FormulaMonitor:
         return found
 
     def applies(self, t: float) -> bool:
-        """Whether any operator asks about a time; what is seen at other times says nothing about those."""
+        """Whether any operator applies at a time; evidence of other times does not matter to it."""
         return any(operator.start - _SAME <= t <= operator.end + _SAME for operator in self.operators)
 
 
@@ -72,7 +72,7 @@ class StepMonitor:
         self._missing: dict[str, float] = {}
 
     def monitored(self, t: float) -> tuple[str, ...]:
-        """The atoms that some formula asks about at a time."""
+        """The atoms that some formula requires at a time."""
         atoms = [
             str(literal.atom)
             for watch in self._watches
@@ -83,23 +83,23 @@ class StepMonitor:
         return tuple(dict.fromkeys(atoms))
 
     def observe(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
-        """Judge new evidence: what is known of each atom from time t on. Returns what calls for a response, if any.
+        """Judge new evidence: the value of each atom from time t on. Returns an alarm, if any.
 
         The evidence is complete, and later than all before: nothing that arrives afterwards changes it.
 
-        A fault goes before the violation of a plain requirement, that before missing evidence. A violation waits while
-        a fault may explain it: as long as what of the fault is not seen yet is predicted to be out of sight.
+        A fault has priority over the violation of a plain requirement, and that over missing evidence. A violation
+        waits while a fault may explain it: as long as the unseen part of the fault is predicted to be out of sight.
         """
         alarm = self._seen_wrong(t, values)
         blindness = self._missing_evidence(t, values)
         return alarm or blindness
 
     def anticipate(self, evidence: Sequence[tuple[float, Mapping[str, Truth]]]) -> Alarm | None:
-        """Judge evidence that is not complete: what the images that have arrived show of times after all complete ones.
+        """Judge incomplete evidence: of times after the complete ones, from the images that have arrived.
 
-        evidence: all of it, with what is known of each atom from its time on. Nothing of it is kept, as images that are
-        under way may change it; but a fault that is seen counts at once, and each alarm is given only once. Evidence
-        that is missing may be under way, so it counts when the rest is there.
+        evidence: all of it, with the value of each atom from its time on. None of it is kept, as images under way may
+        change it; but a seen fault counts at once, and each alarm is raised only once. Missing evidence may be under
+        way, so it counts only when the rest has arrived.
         """
         ahead = copy(self)
         ahead._watches = [watch.copy() for watch in self._watches]
@@ -112,10 +112,9 @@ class StepMonitor:
         return None
 
     def at_rest(self, t: float, values: Mapping[str, Truth]) -> Alarm | None:
-        """Compare evidence with what should be so while the robot stands at a time: at the start or the end.
+        """Compare evidence with the expected state while the robot stands: at the start or the end.
 
-        Returns a fault that happened unseen, else what is not as it should be; evidence that is missing counts only
-        where it was predicted.
+        Returns a fault that happened unseen, else a deviation; missing evidence counts only if it was predicted.
         """
         for watch in self._watches:
             if watch.entry.fault is not None and not watch.over and self._seen_late(watch, t, values):
@@ -171,7 +170,7 @@ class StepMonitor:
         return watch.violated
 
     def _may_be_fault(self, t: float, values: Mapping[str, Truth]) -> bool:
-        """Whether a part of a fault is seen, and the rest is neither refuted nor predicted to be in sight."""
+        """Whether a part of a fault is seen, and the rest is neither refuted nor predicted to be visible."""
         for watch in self._watches:
             for operator in watch.operators if watch.entry.fault is not None and not watch.over else ():
                 unseen = [literal for literal in operator.literals if _value(literal, values) == Truth.UNKNOWN]
@@ -239,7 +238,7 @@ def _fault_alarm(entry: ProgramFormula) -> Alarm:
 
 
 def _active(operators: tuple[GroundOperator, ...], t: float) -> list[Literal]:
-    """The literals that `always` operators ask for at a time."""
+    """The literals that `always` operators require at a time."""
     return [
         literal
         for operator in operators

@@ -1,4 +1,4 @@
-"""What a camera shows where neither robot nor object is: the background that proves that something is absent."""
+"""The background of a camera, without robot and objects: it proves that an object is absent."""
 
 from __future__ import annotations
 

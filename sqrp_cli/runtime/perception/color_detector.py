@@ -25,7 +25,7 @@ from sqrp_cli.runtime.perception.vision import blobs, color_mask, dilated, direc
 
 LEAST_SHARE, MOST_SHARE = 0.35, 0.5
 """Share of the silhouette of a coloured object that must be judged, at least and at most; in between, what its
-detector asks to be visible. Of an object that nothing hides, a good part may still look like neither it nor the
+detector requires to be visible. Of an object that nothing hides, a good part may still look like neither it nor the
 background: at its edges, and where it meets the robot."""
 
 BORDER = 1.8
@@ -64,13 +64,13 @@ class _Place:
 
     @property
     def fits(self) -> bool:
-        """Whether the object is here, as exactly as the image tells."""
+        """Whether the object is here, as exactly as the image shows."""
         if self.projected is None or self.shift is None or self.filled < FULL:
             return False
         return bool(np.hypot(*self.shift) <= SHIFT_PIXELS + SHIFT_SHARE * self.projected.box.area**0.5)
 
     def detect(self, box: TargetBox, evidence: Truth, min_visible: float) -> BoxDetection:
-        """The sight of a box for which this is what the image shows; min_visible: share that its detector asks for."""
+        """The sight of a box with this content; min_visible: share that its detector requires."""
         because = MissReason.DETECTOR
         border = 0.0 if self.projected is None else BORDER / max(self.projected.area**0.5, 1.0)
         if self.share < np.clip(min_visible - border, LEAST_SHARE, MOST_SHARE):
@@ -97,7 +97,7 @@ class ColorDetector:
         self._colored = color_mask(view.image, obj.color or "")
 
     def detect(self, boxes: Sequence[TargetBox]) -> tuple[list[BoxDetection], Array | None]:
-        """What is seen of the boxes in which the object may be, and where it is [m], None if nobody knows."""
+        """What is seen of the boxes in which the object may be, and where it is [m], None if unknown."""
         places = [self._place(box) for box in boxes]
         poses = [self._view.pose(box) for box in boxes]
         at_tool = [self._view.is_at_tool(box) for box in boxes]
@@ -145,7 +145,7 @@ class ColorDetector:
         own = colored & ~background
         behind = robot.mask(shape, origin, box_outline.depth, behind=True)
         background |= behind & self._background.robot_colored(self._view.image, crop)
-        # Where the background has the object's own colour, the image cannot tell the one from the other.
+        # Where the background has the object's own colour, the image cannot distinguish the two.
         same = background & colored
         telling = ~front & ~same
         decided = silhouette & telling

@@ -1,4 +1,4 @@
-"""What goes to the processes that look at images, and what comes back."""
+"""Input and output of the perception processes."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ class MissReason(StrEnum):
     MASK = "mask border"
     """The outlines of robot and objects, which are a little too wide, leave too little of it."""
     BACKGROUND = "same colour behind"
-    """What is behind it has its colour, so that the image would look the same without it."""
+    """The background has its colour, so that the image would look the same without it."""
     LIGHTING = "lighting"
-    """What is seen has the colour neither of the object nor of the background."""
+    """The pixels have neither the object's colour nor the background's."""
     DETECTOR = "detector limit"
     """The image shows it, if not to the detector."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellModel:
-    """What perception knows of the cell beforehand."""
+    """What perception knows of the cell in advance."""
 
     cameras: Mapping[str, Camera]
     detectors: Mapping[str, Detector]
@@ -70,7 +70,7 @@ class DetectionTargets:
 
 @dataclass(frozen=True, eq=False)
 class BelievedState:
-    """What the robot knows of itself at the time of an image."""
+    """The robot's knowledge of its own state at the time of an image."""
 
     joints: Mapping[str, float]
     """Positions by its encoders [rad or m]."""
@@ -106,7 +106,7 @@ class Detection:
     camera: str
     t: float
     frozen: bool
-    """Whether it is the very image before it, which no real camera delivers twice."""
+    """Whether it is identical to the image before it; a working camera never repeats one."""
     boxes: Mapping[str, tuple[BoxDetection, ...]] = field(default_factory=dict)
     """By atom."""
     places: Mapping[str, Array] = field(default_factory=dict)
@@ -115,7 +115,7 @@ class Detection:
     """Of work that it took."""
 
     def truth(self, atom: str) -> Truth:
-        """Whether the atom holds by this image alone: every box must show its object, one without it refutes it."""
+        """Whether the atom holds by this image alone: every box must show its object; a box without it refutes it."""
         found = [box.evidence for box in self.boxes.get(atom, ())]
         if not found or self.frozen:
             return Truth.UNKNOWN

@@ -1,4 +1,4 @@
-"""The processes that look at images: each has some of the cameras, gets frames and gives detections back."""
+"""The perception processes: each has some of the cameras, gets frames and returns detections."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""The evidence of an attempt: images by when they were taken, however late each arrives, and what all together show.
+"""The evidence of an attempt: images in order of exposure, even if they arrive late, and their fusion.
 
-What an image shows counts from the moment at which it was taken until its camera takes the next one, at most for some
-frame periods. An image that is under way says nothing yet: the one before it no longer counts, so that the cameras
-whose images are there decide alone for as long. Evidence is complete once no image that was taken by then is under way.
+An image counts from its exposure until the next exposure of its camera, at most for some frame periods. While an image
+is under way, the one before it no longer counts, and the cameras with arrived images decide alone. Evidence of a time
+is complete when no image taken by then is under way.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FRESH_PERIODS = 1.5
 
 @dataclass(frozen=True)
 class FusedTruth:
-    """What all cameras together say about an atom."""
+    """The value of an atom from all cameras together."""
 
     truth: Truth
     """UNKNOWN where too few cameras can judge it, or as many contradict."""
@@ -32,7 +32,7 @@ class FusedTruth:
 
 
 def fuse(atom: str, target: ProgramTarget, detections: Iterable[Detection]) -> FusedTruth:
-    """The value of an atom that most cameras give, if they are as many as the target asks for."""
+    """The majority value of an atom, if it has as many cameras as the target requires."""
     judged = [(detection, vote) for detection in detections if (vote := detection.truth(atom)) != Truth.UNKNOWN]
     votes = {detection.camera: vote for detection, vote in judged}
     conflict = len({(detection.t, vote) for detection, vote in judged}) > len({detection.t for detection, _ in judged})

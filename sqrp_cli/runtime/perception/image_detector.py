@@ -84,9 +84,9 @@ def _judged(view: ExpectedView, background: Background) -> tuple[dict[str, tuple
             boxes[atom].append(BoxDetection(box.name, Truth.UNKNOWN, 0.0, NO_OUTLINE))
         else:
             by_object.setdefault(obj.name, []).append((atom, box))
-    for name, asked in by_object.items():
-        found, place = ColorDetector(view, background, view.cell.objects[name]).detect([box for _, box in asked])
-        for (atom, _), detection in zip(asked, found, strict=True):
+    for name, wanted in by_object.items():
+        found, place = ColorDetector(view, background, view.cell.objects[name]).detect([box for _, box in wanted])
+        for (atom, _), detection in zip(wanted, found, strict=True):
             boxes[atom].append(detection)
         if place is not None:
             places[name] = place

@@ -1,7 +1,7 @@
 """Image streams: images taken at each camera's rate, late by its latency, looked at in other processes.
 
-A stream that fails is a reason to stop: one without a fresh image for too long, one that repeats an image, and one
-whose process ends.
+A failed stream is a reason to stop: one without a fresh image for too long, one that repeats an image, or one with a
+dead process.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ class ImageStreams:
     def failure(self, t: float) -> MonitoringLost | None:
         """The streams that have failed by time t, and how; None while all is well.
 
-        Where some are lost and others late at the same time, the reason tells of those that are lost.
+        If some are lost and others late at the same time, the reason names the lost ones.
         """
         failed = [stream for stream in self._streams.values() if t > stream.fails_at + 1e-9]
         lost = [stream for stream in failed if not self._is_under_way(stream.camera.name)]

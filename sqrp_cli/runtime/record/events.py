@@ -1,8 +1,7 @@
-"""What happens in a run, a record for each kind of event: as it is published, and as a line of the log holds it.
+"""The events of a run: a record for each kind, published to listeners and written as a line of the log.
 
-The log begins with `RunBegan` and ends with `RunReported`. What stands in its lines are the fields that an event was
-given, in the order in which they are declared. Those with a default are missing in some logs from elsewhere. The
-publisher gives events to those who listen.
+The log begins with `RunBegan` and ends with `RunReported`. A line has the fields that an event was given, in the order
+of their declaration. Logs of other programs may lack those with a default.
 """
 
 from __future__ import annotations
@@ -69,11 +68,11 @@ class _Event(_Part):
     """The kind of event."""
 
     def line(self) -> dict[str, object]:
-        """What the log holds of it."""
+        """Its line in the log."""
         return {"t": self.t, "event": self.event, **self.model_dump(exclude_unset=True)}
 
-    def tells(self, field: str) -> bool:
-        """Whether it was given a field that can be left out."""
+    def has(self, field: str) -> bool:
+        """Whether an optional field is set."""
         return field in self.model_fields_set
 
     @classmethod
@@ -95,7 +94,7 @@ class ProgramStep(_Part):
 
 
 class RunBegan(_Event):
-    """What is run and how: the first line of a log."""
+    """The program and its circumstances: the first line of a log."""
 
     event: Literal["run"] = "run"
     sqrp_log: Literal[1]
@@ -108,7 +107,7 @@ class RunBegan(_Event):
     rates: dict[str, Annotated[FiniteFloat, Field(gt=0)]] = {}
     """How often each camera takes an image [Hz]."""
     faults: list[str] = []
-    """What is to happen, as `--fault` takes it."""
+    """Faults to inject, in the form of `--fault`."""
     steps: list[ProgramStep] = []
 
 
@@ -116,7 +115,7 @@ class AskedBox(_Part):
     """A box in which images are judged."""
 
     frame: str
-    """A link of the robot, with which it moves, or `world`, where it stays."""
+    """A link of the robot, so that the box moves with it, or `world`."""
     size: Numbers3
     """Full extents [m]."""
     pose: Annotated[list[Numbers4], Field(min_length=4, max_length=4)]
@@ -145,22 +144,22 @@ class PrimitiveBegan(_Event):
 
 
 class ShownAtom(_Part):
-    """What the images of a time show of an atom."""
+    """What images of one time show of an atom."""
 
     value: ShownTruth
-    """What all cameras together say."""
+    """The value from all cameras together."""
     true: bool | None = None
     """The value in the simulation when the images were taken."""
     predicted: bool = False
     """Whether the program predicts that enough cameras see it."""
     asked: bool
-    """Whether a formula asks about it then."""
+    """Whether a formula requires it at that time."""
     cameras: dict[str, ShownTruth]
-    """What each camera says that can judge it."""
+    """The value from each camera that can judge it."""
 
 
 class EvidenceSeen(_Event):
-    """What images show has become known, or changed as a later image of the same time arrived."""
+    """The evidence of a time is known, or has changed because another image of that time arrived."""
 
     event: Literal["evidence"] = "evidence"
     exposed: FiniteFloat
@@ -172,7 +171,7 @@ class EvidenceSeen(_Event):
 
 
 class WholeState(_Event):
-    """Where everything really is, which the robot does not know: the first of a run, with all of it."""
+    """The true poses, which the robot does not know: the first state of a run, complete."""
 
     event: Literal["state"] = "state"
     joints: list[str]
@@ -197,7 +196,7 @@ class WholeState(_Event):
 
 
 class StateChanged(_Event):
-    """Where everything really is now: what is left out is as it was."""
+    """The true poses now; what is left out is unchanged."""
 
     event: Literal["state"] = "state"
     q: list[FiniteFloat] = []
@@ -209,11 +208,11 @@ class StateChanged(_Event):
 
 
 class FaultInjected(_Event):
-    """A fault is made to happen."""
+    """A fault is injected."""
 
     event: Literal["injected"] = "injected"
     fault: str
-    """As `--fault` takes it."""
+    """In the form of `--fault`."""
 
 
 class FaultHappened(_Event):
@@ -232,23 +231,23 @@ class FaultSeen(_Event):
     text: str = ""
     """What is wrong, in words."""
     response: Literal["stop", "retry", "continue"] = "stop"
-    """What the skill says is to be done."""
+    """The response of the skill."""
 
 
 class MovingOn(_Event):
-    """The robot goes on with its motion, to where the condition of a retry can be seen."""
+    """The robot continues its motion to where the condition of a retry can be seen."""
 
     event: Literal["moving on"] = "moving on"
     to_see: str
     """The condition."""
     cameras: list[str] = []
-    """That should see it from there."""
+    """The cameras that should see it from there."""
     until: FiniteFloat = 0.0
     """When it is to stop, in the time of the step's motion [s]."""
 
 
 class Stopping(_Event):
-    """The robot is told to stop."""
+    """The robot is commanded to stop."""
 
     event: Literal["stopping"] = "stopping"
     reason: str = ""
@@ -318,7 +317,7 @@ Event = (
     | RunEnded
     | RunReported
 )
-"""Something that happens in a run."""
+"""An event of a run."""
 
 
 KINDS: Mapping[str, type[Event]] = {
@@ -328,22 +327,22 @@ KINDS: Mapping[str, type[Event]] = {
 
 
 class Listener(Protocol):
-    """Whoever wants to know what happens: the log, the live view."""
+    """Receives events: the log, the live view."""
 
     def __call__(self, event: Event) -> None:
-        """Take notice."""
+        """Receive an event."""
 
 
 class EventPublisher:
-    """Gives the events of a run to its listeners, and keeps account of where the wall time goes."""
+    """Passes the events of a run to its listeners, and adds up the wall time per activity."""
 
     def __init__(self, listeners: Sequence[Listener]) -> None:
         self._listeners = tuple(listeners)
         self._began = time.perf_counter()
         self.doing = "looks"
-        """What the robot does now, in a word."""
+        """What the robot does now."""
         self.wall: dict[str, float] = {}
-        """Seconds of wall time by what they were spent on."""
+        """Wall time by activity [s]."""
 
     def publish(self, event: Event) -> None:
         """Publish an event, at its time on the cell's clock to the microsecond."""
@@ -358,7 +357,7 @@ class EventPublisher:
 
     @contextmanager
     def timed(self, what: str) -> Iterator[None]:
-        """Add the time that passes to what it is spent on."""
+        """Add the elapsed wall time to an activity."""
         began = time.perf_counter()
         try:
             yield

@@ -66,7 +66,7 @@ class Film:
 
 
 class ImageRecorder:
-    """Hands the images of a run to a folder, a film, or both."""
+    """Passes the images of a run to a folder, a film, or both."""
 
     def __init__(self, folder: FrameFolder | None, film: Film | None) -> None:
         self._folder, self._film = folder, film
@@ -87,7 +87,7 @@ class ImageRecorder:
 
     def close(self) -> None:
         """Finish all files."""
-        with ExitStack() as closing:  # one that cannot be finished keeps no other from being
+        with ExitStack() as closing:  # finish the others even if one fails
             for sink in (self._folder, self._film):
                 if sink is not None:
                     closing.callback(sink.close)

@@ -25,7 +25,7 @@ MAX_LINE, MAX_LINES = 10_000_000, 1_000_000
 """Most bytes of a line of a log that is read, and most lines."""
 
 SLACK = 0.01
-"""By how much an event may be earlier than the one before it, as the simulation's clock goes in steps [s]."""
+"""Largest step back between events [s], since the simulation's clock is discrete."""
 
 
 class LogWriter:
@@ -54,9 +54,9 @@ class LogWriter:
 
 
 def read_log(path: Path) -> Iterator[Event]:
-    """The events of a log of the kinds that are known, its header first.
+    """The events of known kinds in a log, its header first.
 
-    Raises InputError, with the line, for what is no log.
+    Raises InputError, with the line, for anything but a log.
     """
     before, joints, number = 0.0, None, 0
     for number, text in _lines(path):
@@ -67,7 +67,7 @@ def read_log(path: Path) -> Iterator[Event]:
         event = _event(line, place, first_state=joints is None)
         if isinstance(event, WholeState):
             joints = len(event.joints)
-        if isinstance(event, State) and event.tells("q") and len(event.q) != joints:
+        if isinstance(event, State) and event.has("q") and len(event.q) != joints:
             raise _no_log(f"this state has {len(event.q)} positions `q` of {joints} joints", place)
         if line.t < before - SLACK:
             raise _no_log(f"this event is at {line.t:g} s, before that of the line above", place)
@@ -115,7 +115,7 @@ def _line(text: str, place: Place) -> _Line:
 
 
 def _event(line: _Line, place: Place, *, first_state: bool) -> Event | None:
-    """What a line tells, None for an event of a kind that is not known; first_state: whether no state came before."""
+    """The event of a line, None for an unknown kind; first_state: whether no state came before."""
     model = KINDS.get(line.kind)
     if model is None:
         return None

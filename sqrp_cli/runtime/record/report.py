@@ -1,4 +1,4 @@
-"""What a run leaves behind: its outcome, its faults with their times, and how well predictions came true."""
+"""The report of a run: its outcome, its faults with their times, and which predictions came true."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Literal
 from pydantic import ConfigDict
 
 PROCESSING = 0.02
-"""What it may take to look at an image [s]: measured, 15 ms for one of 640x480 pixels."""
+"""Time to process an image [s]: measured, 15 ms for one of 640x480 pixels."""
 
 
 def tolerance(period: float) -> float:
@@ -24,7 +24,7 @@ class Stopped(Exception):  # noqa: N818
 class MonitoringLost(Stopped):
     """The run cannot go on because cameras or the process behind them fail.
 
-    fault: the kind of fault that the reason tells of. cameras: those that it names.
+    fault: the kind of fault in the reason. cameras: those in the reason.
     """
 
     def __init__(self, reason: str, fault: str, cameras: Collection[str]) -> None:
@@ -40,30 +40,30 @@ class _Recorded:
 
 @dataclass
 class FaultRecord(_Recorded):
-    """A fault with its times on the run's clock [s]; None for what never came."""
+    """A fault with its times on the run's clock [s]; None for what never happened."""
 
     name: str
     """As the skill calls it, or what was injected."""
     injected: float | None = None
-    """When it was made to happen."""
+    """When it was injected."""
     happened: float | None = None
     """When the fault's formula became true in the cell."""
     detected: float | None = None
     """When the images showed it."""
     acted: float | None = None
-    """When the robot began to do something about it: to try again, or to stop."""
+    """When the robot began to respond: to try again, or to stop."""
     recovered: float | None = None
-    """When the step was done after all."""
+    """When the step was finally done."""
     predicted_delay: float | None = None
     """From `happened` to `detected` as the program predicts it [s]."""
     moved_on: float | None = None
-    """For how long the robot moved on after that, to where the condition of a retry can be seen [s]; None if not."""
+    """How long the robot then moved on, to where the condition of a retry can be seen [s]; None if it did not."""
     camera: str | None = None
-    """Which it befell, None for a fault of the step."""
+    """The camera that failed, None for a fault of the step."""
 
     @property
     def label(self) -> str:
-        """What people read: the name, and the camera that it befell."""
+        """For display: the name, and the camera that failed."""
         return self.name if self.camera is None else f"{self.name} {self.camera}"
 
     @property
@@ -86,7 +86,7 @@ class StepRecord(_Recorded):
     end: float | None = None
     attempts: int = 1
     unseen: Mapping[str, float | None] = field(default_factory=dict)
-    """What formulas ask about at the end of the motion and no image from then on showed: when one last did [s]."""
+    """Atoms that formulas require at the end of the motion but no image showed from then on: when one last did [s]."""
 
 
 @dataclass
@@ -127,7 +127,7 @@ class Disagreement(_Recorded):
     predicted: bool
     """Whether the camera was predicted to see the atom."""
     seen: str
-    """What the image gave: `true`, `false` or `blind`."""
+    """The value from the image: `true`, `false` or `blind`."""
     true: bool
     share: float
     """Of the boxes that could be judged in the image."""
@@ -163,7 +163,7 @@ class RunReport(_Recorded):
     """When it stood after that [s]."""
 
     def label_of(self, fault: FaultRecord) -> str:
-        """What people read of one of the faults: where there are several steps, with the number of its step."""
+        """For display: a fault's label, with the number of its step if there are several."""
         first = next((t for t in (fault.injected, fault.happened, fault.detected) if t is not None), 0.0)
         number = sum(step.start <= first for step in self.steps)
         return fault.label if len(self.steps) < 2 else f"{max(number, 1)}: {fault.label}"

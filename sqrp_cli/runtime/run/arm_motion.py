@@ -207,7 +207,7 @@ class PathStop:
 
 
 def slowing(rate: float, change: float) -> PiecewiseCubic:
-    """The law of a clock whose rate falls to 0, with a trapezoidal deceleration that is continuous with what was.
+    """The law of a clock that slows down to 0, with a trapezoidal deceleration that continues the present one.
 
     rate: at which the clock passes before, 1 where no stop has begun. change: of that rate, not above 0, over the
     whole stop. The deceleration goes from -change to the peak p at which all of the rate is lost, stays there, and

@@ -1,4 +1,4 @@
-"""The robot as a run commands it: its arm and its tool; whether that really holds something, only images tell."""
+"""The robot as a run commands it: arm and tool. Only images show whether the tool really holds an object."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class CommandedRobot:
         *,
         holding: bool,
     ) -> None:
-        """fingers: of a gripper, whose joints the motion moves. clockwork: lets time pass instead of the cell."""
+        """fingers: of a gripper; the motion moves their joints. clockwork: lets time pass instead of the cell."""
         self.cell, self.motion, self.fingers = cell, motion, fingers
         self._clockwork = clockwork or cell
         self.holding = holding

@@ -53,7 +53,7 @@ class EvidenceCollector:
         return {name: np.median(found, axis=0) for name, found in self._places.items()}
 
     def watch(self, attempt: Attempt, number: int, t: float) -> None:
-        """Look for what an attempt at the step with that number asks about, in images from time t [s] on."""
+        """Look for the atoms of an attempt at the step with that number, in images from time t [s] on."""
         self._attempt, self._number = attempt, number
         self.streams.watch(attempt.sought)
         self.forget(t)
@@ -128,19 +128,19 @@ class EvidenceCollector:
             self._published.pop(exposure.t, None)
 
     def _watched(self) -> Attempt:
-        assert self._attempt is not None  # noqa: S101 - nobody looks without being asked for what
+        assert self._attempt is not None  # noqa: S101 - an attempt is set before images are taken
         return self._attempt
 
 
 def _evidence_seen(evidence: Evidence, attempt: Attempt, now: float) -> EvidenceSeen:
     exposure, tau = evidence.exposure, evidence.exposure.tau
-    asked = attempt.monitor.monitored(max(tau or 0.0, 0.0))
+    required = attempt.monitor.monitored(max(tau or 0.0, 0.0))
     literals = {
         atom: ShownAtom(
             value=fused.truth,
             true=exposure.truths.get(atom),
             predicted=tau is not None and attempt.nominal.is_covered(atom, tau),
-            asked=atom in asked,
+            asked=atom in required,
             cameras=dict(sorted(fused.votes.items())),
         )
         for atom, fused in evidence.atoms.items()

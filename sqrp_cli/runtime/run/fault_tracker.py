@@ -1,4 +1,4 @@
-"""Makes faults happen, and tracks each: when it happened, was seen, was acted on and made good."""
+"""Injects faults, and tracks each: when it happened, was seen, was acted on and mended."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from sqrp_cli.runtime.record.report import FaultRecord, MonitoringLost
 from sqrp_cli.runtime.run.injected_fault import InjectedFault
 
 PHYSICAL = ("slip", "miss-pick")
-"""Faults that befall the step; the others befall the cameras that watch it."""
+"""Faults of the step; the others are faults of cameras."""
 
 TRUTH_SPACING = 0.01
-"""Time between two looks at what really is so, once a fault was injected [s]."""
+"""Period of checking the ground truth, once a fault was injected [s]."""
 
 
 class FaultTracker:
@@ -31,7 +31,7 @@ class FaultTracker:
         self._of_cameras: list[FaultRecord] = []
 
     def inject(self, fault: InjectedFault, t: float, attempt: Attempt) -> None:
-        """Make a fault happen."""
+        """Inject a fault."""
         camera = fault.camera or ""
         match fault.kind:
             case "slip":
@@ -84,7 +84,7 @@ class FaultTracker:
                 self._publisher.publish(FaultHappened(t=t, fault=record.name))
 
     def seen(self, alarm: Alarm, t: float) -> None:
-        """The images showed a fault: those that were injected and not seen yet, or one that nobody injected."""
+        """The images showed a fault: the injected ones that are not seen yet, or one that was not injected."""
         unseen = [record for record in self._open if record.detected is None]
         if not unseen:
             unseen = [FaultRecord(alarm.name)]
@@ -95,7 +95,7 @@ class FaultTracker:
         self._publisher.publish(FaultSeen(t=t, name=alarm.name, text=alarm.text, response=alarm.response.action))
 
     def suspected(self, t: float) -> None:
-        """The images showed that something is wrong, if not what."""
+        """The images showed that something is wrong, but not what."""
         for record in self._open:
             record.detected = t if record.detected is None else record.detected
 
@@ -105,12 +105,12 @@ class FaultTracker:
             record.moved_on = round(seconds, 6)
 
     def acted(self, t: float) -> None:
-        """The robot does something about what was seen."""
+        """The robot responds to the seen fault."""
         for record in self._seen():
             record.acted = t
 
     def recovered(self, t: float) -> None:
-        """The step is done after all."""
+        """The step is finally done."""
         for record in self._seen():
             record.recovered = t
         self._open.clear()

@@ -32,7 +32,7 @@ class GroundTruth:
         self._cell, self._robot = cell, robot
 
     def atoms(self, attempt: Attempt) -> dict[str, bool]:
-        """The value that each atom which an attempt asks about now has."""
+        """The present value of each atom that an attempt monitors."""
         truth = self._cell.truth()
         is_open = self._robot.closure(truth.joints) <= OPEN_SHARE
         situation = Situation(self._robot.link_poses(truth.joints), truth.X_WO, attempt.starts, truth.held, is_open)
@@ -43,9 +43,9 @@ class GroundTruth:
 
 
 class StateRecorder:
-    """A cell that publishes at a fixed rate where everything in it is, while time passes as it would without.
+    """A cell that publishes its true poses at a fixed rate, without any other effect.
 
-    The first event has all of it, the others have what is not as it was in the one before.
+    The first event is complete, the others have only changes.
     """
 
     def __init__(self, cell: SimulatedCell, publisher: EventPublisher) -> None:
@@ -107,8 +107,8 @@ class Track:
         assert isinstance(first, WholeState)  # noqa: S101 - as a `StateRecorder` publishes and `read_log` makes sure
         q, held = [first.q], [first.held]
         for state in others:
-            q.append(state.q if state.tells("q") else q[-1])
-            held.append(state.held if state.tells("held") else held[-1])
+            q.append(state.q if state.has("q") else q[-1])
+            held.append(state.held if state.has("held") else held[-1])
         poses: dict[str, list[tuple[int, tuple[float, ...]]]] = {}
         for index, state in enumerate(states):
             for name, pose in state.objects.items():
@@ -125,9 +125,8 @@ class Track:
 def asked_boxes(step: Step) -> dict[str, list[AskedBox]]:
     """The boxes in which images of a step are judged, by atom.
 
-    The frame of each is a link of the robot or the world, in which a box stays that belongs to where an object was when
-    the step began. A box that moves with an object which is carried is left out: where images are searched for it is
-    what the robot believes, and neither where the object is nor where it was.
+    The frame of each is a link of the robot, or the world for a box at `object@start`. A box that moves with a carried
+    object is left out: images are searched for it where the robot believes it is, not where the object is or was.
     """
     found = {atom: [_asked(step, box) for box in target.boxes] for atom, target in step.targets.items()}
     return {atom: [box for box in boxes if box is not None] for atom, boxes in found.items()}

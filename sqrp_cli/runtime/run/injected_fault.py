@@ -85,7 +85,7 @@ class StepPlace:
 
     @property
     def prefix(self) -> str:
-        """What a fault of just this step begins with."""
+        """The prefix of a fault of this step only."""
         return "" if len(self.steps) == 1 else f"{self.number}:"
 
 
@@ -151,15 +151,15 @@ def parse_sweep(text: str, steps: Sequence[Step]) -> tuple[StepPlace, ProgramPri
         raise written.refused("expected `slip@` and a primitive of the program", _slip_instead(places))
     found = _meant(name, places, 0.0)
     if found is None:
-        whose = "the program" if len(places) == len(steps) else places[0].label
-        message = f"expected `slip@` and a primitive of {whose}; {expected_names(name, _names(places))}"
+        owner = "the program" if len(places) == len(steps) else places[0].label
+        message = f"expected `slip@` and a primitive of {owner}; {expected_names(name, _names(places))}"
         raise written.refused(message, _in_another_step(written, name, steps) or _slip_instead(places))
     _check_can_slip(written, found[0], [name])
     return found
 
 
 def _read_step(option: str, text: str, steps: Sequence[Step]) -> tuple[_FaultText, list[StepPlace]]:
-    """What was written, and the steps in which it may happen: all, or the one with whose number it begins."""
+    """The text, and the steps in which the fault may happen: all, or the one given by its number."""
     places = _places(steps)
     found = _STEP.fullmatch(text)
     if found is None:
@@ -186,8 +186,8 @@ def _slip(written: _FaultText, rest: str, places: Sequence[StepPlace], rng: np.r
     name, offset = found["primitive"], _time(written, found["offset"] or "0")
     meant = _meant(name, places, offset)
     if meant is None:
-        whose = "the program" if len(places) == len(places[0].steps) else places[0].label
-        message = f"{whose} has no primitive `{name}`; {expected_names(name, _names(places))}"
+        owner = "the program" if len(places) == len(places[0].steps) else places[0].label
+        message = f"{owner} has no primitive `{name}`; {expected_names(name, _names(places))}"
         raise written.refused(message, _in_another_step(written, name, places[0].steps))
     place, primitive = meant
     _check_can_slip(written, place, [name])
@@ -196,8 +196,8 @@ def _slip(written: _FaultText, rest: str, places: Sequence[StepPlace], rng: np.r
     else:
         t = primitive.start + offset
         if t > primitive.end:
-            whose = f"`{name}`" if len(place.steps) == 1 else f"`{name}` of {place.label}"
-            raise written.refused(f"{whose} lasts only {primitive.end - primitive.start:.2f} s")
+            owner = f"`{name}`" if len(place.steps) == 1 else f"`{name}` of {place.label}"
+            raise written.refused(f"{owner} lasts only {primitive.end - primitive.start:.2f} s")
     return InjectedFault("slip", written.text, t, step=place.number)
 
 
@@ -235,10 +235,10 @@ def _grasping(written: _FaultText, places: Sequence[StepPlace]) -> StepPlace:
     if (found := next((place for place in places if place.grasps), None)) is not None:
         return found
     steps = places[0].steps
-    whose = "this program" if len(places) == len(steps) else places[0].label
+    owner = "this program" if len(places) == len(steps) else places[0].label
     everywhere = _places(steps)
     other = next((f"write {place.prefix}miss-pick" for place in everywhere if place.grasps), None)
-    raise written.refused(f"no primitive of {whose} grasps", other or _slip_instead(everywhere))
+    raise written.refused(f"no primitive of {owner} grasps", other or _slip_instead(everywhere))
 
 
 def _check_can_slip(written: _FaultText, place: StepPlace, during: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""Cell, cameras and perception on one clock: time passes from one event to the next, and nobody runs ahead."""
+"""Cell, cameras and perception on one clock: time passes from one event to the next, for all together."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ from sqrp_cli.runtime.run.retry_planner import RetryPlanner
 
 @dataclass(frozen=True, eq=False)
 class Workcell:
-    """What a run commands and looks at."""
+    """What a run commands and observes."""
 
     workspace: Workspace
     body: RobotBody
@@ -40,14 +40,14 @@ class Workcell:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What is kept of a run, and who hears of it."""
+    """What is kept of a run, and its listeners."""
 
     listeners: Sequence[Listener] = ()
-    """Are given each event as it happens."""
+    """Called with each event as it happens."""
     images: ImageRecorder | None = None
-    """Takes every image with what was seen in it."""
+    """Receives every image with its detections."""
     states: bool = False
-    """Whether the events hold where everything really is, too; the run itself is the same."""
+    """Whether the events include the true poses; the run itself is the same."""
 
 
 class Run:

@@ -1,4 +1,4 @@
-"""What the robot does between a fault that it has seen and another attempt: it looks, locates and plans again."""
+"""From a seen fault to another attempt: the robot looks, locates objects and plans again."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LOOK_AGAIN = 2.0
 """How long the robot stands and waits for the condition of a retry to be seen [s]."""
 
 SPACING = 0.05
-"""Time between the instants of a motion at which a place to stand and look is looked for [s]."""
+"""Sampling period of a motion in the search for a viewpoint [s]."""
 
 
 @dataclass(frozen=True)
@@ -32,14 +32,14 @@ class Viewpoint:
     stop_at: float
     """The time of the step at which to begin to stop [s]."""
     cameras: tuple[str, ...]
-    """That are predicted to see something from there; empty at the end of a motion from which nothing is."""
+    """Those predicted to see something from there; empty if the motion ends without a viewpoint."""
 
     def __str__(self) -> str:
         return f"where {listed(self.cameras)} should see it" if self.cameras else "at the end of the motion"
 
 
 class RetryPlanner:
-    """Brings the robot from a fault to a plan of the same step from where it then is."""
+    """Brings the robot from a fault to a new plan of the same step from where it stands."""
 
     def __init__(self, lockstep: Lockstep, replanner: Replanner) -> None:
         self._lockstep, self._replanner = lockstep, replanner
@@ -91,7 +91,7 @@ class RetryPlanner:
         return condition_value(when, self._collector.values) == Truth.TRUE
 
     def _viewpoint(self, attempt: Attempt, when: str) -> Viewpoint:
-        """The next place along the motion from which all that a condition asks about is predicted to be seen."""
+        """The next place along the motion from which all atoms of a condition are predicted to be seen."""
         atoms, end = condition_atoms(when), attempt.step.time
         for begin in np.arange(min(self._tau(), end), end, SPACING).tolist():
             stands = self._robot.motion.standing_time(begin)

@@ -69,7 +69,7 @@ class SweepSummary:
 
     tolerance: float
     predictable: int
-    """Runs whose fault came true and that the prediction says is seen."""
+    """Runs in which the fault came true and is predicted to be seen."""
     lateness: tuple[float, ...]
     """Of each of those that were seen, measured delay minus predicted [s]."""
     delays: tuple[float, ...]
@@ -124,7 +124,7 @@ def sweep(
         for x in instants(primitive.start, primitive.end, count):
             report = simulation.run_in(cell, [slip_at(x, step)])
             step_done()
-            # A run may see a fault that nobody injected, or stop, before the step begins.
+            # A run may see a fault that was not injected, or stop, before the step begins.
             slip = next((fault for fault in report.faults if fault.injected is not None), FaultRecord("slip"))
             yield SweepRun(x, slip, report)
 

@@ -136,7 +136,7 @@ def test_a_state_tells_what_is_not_as_it_was(later: dict[str, object], told: dic
 
 def test_that_nothing_is_held_any_more_is_told() -> None:
     changed = WHOLE.since(WHOLE.model_copy(update={"held": "g"}))
-    assert (changed.tells("held"), changed.tells("q")) == (True, False)
+    assert (changed.has("held"), changed.has("q")) == (True, False)
     assert changed.line() == {"t": 0.0, "event": "state", "held": None}
 
 
