@@ -106,7 +106,7 @@ class Page {
   dress(theme) {
     document.documentElement.dataset.theme = theme;
     if (this.motion && this.scene) {
-      this.scene.tell();
+      this.scene.colour();
       this.scene.draw();
     }
   }
