@@ -26,6 +26,13 @@ HOME_CLEARANCE = 0.25
 """Radius around the tool at home in which nothing tall stands [m]."""
 
 
+HALF_VIEW = 20 * pi / 180
+"""Half the angle within which a camera has one cube at least [rad]; its image is wider."""
+
+DRAWN_VIEWS = 200
+"""How many views are drawn at most until one has a cube."""
+
+
 @dataclass(frozen=True)
 class Crowd:
     """Random contents of a cell; seed: of all random numbers."""
@@ -59,7 +66,8 @@ def crowded(layout: Layout, cell: Cell, reach: float, crowd: Crowd) -> Layout:
         color = COLORS[index % len(COLORS)]
         place = taken.draw(rng, farthest, size / sqrt(2), home, 0.0)
         cubes.append(Cube(f"{color[0]}{index // len(COLORS) + 1}", color, _triple([*place, size / 2])))
-    views = [_view(rng, f"cam{index + 1}", base, reach) for index in range(crowd.cameras)]
+    places = np.array([cube.position for cube in cubes])
+    views = [_view_of_some(rng, f"cam{index + 1}", base, reach, places) for index in range(crowd.cameras)]
     colors = dict.fromkeys(cube.color for cube in cubes)
     edge = max(farthest + float(np.abs(base).max()), taken.edge)
     side = max(layout.table_side, ceil(20 * (edge + 0.2)) / 10)
@@ -96,6 +104,21 @@ class _Ground:
                     self._radii = np.append(self._radii, radius)
                     return place
             farthest *= 1.1
+
+
+def _view_of_some(rng: np.random.Generator, name: str, base: Array, reach: float, places: Array) -> CameraView:
+    """A camera as `_view` draws it that has at least one of the places (n, 3) well inside its image.
+
+    Where none is drawn, as with few places far out, one that looks at the first of them.
+    """
+    for _ in range(DRAWN_VIEWS):
+        view = _view(rng, name, base, reach)
+        eye = np.array(view.position)
+        rays, axis = places - eye, np.array(view.looks_at) - eye
+        cosines = rays @ axis / (np.linalg.norm(rays, axis=1) * np.linalg.norm(axis))
+        if cosines.max() > np.cos(HALF_VIEW):
+            return view
+    return replace(view, looks_at=_triple(places[0]))
 
 
 def _view(rng: np.random.Generator, name: str, base: Array, reach: float) -> CameraView:

@@ -225,12 +225,13 @@ def _text(text: Styled, style: str = "") -> Text:
     return Text("\n" * before + shown[before : len(shown) - after] + "\n" * after, style=style)
 
 
-def say(text: Styled = "", style: str | None = None) -> None:
-    """A paragraph of results, folded at the terminal's width."""
+def say(text: Styled = "", style: str | None = None, *, indent: int = 0) -> None:
+    """A paragraph of results, folded at the terminal's width. indent: of all lines but the first, if there is room."""
     console = output()
-    for line in _text(text, style or "").wrap(console, console.width):
+    indent = min(indent, console.width - LEAST_WIDTH)
+    for number, line in enumerate(_text(text, style or "").wrap(console, console.width - indent)):
         line.rstrip()
-        _put(console, line)
+        _put(console, Text.assemble(" " * indent if number else "", line))
 
 
 def say_command(text: str, command: str, style: str | None = None) -> None:

@@ -26,6 +26,9 @@ _SHOWN: dict[Criterion, tuple[str, float, str]] = {
 }
 """Name, scale and format of each criterion's figure."""
 
+_OPTIMAL = "* Pareto-optimal: none is as good in Q_eoi, Q_avg and time and better in one."
+"""What the asterisk of the table means."""
+
 
 def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked], by: Criterion) -> None:
     """The table with a row per feasible candidate, the infeasible ones with reasons, and a summary."""
@@ -48,12 +51,8 @@ def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked],
             name, all_seen = last.candidate.name, last.verdict == NOTHING_MISSING
             beginning = f"Even in the last, {name}," if all_seen else f"Last is {name}:"
             say(f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}")
-        say(
-            plain(
-                f"* none is better in all of Q_eoi, Q_avg and time. {accuracy(assignment.sampling, feasible)}",
-                "dim",
-            )
-        )
+        say(_OPTIMAL, "dim")
+        say(accuracy(assignment.sampling, feasible), "dim")
 
 
 def _print_infeasible(assessments: Sequence[Assessment]) -> None:

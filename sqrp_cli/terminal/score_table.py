@@ -71,19 +71,19 @@ def print_difference(findings: Scorecard) -> None:
     changes = [change for changes in findings.changes.values() for change in changes]
     say("What differs in the workspace:" if changes else "Nothing that matters differs in the workspace.")
     for change in changes:
-        say(f"  {change}")
+        say(f"  {change}", indent=4)
     ways = [(result, change) for result in findings.results if result.comparison for change in result.comparison.ways]
     say("\nWhat that does:" if ways else "\nNo task gets better or worse.")
     for result, way in ways:
         mark = ("worse ", "red") if way.worse else ("better", "green")
-        say(joined(["  ", mark, f"  {result.score.task} for {way}"]))
+        say(joined(["  ", mark, f"  {result.score.task} for {way}"]), indent=10)
     for result in findings.results:
         if result.comparison and result.comparison.verdict == "new":
-            say(joined(["  ", ("new   ", "yellow"), f"  {result.score.task}"]))
+            say(joined(["  ", ("new   ", "yellow"), f"  {result.score.task}"]), indent=10)
         for name in result.comparison.gone if result.comparison else ():
-            say(joined(["  ", ("gone  ", "yellow"), f"  {result.score.task} for {name}"]))
+            say(joined(["  ", ("gone  ", "yellow"), f"  {result.score.task} for {name}"]), indent=10)
     for vanished in findings.vanished:
-        say(joined(["  ", ("gone  ", "yellow"), f"  {vanished.task}"]))
+        say(joined(["  ", ("gone  ", "yellow"), f"  {vanished.task}"]), indent=10)
 
 
 def verdict(findings: Scorecard) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -410,10 +411,22 @@ def test_diff_says_what_differs_and_what_that_does(sqrp, watch, own_watch):
         "worse   watch green for turned: ",
         "eye no longer sees",
     ):
-        assert line in outcome.out
+        assert line in re.sub(r"\n {10}", " ", outcome.out)
     document = sqrp("diff", watch, own_watch, "--json").document
     assert [change["field"] for change in document["changes"]["watch"]][:1] == ["cameras.eye.pose.position.1"]
     assert sqrp("diff", watch, watch).code == 0
+
+
+def test_folded_lines_of_a_difference_are_indented(sqrp, watch, own_watch):
+    edit(own_watch, "position: [0, 0, 1], look_at: [1, 0, 1]", "position: [0, 1.3, 1], look_at: [1, 1.3, 1]")
+    outcome = sqrp("diff", watch, own_watch, columns=80)
+    _, differs, effects = re.split(r"What differs in the workspace:\n|\nWhat that does:\n", outcome.out)
+    assert all(line.startswith(("  cameras.", " " * 4)) for line in differs.splitlines() if line)
+    lines = [line for line in effects.splitlines() if line]
+    folded = [line for line in lines if not line.startswith(("  worse   ", "  better  "))]
+    assert folded
+    assert all(line.startswith(" " * 10) and line[10] != " " for line in folded)
+    assert all(len(line) <= 80 for line in lines)
 
 
 def test_a_task_that_is_gone_is_named_and_is_no_regression(sqrp, watch, own_watch):

@@ -169,6 +169,12 @@ def test_the_chart_shows_when_each_literal_and_camera_is_covered(sqrp, watch):
     assert "·" * 6 + "a" * 13 + "·" * 31 in [match[0] for line in lines if (match := re.search(r"[█·a-]{50}", line))]
 
 
+def test_what_the_asterisk_means_is_a_line_of_its_own_that_says_pareto_optimal(sqrp, watch):
+    lines = sqrp("rank", watch, "watch green", columns=80).out.splitlines()
+    (line,) = [line for line in lines if line.startswith("* ")]
+    assert line == "* Pareto-optimal: none is as good in Q_eoi, Q_avg and time and better in one."
+
+
 def test_explain_says_what_hides_what_and_when(sqrp, watch):
     text = " ".join(sqrp("explain", watch, "watch behind").out.split())
     assert "hidden by wall" in text

@@ -50,3 +50,14 @@ def test_the_seed_decides(tmp_path: Path) -> None:
 def test_the_table_grows_with_the_ring_on_which_things_stand(tmp_path: Path) -> None:
     findings = lint(made(tmp_path / "cell", Crowd(0, 400, 1)))
     assert "floating-object" not in [finding.code for finding in findings]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_each_camera_has_a_cube_in_its_image(seed: int, tmp_path: Path) -> None:
+    workspace = made(tmp_path / "cell", Crowd(seed, 1, 6))
+    cubes = np.array([item.X_WO[:3, 3] for item in workspace.objects.values() if item.type == "cube"])
+    for camera in workspace.cameras.values():
+        rays = (cubes - camera.X_FC[:3, 3]) @ camera.X_FC[:3, :3]
+        pixels = (rays @ camera.matrix.T)[:, :2] / rays[:, 2:]
+        inside = (pixels > 0).all(axis=1) & (pixels < (camera.width, camera.height)).all(axis=1) & (rays[:, 2] > 0)
+        assert inside.any(), camera.name
