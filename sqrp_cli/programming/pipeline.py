@@ -46,7 +46,7 @@ class Assignment:
         """The figures of one candidate, or why it is infeasible."""
         result = study(self.cell, candidate, self.world, self.sampling, full=False)
         if isinstance(result, Infeasible):
-            return Assessment(candidate, feasible=False, reasons=result.reasons, verdict=result.reasons[0])
+            return Assessment.infeasible(candidate, result.reasons, verdict=result.reasons[0])
         assessment = result.assessment(verdict(self.cell, result))
         if self.calibration is None:
             return assessment

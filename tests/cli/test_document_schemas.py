@@ -7,9 +7,11 @@ from pathlib import Path
 
 import jsonschema
 import pytest
+import yaml
 
-from sqrp_cli.report.documents.schemas import DOCUMENTS, NAMES, schema_of
+from sqrp_cli.report.documents.schemas import DOCUMENTS, NAMES, RECORDS, schema_of
 
+CASES = Path(__file__).parents[1] / "cases"
 CELLS = Path(__file__).parents[2] / "workspaces"
 TABLETOP, TOWER = CELLS / "tabletop", CELLS / "tower"
 
@@ -17,6 +19,25 @@ TABLETOP, TOWER = CELLS / "tabletop", CELLS / "tower"
 @pytest.mark.parametrize("name", NAMES)
 def test_every_name_has_a_schema(sqrp, name):
     jsonschema.Draft202012Validator.check_schema(json.loads(sqrp("schema", name).out))
+
+
+def test_every_field_of_every_document_is_described():
+    undescribed = {
+        f"{record['title']}.{field}"
+        for schema in map(schema_of, (*DOCUMENTS, *RECORDS))
+        for record in (schema, *schema.get("$defs", {}).values())
+        for field, found in record.get("properties", {}).items()
+        if "description" not in found and "$ref" not in found
+    }
+    listed = yaml.safe_load((CASES / "undescribed_fields.yaml").read_text(encoding="utf-8"))
+    assert undescribed == {f"{record}.{field}" for record, fields in listed.items() for field in fields}
+
+
+def test_inherited_fields_are_described_as_where_they_are_declared():
+    explained = schema_of("explain")["$defs"]
+    assert explained["CandidateStudy"]["properties"]["t_eoi"]["description"].startswith("T_eoi, ")
+    assert explained["ExplainDocument"]["properties"]["task"]["description"] == "As it was asked for."
+    assert explained["Qualities"]["properties"]["q_avg"]["description"].startswith("Q_avg in 0..1")
 
 
 COMMANDS = [

@@ -18,11 +18,12 @@ CANDIDATES: tuple[Candidate, ...] = read_task("pickup green", load_workspace(TAB
 
 def assessed(index: int, q_eoi: float | None, q_avg: float | None, time: float, delay: float = 1.0) -> Assessment:
     fault = FaultMetrics(delay, 2 * delay, delay, 0.0, time + delay)
-    return Assessment(CANDIDATES[index], feasible=True, time=time, q_avg=q_avg, q_eoi=q_eoi, faults={"slip": fault})
+    figures = {"time": time, "q_avg": q_avg, "q_eoi": q_eoi, "faults": {"slip": fault}}
+    return dataclasses.replace(Assessment.infeasible(CANDIDATES[index], ()), feasible=True, **figures)
 
 
 def infeasible(index: int) -> Assessment:
-    return Assessment(CANDIDATES[index], feasible=False, reasons=("too far",))
+    return Assessment.infeasible(CANDIDATES[index], ("too far",))
 
 
 def names(assessments: list[Assessment], by: str = "q_eoi") -> list[str]:

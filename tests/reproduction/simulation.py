@@ -81,7 +81,7 @@ class Picking:
             {name: one for name, one in found.items() if isinstance(one, Study)},
             {name: feasible_study(cell, g1, sampling) for name, sampling in SAMPLINGS.items()},
             {
-                name: Assessment(_candidates(cell)[name], feasible=False, reasons=one.reasons)
+                name: Assessment.infeasible(_candidates(cell)[name], one.reasons)
                 for name, one in found.items()
                 if isinstance(one, Infeasible)
             },

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
@@ -16,7 +17,8 @@ def assessed(*, blind: float) -> Assessment:
     candidate = SimpleNamespace(name="g1", objects={"object": "g1"})
     slip = FaultMetrics(0.15 + blind / 2, 0.15 + blind, blind, 0.0, 20.0)
     verdict = "cam1 cannot see hold(g1) behind forearm_link."
-    return Assessment(candidate, feasible=True, time=9.0, faults={"slip": slip}, verdict=verdict)
+    without = Assessment.infeasible(candidate, (), verdict)
+    return replace(without, feasible=True, time=9.0, faults={"slip": slip})
 
 
 def test_a_delay_is_explained_by_what_hides_the_fault():

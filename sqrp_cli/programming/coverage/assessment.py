@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from sqrp_cli.errors import Infeasible, InputError, Problem
-from sqrp_cli.geometry import check_finite
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.formula_time import Stretch, merge
-from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.faults import fault_metrics
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities, figures_of
 from sqrp_cli.programming.coverage.sampling import MAX_SAMPLES, Sampling, sample_count
 from sqrp_cli.programming.coverage.stage import Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
@@ -26,27 +24,13 @@ from sqrp_cli.programming.task import Candidate
 
 
 @dataclass(frozen=True, eq=False)
-class Assessment:
-    """The reported figures of one candidate; all are None, and `faults` empty, if it is infeasible."""
+class Assessment(Figures):
+    """What is reported of one candidate."""
 
     candidate: Candidate
     feasible: bool
     reasons: tuple[str, ...] = ()
     """Why it is infeasible, most useful first."""
-    time: float | None = None
-    """Duration of the whole motion [s]."""
-    q_avg: float | None = None
-    """Q_avg in 0..1; None where no formula applies."""
-    q_eoi: float | None = None
-    """Q_eoi in 0..1; None where there is no event of interest."""
-    t_total: float | None = None
-    """T [s]."""
-    t_eoi: float | None = None
-    """T_eoi [s]."""
-    faults: Mapping[str, FaultMetrics] = field(default_factory=dict)
-    """By the fault's name."""
-    states: int | None = None
-    """Number of samples that hold literals."""
     error: float | None = None
     """Bound on the error of Q from bisection, in 0..1."""
     largest_gap: float | None = None
@@ -60,10 +44,10 @@ class Assessment:
     recalibrated: tuple[Qualities, ...] = ()
     """The qualities for random camera poses, if requested."""
 
-    def __post_init__(self) -> None:
-        """Raises ValueError if a figure is not finite."""
-        figures = self.time, self.q_avg, self.q_eoi, self.t_total, self.t_eoi, self.error, self.largest_gap
-        check_finite("the candidate", *figures)
+    @classmethod
+    def infeasible(cls, candidate: Candidate, reasons: tuple[str, ...], verdict: str = "") -> Assessment:
+        """The assessment of a candidate that cannot be done."""
+        return cls(candidate, feasible=False, reasons=reasons, verdict=verdict, **vars(NO_FIGURES))
 
     @property
     def delay_worst(self) -> float | None:
@@ -87,20 +71,14 @@ class Study:
     def assessment(self, verdict: str) -> Assessment:
         """The figures of the candidate."""
         timeline, time = self.timeline, self.motion.time
-        qualities = Qualities.of(timeline)
+        faults = {
+            fault: fault_metrics(timeline, fault, fault_intervals(self.formulas, fault), self.recovery, time)
+            for fault in timeline.faults
+        }
         return Assessment(
             candidate=self.candidate,
             feasible=True,
-            time=time,
-            q_avg=qualities.q_avg,
-            q_eoi=qualities.q_eoi,
-            t_total=timeline.T,
-            t_eoi=timeline.T_eoi,
-            faults={
-                fault: fault_metrics(timeline, fault, fault_intervals(self.formulas, fault), self.recovery, time)
-                for fault in timeline.faults
-            },
-            states=int(timeline.monitored.sum()),
+            **vars(figures_of(timeline, time, faults)),
             error=timeline.transition_error,
             largest_gap=timeline.largest_gap,
             ways_around=self.motion.ways_around,

@@ -1,13 +1,59 @@
-"""Sensing quality: the share of the monitored time that the cameras cover."""
+"""The figures of a candidate, first of all its sensing quality: how much of the time that matters is covered."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 
 import numpy as np
 
 from sqrp_cli.geometry import check_finite
+from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.timeline import Timeline
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Figures:
+    """The figures of a candidate, in the order in which documents have them.
+
+    All are None, and `faults` is empty, where it is infeasible.
+    """
+
+    time: float | None
+    """Duration of the whole motion [s]."""
+    q_avg: float | None
+    """Q_avg in 0..1; null where no formula applies."""
+    q_eoi: float | None
+    """Q_eoi in 0..1; null where there is no event of interest."""
+    t_total: float | None
+    """T, the time that formulas monitor [s]."""
+    t_eoi: float | None
+    """T_eoi, the time of the events of interest [s]."""
+    faults: Mapping[str, FaultMetrics]
+    """By the fault's name."""
+    states: int | None
+    """Samples that hold literals."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if a figure is not finite, also one of a subclass."""
+        check_finite("the candidate", *(value for value in vars(self).values() if isinstance(value, float)))
+
+
+NO_FIGURES = Figures(**{part.name: {} if part.name == "faults" else None for part in fields(Figures)})  # type: ignore[arg-type]
+"""Those of an infeasible candidate."""
+
+
+def figures_of(timeline: Timeline, time: float, faults: Mapping[str, FaultMetrics]) -> Figures:
+    """The figures of a motion that takes `time` [s]."""
+    return Figures(
+        time=time,
+        q_avg=average_quality(timeline),
+        q_eoi=interest_quality(timeline),
+        t_total=timeline.T,
+        t_eoi=timeline.T_eoi,
+        faults=faults,
+        states=int(timeline.monitored.sum()),
+    )
 
 
 @dataclass(frozen=True)
@@ -15,7 +61,9 @@ class Qualities:
     """Q_avg and Q_eoi in 0..1, None where undefined."""
 
     q_avg: float | None
+    """Q_avg in 0..1; null where no formula applies."""
     q_eoi: float | None
+    """Q_eoi in 0..1; null where there is no event of interest."""
 
     def __post_init__(self) -> None:
         """Raises ValueError if a quality is not finite."""

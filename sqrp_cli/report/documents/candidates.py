@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from sqrp_cli.program.record import FaultMetrics
+from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.programming.coverage.quality import Figures
 from sqrp_cli.programming.coverage.robustness import DRAWS
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Criterion, winners
@@ -21,27 +22,26 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CandidateFigures(Record):
-    """The figures of a candidate; those of an infeasible one are null."""
+class CandidatePlace(Record):
+    """A candidate and its place in the ranking."""
 
     parameters: Mapping[str, float | str]
     """Objects and motion parameters by name."""
     feasible: bool
+    """Whether the robot can do it."""
     rank: int | None
     """Place in the ranking from 1; null if it is infeasible."""
     reasons: tuple[str, ...]
     """Why it is infeasible, most useful first."""
-    time: float | None
-    """Duration of the whole motion [s]."""
-    q_avg: float | None
-    q_eoi: float | None
-    t_total: float | None
-    """T, the time that formulas monitor [s]."""
-    t_eoi: float | None
-    """T_eoi, the time of the events of interest [s]."""
-    faults: Mapping[str, FaultMetrics]
-    states: int | None
-    """Samples that hold literals."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CandidateFigures(Figures, CandidatePlace):
+    """The figures of a candidate; those of an infeasible one are null.
+
+    A dataclass begins with the fields of its last base: here with the place, then come the figures.
+    """
+
     pareto: bool
     """Whether no other candidate is at least as good in q_avg, q_eoi and time, and better in one."""
     verdict: str
@@ -51,21 +51,7 @@ class CandidateFigures(Record):
     def of(cls, ranked: Ranked) -> CandidateFigures:
         """The figures of a candidate in a ranking."""
         found = ranked.assessment
-        return cls(
-            parameters=found.candidate.parameters,
-            feasible=found.feasible,
-            rank=ranked.rank,
-            reasons=found.reasons,
-            time=found.time,
-            q_avg=found.q_avg,
-            q_eoi=found.q_eoi,
-            t_total=found.t_total,
-            t_eoi=found.t_eoi,
-            faults=found.faults,
-            states=found.states,
-            pareto=ranked.pareto,
-            verdict=found.verdict,
-        )
+        return completed(cls, found, ranked, parameters=found.candidate.parameters)
 
 
 @dataclass(frozen=True, kw_only=True)

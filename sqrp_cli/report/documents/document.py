@@ -35,7 +35,9 @@ class TaskDocument(Document):
     """How a document about a task begins."""
 
     workspace: str
+    """Its name."""
     task: str
+    """As it was asked for."""
 
 
 def as_text(document: Document) -> str:

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 from collections.abc import Mapping
+from functools import cache
+from itertools import pairwise
+from textwrap import dedent
 from typing import Any
 
 from pydantic import TypeAdapter
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core.core_schema import DataclassSchema, ModelSchema
 
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.file_schemas import DIALECT, FILES, file_schema
@@ -51,4 +58,36 @@ def schema_of(name: str) -> dict[str, Any]:
         problem = Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, NAMES)}")
         raise InputError(problem)
     found = {**DOCUMENTS, **RECORDS}[name]
-    return {"$schema": DIALECT, **TypeAdapter(found).json_schema(mode="serialization")}
+    return {"$schema": DIALECT, **TypeAdapter(found).json_schema(mode="serialization", schema_generator=_Described)}
+
+
+class _Described(GenerateJsonSchema):
+    """Describes inherited fields too; Pydantic takes only the texts under the fields of a class itself."""
+
+    def dataclass_schema(self, schema: DataclassSchema) -> JsonSchemaValue:
+        return _described(super().dataclass_schema(schema), schema["cls"])
+
+    def model_schema(self, schema: ModelSchema) -> JsonSchemaValue:
+        return _described(super().model_schema(schema), schema["cls"])
+
+
+def _described(schema: JsonSchemaValue, record: type) -> JsonSchemaValue:
+    for name, value in schema.get("properties", {}).items():
+        owners = [base for base in record.__mro__ if name in inspect.get_annotations(base)]
+        text = next((texts[name] for texts in map(_texts, owners) if name in texts), None)
+        if text is not None:
+            value.setdefault("description", text)
+    return schema
+
+
+@cache
+def _texts(record: type) -> Mapping[str, str]:
+    """The text under each field of a class, by the field's name."""
+    return {
+        field.target.id: inspect.cleandoc(text.value.value)
+        for statement in ast.parse(dedent(inspect.getsource(record))).body
+        if isinstance(statement, ast.ClassDef)
+        for field, text in pairwise(statement.body)
+        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
+        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+    }

@@ -99,7 +99,7 @@ def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
         return Outcome(Assignment(cell, world, job.sampling).assess(candidate), None)
     found = study(cell, candidate, world, job.sampling, full=True)
     if isinstance(found, Infeasible):
-        return Outcome(Assessment(candidate, feasible=False, reasons=found.reasons), None)
+        return Outcome(Assessment.infeasible(candidate, found.reasons), None)
     return Outcome(found.assessment(verdict(cell, found)), coverage_of(cell, found))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import get_type_hints
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, look_at, pose
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
-from sqrp_cli.programming.coverage.quality import Qualities
+from sqrp_cli.programming.coverage.quality import NO_FIGURES, Figures, Qualities
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses
@@ -102,6 +103,9 @@ def test_a_sight_line_that_is_not_finite_is_near_everything_met_by_it_and_sees_n
     assert visible_shares(not_finite, poses, pairs).share.tolist() == [0.0]
 
 
+FIGURES = [name for name, kind in get_type_hints(Figures).items() if kind == float | None]
+
+
 def _spoilt(X: Array) -> Array:
     X[1, 0] = NAN
     return X
@@ -122,8 +126,10 @@ def _spoilt(X: Array) -> Array:
         lambda: SceneStates(1, {"world": _spoilt(pose())[None]}),
         lambda: Qualities(NAN, None),
         lambda: FaultMetrics(0.1, NAN, 0.0, 0.0, 1.0),
-        lambda: Assessment(None, feasible=True, time=NAN),
-        lambda: Assessment(None, feasible=True, q_avg=NAN),
+        *(lambda name=name: replace(NO_FIGURES, **{name: NAN}) for name in FIGURES),
+        *(lambda name=name: replace(Assessment.infeasible(None, ()), **{name: NAN}) for name in FIGURES),
+        lambda: replace(Assessment.infeasible(None, ()), error=NAN),
+        lambda: replace(Assessment.infeasible(None, ()), largest_gap=NAN),
     ],
 )
 def test_no_record_takes_a_pose_or_figure_that_is_not_finite(make: object) -> None:
