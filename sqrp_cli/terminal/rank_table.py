@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import Literal, NamedTuple
 
 import numpy as np
 
-from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.robustness import DRAWS
 from sqrp_cli.programming.coverage.verdict import NOTHING_MISSING
@@ -93,44 +93,59 @@ def _span(values: Sequence[float | None]) -> str:
     return "-" if ends is None else f"{100 * ends[0]:.1f} to {100 * ends[1]:.1f}"
 
 
+class _Figure(NamedTuple):
+    """A column with a figure of each feasible candidate."""
+
+    title: str
+    cell: Callable[[Assessment], Cell]
+
+
+def _seconds(value: float | None, digits: int = 2) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+_FIGURES = (
+    _Figure("Q_eoi [%]", lambda found: Share(found.q_eoi)),
+    _Figure("Q_avg [%]", lambda found: Share(found.q_avg)),
+    _Figure("time\n[s]", lambda found: _seconds(found.time)),
+)
+"""The columns that every ranking has, after place and parameters."""
+
+
 def _print_feasible(feasible: Sequence[Ranked]) -> None:
     differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
-    faults = list(feasible[0].assessment.faults)
-    values = [
-        in_words(ranked.assessment.candidate.skill, ranked.assessment.candidate.parameters) for ranked in feasible
-    ]
-    columns = [Column("#")]
-    columns += [Column(name) for name in differing]
-    columns += [Column("Q_eoi [%]", right=True), Column("Q_avg [%]", right=True), Column("time\n[s]", right=True)]
-    if faults:
-        title = faults[0] if len(faults) == 1 else "fault"
-        columns += [Column(f"{title}\nseen [s]", right=True), Column("at\nworst", right=True)]
-    if feasible[0].assessment.candidate.skill.retried_faults.intersection(faults):
-        columns.append(Column("all\ndone", right=True))
-    rows = [_row(ranked, [words[name] for name in differing]) for ranked, words in zip(feasible, values, strict=True)]
-    print_table(columns, rows)
+    figures = [*_FIGURES, *_fault_figures(feasible[0].assessment)]
+    columns = [Column("#"), *map(Column, differing), *(Column(figure.title, right=True) for figure in figures)]
+    print_table(columns, [_row(ranked, differing, figures) for ranked in feasible])
+    faults = feasible[0].assessment.faults
     if len(faults) > 1:
         say(plain(f"The last columns are about the worst of the faults {', '.join(faults)}.", "dim"))
 
 
-def _row(ranked: Ranked, parameters: Sequence[str]) -> list[Cell]:
-    assessment = ranked.assessment
-    row: list[Cell] = [f"{ranked.rank}{' *' if ranked.pareto else ''}", *parameters]
-    row += [Share(assessment.q_eoi), Share(assessment.q_avg), f"{assessment.time:.2f}"]
-    return [*row, *_fault_cells(assessment.faults, assessment.candidate.skill.retried_faults)]
+def _row(ranked: Ranked, differing: Sequence[str], figures: Sequence[_Figure]) -> list[Cell]:
+    candidate = ranked.assessment.candidate
+    words = in_words(candidate.skill, candidate.parameters)
+    place = f"{ranked.rank}{' *' if ranked.pareto else ''}"
+    return [place, *(words[name] for name in differing), *(figure.cell(ranked.assessment) for figure in figures)]
 
 
-def _fault_cells(faults: Mapping[str, FaultMetrics], retried: Collection[str]) -> list[Styled]:
-    """Columns for the worst fault: its delays, and the time until all is done after a retry; none without faults."""
-    if not faults:
-        return []
-    style = "red" if any(fault.unseen > 0 for fault in faults.values()) else ""
-    cells: list[Styled] = [
-        plain(f"{max(fault.delay_mean for fault in faults.values()):.2f}", style),
-        plain(f"{max(fault.delay_worst for fault in faults.values()):.2f}", style),
-    ]
-    done = [fault.expected_time for name, fault in faults.items() if name in retried]
-    return [*cells, f"{max(done):.1f}"] if done else cells
+def _fault_figures(assessment: Assessment) -> Iterator[_Figure]:
+    """The columns for the worst fault: its delays, and the time until all is done after a retry."""
+    faults = list(assessment.faults)
+    if faults:
+        title = faults[0] if len(faults) == 1 else "fault"
+        yield _Figure(f"{title}\nseen [s]", lambda found: _worst(found, "delay_mean"))
+        yield _Figure("at\nworst", lambda found: _worst(found, "delay_worst"))
+    retried = assessment.candidate.skill.retried_faults.intersection(faults)
+    if retried:
+        yield _Figure("all\ndone", lambda found: f"{max(found.faults[name].expected_time for name in retried):.1f}")
+
+
+def _worst(assessment: Assessment, delay: Literal["delay_mean", "delay_worst"]) -> Styled:
+    """The delay of the worst fault, in red if one may never be seen."""
+    faults = assessment.faults.values()
+    style = "red" if any(fault.unseen > 0 for fault in faults) else ""
+    return plain(f"{max(getattr(fault, delay) for fault in faults):.2f}", style)
 
 
 def _praise(feasible: Sequence[Ranked], by: Criterion) -> str:
