@@ -181,6 +181,16 @@ def test_explain_says_what_hides_what_and_when(sqrp, watch):
     assert "eye cannot see in_place(behind) behind wall from 2.0 s to 3.0 s" in text
 
 
+def test_a_camera_that_never_sees_the_target_is_not_said_to_lose_it(sqrp, watch):
+    document = sqrp("explain", watch, "watch behind", "--json").document
+    asked = [
+        literal for sample in document["samples"] for name, literal in sample["literals"].items() if "in_place" in name
+    ]
+    assert asked
+    assert not any(literal["cameras"]["eye"]["covered"] for literal in asked)
+    assert document["verdict"].startswith("eye cannot see in_place(behind) behind wall")
+
+
 def test_explaining_an_infeasible_candidate_shows_all_its_reasons(sqrp, watch):
     text = " ".join(sqrp("explain", watch, "watch cube", "--choose", "stray").out.split())
     assert "in_place(stray)" in text
