@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sqrp_cli.programming.coverage.quality import NO_FIGURES
 from sqrp_cli.report.documents.explanation import BoxCoverage, BoxVerdict, CandidateStudy, LiteralCoverage, Sample
 from sqrp_cli.report.documents.playback import PlayedCandidate
 from sqrp_cli.report.pages.page import tidy
@@ -23,9 +24,8 @@ def sample(t: float, x: float) -> Sample:
 
 def study(samples: list[Sample]) -> CandidateStudy:
     return CandidateStudy(
-        parameters={}, feasible=True, rank=1, reasons=(), time=1.0, q_avg=1.0, q_eoi=None, t_total=1.0, t_eoi=0.0,
-        faults={}, states=2, pareto=True, verdict="", sampling=None, primitives=[], formulas=[], cameras={},
-        without_camera={}, recovery=None, targets={}, samples=samples,
+        **vars(NO_FIGURES), parameters={}, feasible=True, rank=1, reasons=(), pareto=True, verdict="", sampling=None,
+        primitives=[], formulas=[], cameras={}, without_camera={}, recovery=None, targets={}, samples=samples,
     )  # fmt: skip
 
 
