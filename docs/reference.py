@@ -16,8 +16,8 @@ from mkdocs.structure.files import File, Files
 
 from sqrp_cli.checks.registry import Rule, rules
 from sqrp_cli.cli.app import app
-from sqrp_cli.knowledge.file_schemas import file_schema
 from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual
+from sqrp_cli.report.documents.schemas import schema_of
 
 Schema = Mapping[str, Any]
 """A JSON Schema, or a part of one."""
@@ -101,7 +101,7 @@ def _prose(sentence: str) -> str:
 
 def keys_page(name: str, title: str) -> str:
     """Every key of a file: its type, default and meaning."""
-    schema = file_schema(name)
+    schema = schema_of(name)
     parts = [f"# {title}", "", f"As `sqrp schema {name}` describes them. A key without a default is required.", ""]
     parts += _table(WHOLE_FILE, schema)
     for entry, definition in schema["$defs"].items():

@@ -487,7 +487,7 @@ def watch_documents(watch) -> tuple[list[tuple[dict, dict]], dict, dict]:
     from sqrp_cli.report.documents.explanation import CandidateStudy
     from sqrp_cli.report.documents.playback import PlayedCandidate
     from sqrp_cli.report.documents.scene import ShowDocument
-    from sqrp_cli.report.pages.model import SceneModel
+    from sqrp_cli.report.pages.candidate_page import SceneModel
     from sqrp_cli.report.pages.page import tidy
 
     session = Session.begin(Cell.load(load_workspace(watch)), "watch green", None, Adaptive())

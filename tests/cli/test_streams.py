@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from sqrp_cli.platform.paths_as_text import shown_name
+from sqrp_cli.shown import shown_name
 
 SQRP = [sys.executable, "-m", "sqrp_cli"]
 LOST = "error: the output cannot be written: No space left on device\n"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from sqrp_cli.checks.registry import rules
-from sqrp_cli.knowledge.file_schemas import FILES, file_schema
+from sqrp_cli.report.documents.schemas import FILES, schema_of
 from tests.docs.page import ROOT
 
 
@@ -53,7 +53,7 @@ def test_every_finding_has_its_section(site: Path) -> None:
 
 @pytest.mark.parametrize("file", FILES)
 def test_every_key_of_a_file_is_on_its_page(site: Path, file: str) -> None:
-    page, schema = (site / "reference" / f"{file}.html").read_text(), file_schema(file)
+    page, schema = (site / "reference" / f"{file}.html").read_text(), schema_of(file)
     entries = [schema, *(entry for entry in schema["$defs"].values() if "properties" in entry)]
     for key in {key for entry in entries for key in entry["properties"]}:
         assert f"<code>{key}</code>" in page, key

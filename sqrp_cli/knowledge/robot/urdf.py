@@ -7,7 +7,7 @@ The format: http://wiki.ros.org/urdf/XML. Transmissions, sensors, materials and 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.mesh.mesh_file import mesh_of
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Geometry, Part, Shape, Sphere
 
@@ -219,3 +219,34 @@ def _numbered(name: str, number: int, taken: set[str]) -> str:
     while f"{name}_{number}" in taken:
         number += 1
     return f"{name}_{number}"
+
+
+TOOL_BODY, TOOL_TIP = "tool_body", "tool_tip"
+"""The links of such a tool: its root with the boxes, and the grasp frame."""
+
+
+def tool_of_boxes(
+    boxes: Sequence[tuple[tuple[float, float, float], Array]], X_BT: Array, path: Path, place: Place
+) -> UrdfModel:
+    """The tool as a robot description without a file of its own.
+
+    boxes: full extents [m] of each, and the pose of its centre in the root link, shape (4, 4). X_BT: pose of the grasp
+    frame in the root link, shape (4, 4). path, place: of the file and the entry that describe it.
+    """
+    solid = tuple(LinkGeometry(None, Box(size), read_only(X_BG), place) for size, X_BG in boxes)
+    links = {TOOL_BODY: UrdfLink(TOOL_BODY, solid, (), None, place), TOOL_TIP: UrdfLink(TOOL_TIP, (), (), None, place)}
+    tip = UrdfJoint(
+        name=f"{TOOL_TIP}_joint",
+        type="fixed",
+        parent=TOOL_BODY,
+        child=TOOL_TIP,
+        X_PJ=read_only(X_BT),
+        axis=read_only([1.0, 0.0, 0.0]),
+        lower=0.0,
+        upper=0.0,
+        velocity=None,
+        effort=None,
+        mimic=None,
+        place=place,
+    )
+    return UrdfModel("tool", path, links, {tip.name: tip}, TOOL_BODY)

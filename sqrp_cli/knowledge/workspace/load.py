@@ -20,7 +20,7 @@ from sqrp_cli.knowledge.workspace.read_robot import RobotReader
 from sqrp_cli.knowledge.workspace.workspace import Workspace, WorkspaceFile
 from sqrp_cli.logic.domain import merge_domains
 from sqrp_cli.platform.files import real_path
-from sqrp_cli.platform.paths_as_text import shown_name
+from sqrp_cli.shown import shown_name
 
 WORKSPACE_FILE = "workspace.yaml"
 

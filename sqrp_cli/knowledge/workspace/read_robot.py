@@ -24,8 +24,7 @@ from sqrp_cli.knowledge.robot.robot import (
     ToolEntry,
 )
 from sqrp_cli.knowledge.robot.srdf import SrdfModel, read_srdf
-from sqrp_cli.knowledge.robot.tool_of_boxes import TOOL_TIP, tool_of_boxes
-from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
+from sqrp_cli.knowledge.robot.urdf import TOOL_TIP, UrdfJoint, UrdfModel, tool_of_boxes
 from sqrp_cli.knowledge.text import packages, units
 from sqrp_cli.knowledge.text.bounds import SMALLEST_LIMIT
 from sqrp_cli.knowledge.text.entries import Pose

@@ -15,7 +15,9 @@ from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core.core_schema import DataclassSchema, ModelSchema
 
 from sqrp_cli.errors import InputError, Problem, expected_names
-from sqrp_cli.knowledge.file_schemas import DIALECT, FILES, file_schema
+from sqrp_cli.knowledge.skill.skill import SkillFile
+from sqrp_cli.knowledge.text.entries import Entry
+from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.report.documents.candidates import RankDocument
 from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
@@ -24,6 +26,20 @@ from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocu
 from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
 from sqrp_cli.report.documents.scores import ScoreDocument, VaryDocument
 from sqrp_cli.runtime.record.events import Event
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+"""The dialect of the schemas."""
+
+FILES: Mapping[str, type[Entry]] = {"workspace": WorkspaceFile, "skill": SkillFile}
+"""The model of each file, by the file's name without `.yaml`."""
+
+_RECORD_NAMES: Mapping[str, str] = {
+    "Detector": "DetectorEntry",
+    "ExpectedTask": "TaskEntry",
+    "Held": "HeldEntry",
+    "Marker": "MarkerEntry",
+}
+"""Names of renamed records in the schemas, kept so that references to their definitions stay valid."""
 
 DOCUMENTS: Mapping[str, Any] = {
     "rank": RankDocument,
@@ -53,7 +69,7 @@ def schema_of(name: str) -> dict[str, Any]:
     Raises InputError for other names.
     """
     if name in FILES:
-        return file_schema(name)
+        return _file_schema(name)
     if name not in NAMES:
         problem = Problem("bad-option", f"there is no schema of `{name}`; {expected_names(name, NAMES)}")
         raise InputError(problem)
@@ -91,3 +107,19 @@ def _texts(record: type) -> Mapping[str, str]:
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
         if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
     }
+
+
+def _file_schema(name: str) -> dict[str, Any]:
+    """JSON Schema (2020-12) of the files of that name, one of `FILES`."""
+    schema = FILES[name].model_json_schema(schema_generator=_Generator)
+    for called, definition in schema["$defs"].items():
+        definition["title"] = called
+    return {"$schema": DIALECT, **schema}
+
+
+class _Generator(GenerateJsonSchema):
+    """Uses the names that schemas have for records."""
+
+    def normalize_name(self, name: str) -> str:
+        """The name of a definition, from that of its class."""
+        return super().normalize_name(_RECORD_NAMES.get(name, name))

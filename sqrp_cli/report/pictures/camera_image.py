@@ -14,8 +14,7 @@ from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.report.pages.paint import Color
-from sqrp_cli.report.pictures.lens import directions
-from sqrp_cli.report.pictures.rays import Hits, RayScene
+from sqrp_cli.report.pictures.rays import Hits, RayScene, directions
 from sqrp_cli.shapes import Triangles
 
 Image = NDArray[np.uint8]

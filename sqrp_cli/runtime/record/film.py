@@ -13,9 +13,9 @@ import numpy as np
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array
 from sqrp_cli.logic.truth import Truth
-from sqrp_cli.platform.paths_as_text import is_utf8
 from sqrp_cli.runtime.image import CameraImage, ImageArray
 from sqrp_cli.runtime.record.frame_folder import FrameFolder
+from sqrp_cli.shown import is_utf8
 
 _TILE = (320, 240)
 """Width and height of a camera in a film [pixels]."""

@@ -19,7 +19,6 @@ from sqrp_cli.knowledge.text.json_file import json_document, parse_json
 from sqrp_cli.knowledge.text.source import LeafValue, describe
 from sqrp_cli.knowledge.text.validation import problems_of
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.platform.paths_as_text import json_line
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Ranked
@@ -27,6 +26,7 @@ from sqrp_cli.scoring.baselines.changes import fields_of
 from sqrp_cli.scoring.cells import ScoredCell
 from sqrp_cli.scoring.score import TaskScore
 from sqrp_cli.scoring.work.results import CoverageRecord, Seconds
+from sqrp_cli.shown import json_line
 
 MAX_BYTES = 100_000_000
 """Largest baseline that is read, and written."""

@@ -19,12 +19,12 @@ from sqrp_cli.knowledge.text.input_file import read_text
 from sqrp_cli.knowledge.text.json_file import parse_json
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.platform.files import make_folder, naming, write_atomically
-from sqrp_cli.platform.paths_as_text import json_line
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.shown import json_line
 
 LOCK = ".lock"
 

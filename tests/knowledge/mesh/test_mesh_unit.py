@@ -21,7 +21,7 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision_body import Body
 from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.report.documents.scene import ShowDocument
-from sqrp_cli.report.pages.model import STEP, SceneModel
+from sqrp_cli.report.pages.candidate_page import STEP, SceneModel
 from sqrp_cli.runtime.cell.engine import mujoco
 from sqrp_cli.runtime.cell.mujoco_model import build_model
 from sqrp_cli.runtime.surface import Surface, load_triangles

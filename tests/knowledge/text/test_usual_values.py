@@ -11,12 +11,12 @@ import yaml
 
 from sqrp_cli.checks.lint import lint
 from sqrp_cli.errors import Problem
-from sqrp_cli.knowledge.file_schemas import file_schema
 from sqrp_cli.knowledge.text.source import KeyPath
 from sqrp_cli.knowledge.text.units import read_quantity
 from sqrp_cli.knowledge.text.usual_values import CALIBRATION, HAND_EYE, SKILL, WORKSPACE, Usual, rows_that_apply
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.report.documents.schemas import schema_of
 from sqrp_cli.starter.make import make_starter
 from sqrp_cli.starter.random_cell import Crowd
 
@@ -128,7 +128,7 @@ def below(node: dict[str, Any], step: str) -> list[Any]:
 
 @pytest.mark.parametrize(("name", "rows"), [("workspace", WORKSPACE), ("skill", SKILL)])
 def test_every_row_is_about_a_field_of_the_schema(name: str, rows: tuple[Usual, ...]) -> None:
-    schema = file_schema(name)
+    schema = schema_of(name)
     unknown = []
     for row in rows:
         nodes = entries(schema, [schema])
@@ -149,7 +149,7 @@ def test_the_schema_states_what_each_quantity_can_be(name: str) -> None:
         for inner in node if isinstance(node, list) else ():
             yield from plain_numbers(inner)
 
-    numbers = list(plain_numbers(file_schema(name)))
+    numbers = list(plain_numbers(schema_of(name)))
     assert len(numbers) > 10
     bounds = ({"minimum", "exclusiveMinimum"}, {"maximum"})
     assert [number for number in numbers if not all(bound & number.keys() for bound in bounds)] == []

@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
-from sqrp_cli.knowledge.file_schemas import FILES, file_schema
 from sqrp_cli.knowledge.text.yaml_file import read_yaml
+from sqrp_cli.report.documents.schemas import FILES, schema_of
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 SHIPPED = sorted([*ROOT.glob("workspaces/*/workspace.yaml"), *ROOT.glob("skills/*/skill.yaml")])
-VALIDATORS = {name: Draft202012Validator(file_schema(name)) for name in FILES}
+VALIDATORS = {name: Draft202012Validator(schema_of(name)) for name in FILES}
 
 
 def mappings(value: object) -> Iterator[dict[str, Any]]:
@@ -28,7 +28,7 @@ def mappings(value: object) -> Iterator[dict[str, Any]]:
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_schema_is_valid_and_describes_every_key(name: str) -> None:
-    schema = file_schema(name)
+    schema = schema_of(name)
     Draft202012Validator.check_schema(schema)
     entries = [schema, *schema["$defs"].values()]
     assert all(entry["additionalProperties"] is False for entry in entries)
