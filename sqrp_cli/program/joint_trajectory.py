@@ -35,7 +35,9 @@ class ToolCommand:
     step: int
     """Its number, from 1."""
     action: Literal["grasp", "release"]
+    """What the tool has to do."""
     object: str
+    """Name of the object that it grasps or releases."""
     start: float
     """When it is sent."""
     end: float

@@ -66,7 +66,9 @@ class Fingers:
     """
 
     open: Mapping[str, float]
+    """By the joint's name."""
     closed: Mapping[str, float]
+    """By the joint's name, with nothing between the fingers."""
 
 
 @dataclass(frozen=True, kw_only=True)

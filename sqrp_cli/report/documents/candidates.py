@@ -59,6 +59,7 @@ class SamplingDone(Record):
     """How the motions were sampled."""
 
     mode: Literal["adaptive", "samples", "dt"]
+    """How instants were chosen: adaptively, a number per primitive action, or at equal steps of time."""
     samples: int | None = field(default=None, metadata=LEFT_OUT)
     """Instants per primitive."""
     dt: float | None = field(default=None, metadata=LEFT_OUT)
@@ -91,6 +92,7 @@ class RecalibratedCandidate(Record):
     """Effect of inexact camera poses on a candidate."""
 
     parameters: Mapping[str, float | str]
+    """Objects and motion parameters by name."""
     first: int
     """Draws of camera poses in which it is ranked first."""
     q_avg: list[float] | None
@@ -108,8 +110,11 @@ class Recalibrated(Record):
     rotation: float
     """Standard deviation about each axis of each camera [rad]."""
     seed: int
+    """Of the random errors of camera poses."""
     draws: int
+    """Number of random sets of camera poses."""
     candidates: tuple[RecalibratedCandidate, ...]
+    """The feasible ones, in the order of the task."""
 
     @classmethod
     def of(cls, assignment: Assignment, assessments: Sequence[Assessment], by: Criterion) -> Recalibrated | None:
@@ -151,6 +156,7 @@ class RankDocument(TaskDocument):
     by: Criterion
     """What counts first."""
     sampling: SamplingDone
+    """How the motions were sampled; errors and gaps are the largest of all candidates."""
     calibration: Recalibrated | None = field(default=None, metadata=LEFT_OUT)
     """With `--calibration`."""
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)

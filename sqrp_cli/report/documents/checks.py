@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
-from sqrp_cli.report.documents.document import Document, Record
+from sqrp_cli.report.documents.document import Document, Record, WorkspaceDocument
 
 if TYPE_CHECKING:
     from sqrp_cli.checks.dependency_check import Feasibility
@@ -19,12 +19,17 @@ class ReportedProblem(Record):
     """Something that is wrong or doubtful in the input."""
 
     code: str
+    """Name of the kind of finding, such as `unknown-key`; `sqrp rules CODE` explains it."""
     severity: Literal["error", "warning"]
+    """Errors make the input unusable, warnings do not."""
     file: str | None
+    """Its path; null if it is about no file."""
     line: int | None
-    """From 1."""
+    """From 1; null if it is about the whole file."""
     column: int | None
+    """From 1; null if it is about the whole line or file."""
     message: str
+    """What was found and what was expected, in one sentence."""
 
     @classmethod
     def of(cls, problem: Problem) -> ReportedProblem:
@@ -45,10 +50,15 @@ class PlannedStep(Record):
     """A step that has to be done first, in its best way."""
 
     action: str
+    """A skill with its objects as planners write it, such as `place(g2, tray)`."""
     feasible: bool
+    """Whether it can be done after the steps before it."""
     q_avg: float | None
+    """Q_avg in 0..1 of its best candidate; null if it is infeasible, or where no formula applies."""
     q_eoi: float | None
+    """Q_eoi in 0..1 of that candidate; null if it is infeasible, or where there is no event of interest."""
     reasons: list[str]
+    """Why it is infeasible; empty if it is feasible."""
 
     @classmethod
     def of(cls, step: SuggestedStep) -> PlannedStep:
@@ -67,8 +77,11 @@ class CheckedCandidate(Record):
     """Whether a candidate can be done."""
 
     parameters: Mapping[str, float | str]
+    """Objects and motion parameters by name."""
     feasible: bool
+    """Whether it can be done at once: its precondition holds, and the robot can make its motion."""
     reasons: list[str]
+    """Why it is infeasible, most useful first."""
     plan: list[PlannedStep] | None
     """What has to be done first; empty if nothing, null if no plan was found."""
     planning: str
@@ -88,13 +101,15 @@ class CheckedCandidate(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CheckDocument(Document):
+class CheckDocument(WorkspaceDocument):
     """What `sqrp check` finds."""
 
-    workspace: str
     task: str | None
+    """As it was asked for; null if only the workspace was checked."""
     candidates: list[CheckedCandidate]
+    """In the order of the task; empty without a task, or if the input has errors."""
     problems: list[ReportedProblem]
+    """Errors and warnings about the input."""
 
     @classmethod
     def of(
@@ -120,10 +135,13 @@ class RuleEntry(Record):
     code: str
     """As in `problems[].code`."""
     subject: str
+    """The group that it belongs to, such as `Formulas`."""
     severity: list[Literal["error", "warning"]]
     """Both, where it depends on the case."""
     meaning: str
+    """What the finding means, in a sentence."""
     why: str
+    """Why it matters, in a sentence."""
     file: str | None
     """The file of the examples; null if they are command lines or descriptions."""
     passes: str
@@ -151,6 +169,7 @@ class RulesDocument(Document):
     """What can be found, or one finding of it."""
 
     rules: list[RuleEntry]
+    """All, subject by subject, or the requested one."""
 
     @classmethod
     def of(cls, rules: Iterable[Rule]) -> RulesDocument:

@@ -31,11 +31,17 @@ class Document(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TaskDocument(Document):
-    """How a document about a task begins."""
+class WorkspaceDocument(Document):
+    """How a document about a workspace begins."""
 
     workspace: str
-    """Its name."""
+    """Its name: that of its folder, or of its file if that is not `workspace.yaml`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskDocument(WorkspaceDocument):
+    """How a document about a task begins."""
+
     task: str
     """As it was asked for."""
 

@@ -32,8 +32,11 @@ class Span(Record):
     """A primitive action and when it is done [s]."""
 
     name: str
+    """As in the skill."""
     start: float
+    """From the start of the motion [s]."""
     end: float
+    """From the start of the motion [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,11 +44,15 @@ class Formula(Record):
     """A temporal operator with its interval [s]."""
 
     text: str
+    """The operator with its body, about the objects of the candidate."""
     operator: str
     """`always` or `eventually`."""
     start: float
+    """Start of the closed interval, from the start of the motion [s]."""
     end: float
+    """Its end, from the start of the motion [s]."""
     literals: list[str]
+    """What must be seen throughout the interval: literals of the body outside deeper temporal operators."""
     fault: str | None
     """The fault that the formula describes, if any."""
 
@@ -78,7 +85,9 @@ class RecoveryTimes(Record):
     """Time to stop and move back to the start, from given instants; linear in between."""
 
     t: list[float]
+    """Instants at which the robot is to stop, from the start of the motion [s]."""
     duration: list[float]
+    """From each of them until the robot is back at the start [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,13 +95,17 @@ class ExplainedBox(Record):
     """A box: where to look, and what for."""
 
     name: str
+    """As in the skill."""
     detector: str
+    """Name of the detector in the workspace that looks for it."""
     normal: tuple[float, ...] | None
     """Unit vector in the box's own axes, away from the surface."""
     encloses: tuple[str, ...]
     """What is transparent to this box."""
     min_visible: float
+    """Least share of the box that must be seen, in 0..1, from its detector."""
     frame: str
+    """What the box moves with: `world`, a link or an object; `OBJECT@start` stays where the object was at the start."""
     size: tuple[float, ...]
     """Full extents [m]."""
     pose: Pose
@@ -111,6 +124,7 @@ class TargetBoxes(Record):
     k: int
     """Cameras that must each see all boxes."""
     boxes: list[ExplainedBox]
+    """Where to look; all of them decide the literal together."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +132,7 @@ class Verdict(Record):
     """Whether a camera covers all boxes of a target."""
 
     covered: bool
+    """Whether no limit fails."""
     cause: str | None
     """The first limit that fails."""
     by: str | None
@@ -139,6 +154,7 @@ class BoxCoverage(Record):
     corners: list[list[float]] | None = field(default=None, metadata=LEFT_OUT)
     """The 8 corners in the world [m], x slowest, z fastest."""
     cameras: Mapping[str, BoxVerdict]
+    """The verdict of each camera, by its name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,8 +162,11 @@ class LiteralCoverage(Record):
     """A literal at an instant."""
 
     covered: bool
+    """Whether enough cameras cover all its boxes."""
     boxes: list[BoxCoverage]
+    """In the order of `targets[LITERAL].boxes`."""
     cameras: Mapping[str, Verdict]
+    """The verdict of each camera on all boxes, by its name: that on the first box it does not cover."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,14 +174,17 @@ class Sample(Record):
     """An instant. At a change there are two samples of equal t, before and after it."""
 
     t: float
+    """From the start of the motion [s]; twice where literals, the held object or the motion law change."""
     q: Mapping[str, float]
     """Position of every movable joint [rad or m]."""
     objects: Mapping[str, Pose]
     """In the world."""
     held: str | None
+    """The object in the tool; null if there is none."""
     covered: bool | None
     """Null where no formula requires anything."""
     literals: Mapping[str, LiteralCoverage]
+    """What formulas require to be seen at this instant, by literal."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,14 +192,21 @@ class CandidateStudy(CandidateFigures):
     """A candidate over time."""
 
     sampling: SamplingDone | None
+    """How the motion was sampled; null if the candidate is infeasible."""
     primitives: list[Span]
+    """In the order in which they are done."""
     formulas: list[Formula]
+    """One entry for each temporal operator of the skill's formulas."""
     cameras: Mapping[str, CameraTiming]
+    """By the camera's name."""
     without_camera: Mapping[str, Qualities]
     """The qualities if this camera fails."""
     recovery: RecoveryTimes | None
+    """How long a stop and the way back take; null if the candidate is infeasible."""
     targets: Mapping[str, TargetBoxes]
+    """By literal, for every literal of `formulas`."""
     samples: list[Sample]
+    """The sampled instants in the order of time."""
 
     @classmethod
     def of_study(cls, cell: Cell, study: Study, ranked: Ranked, sampling: Sampling) -> CandidateStudy:
@@ -220,6 +249,7 @@ class ExplainAllDocument(TaskDocument):
     """What `sqrp explain --all` finds."""
 
     candidates: list[CandidateStudy]
+    """The requested candidates, best first, infeasible ones last."""
 
 
 def _targets(study: Study) -> dict[str, TargetBoxes]:

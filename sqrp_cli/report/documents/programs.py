@@ -21,10 +21,15 @@ class ListedPrimitive(Record):
     """A primitive action, on the clock of the whole program [s]."""
 
     name: str
+    """As in the skill."""
     action: str
+    """What kind of action it is, such as `joint_move` or `grasp`."""
     start: float
+    """When it begins [s]."""
     end: float
+    """When it ends [s]."""
     held: str | None
+    """The object in the tool throughout; null if there is none."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,16 +37,27 @@ class ListedStep(Record):
     """A step with its figures, on the clock of the whole program [s]."""
 
     task: str
+    """As it was asked for."""
     skill: str
+    """Name of the skill."""
     parameters: Mapping[str, float | str]
+    """Objects and motion parameters by name."""
     start: float
+    """When it begins [s]."""
     end: float
+    """When it ends [s]."""
     time: float
+    """Duration of its motion [s]."""
     q_avg: float | None
+    """Q_avg in 0..1; null where no formula applies."""
     q_eoi: float | None
+    """Q_eoi in 0..1; null where there is no event of interest."""
     faults: Mapping[str, FaultMetrics]
+    """By the fault's name."""
     verdict: str
+    """Where it is blind, why, and what would help."""
     primitives: list[ListedPrimitive]
+    """In the order in which they are done."""
 
     @classmethod
     def of(cls, step: Step, start: float) -> ListedStep:
@@ -75,14 +91,17 @@ class ProgramTotal(Record):
     """All steps together; Q is weighted with their time."""
 
     time: float
+    """Duration of all steps [s]."""
     q_avg: float | None
+    """Mean Q_avg in 0..1 of the steps that have one; null if none has."""
     q_eoi: float | None
+    """Mean Q_eoi in 0..1 of the steps that have one; null if none has."""
     delay_worst: float | None
-    """The slowest alarm [s]."""
+    """Longest time that a fault of any step may remain unnoticed [s]; null if none can happen."""
     fault: str | None
-    """Its fault."""
+    """Name of that fault."""
     step: int | None
-    """Its step, from 1."""
+    """Number of its step, from 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,12 +109,17 @@ class ProgramDocument(Document):
     """What `sqrp program` lists."""
 
     program: str
+    """Path of the program file, as it was given."""
     workspace: str
+    """Name of the workspace's folder."""
     stale: bool
     """Whether the workspace has changed since."""
     steps: list[ListedStep]
+    """In the order in which they are done."""
     total: ProgramTotal
+    """Figures of all steps together."""
     tool: tuple[ToolCommand, ...]
+    """When the tool has to grasp and release what, in order of time."""
 
     @classmethod
     def of(cls, program: Program, file: Path, *, stale: bool) -> ProgramDocument:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Literal
 
-from sqrp_cli.report.documents.document import Document, Record
+from sqrp_cli.report.documents.document import Record, WorkspaceDocument
 from sqrp_cli.runtime.record.report import Confusion, Disagreement, FaultRecord, RunReport, StepRecord
 
 if TYPE_CHECKING:
@@ -22,12 +22,19 @@ class Fault(Record):
     """A fault with its times on the run's clock [s]; null for what never happened."""
 
     name: str
+    """As the skill calls it, or what was injected."""
     injected: float | None
+    """When it was injected [s]."""
     happened: float | None
+    """When the fault's formula became true in the cell [s]."""
     detected: float | None
+    """When the images showed it [s]; of a camera's fault, when the robot stopped for it."""
     acted: float | None
+    """When the robot began to respond [s]: to try again, or to stop."""
     recovered: float | None
+    """When the step was finally done [s]."""
     predicted_delay: float | None
+    """From `happened` to `detected` as the program predicts it [s]."""
     moved_on: float | None
     """How long the robot moved on to look, after `detected` [s]."""
     camera: str | None
@@ -46,31 +53,37 @@ class StopTimes(Record):
     """When the robot was last commanded to stop, and when it stood still [s]."""
 
     told: float | None
+    """When the robot was last commanded to stop [s]; null if it never was."""
     standing: float | None
+    """When it stood still after that [s]; null if it never was commanded to stop."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class RunDocument(Document):
+class RunDocument(WorkspaceDocument):
     """How a run went."""
 
-    workspace: str
     outcome: Literal["done", "stopped"]
+    """Whether all steps were done, or the robot stopped before."""
     reason: str | None
     """Why it stopped."""
     time: float
     """Simulated [s]."""
     steps: list[StepRecord]
+    """As they were run, in order; a step that was not begun is missing."""
     faults: list[Fault]
+    """Those that were injected or seen."""
     prediction: list[Counts]
-    """Per step."""
+    """Per step, of its first attempt."""
     disagreements: list[Disagreement]
     """Images in which a prediction was wrong."""
     conflicts: int
-    """Instants at which cameras contradicted each other."""
+    """How often cameras contradicted each other about an atom."""
     stop: StopTimes
+    """The last stop that was commanded."""
     tracking: float | None
     """Rms distance of the tool from where it should have been [m]."""
     images: int
+    """How many images the cameras took."""
     wall: Mapping[str, float]
     """Where wall-clock time went [s]."""
 
@@ -99,7 +112,9 @@ class _SweptBefore(Record):
     x: float
     """When the fault was injected, in seconds of the step."""
     outcome: Literal["done", "stopped"]
+    """Whether all steps were done, or the robot stopped before."""
     time: float
+    """Simulated [s]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,21 +129,27 @@ class SweptRun(Fault, _SweptBefore):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SweepDocument(Document):
+class SweepDocument(WorkspaceDocument):
     """What `sqrp run --sweep` finds."""
 
-    workspace: str
     sweep: str
+    """What was swept, such as `slip@a4`."""
     step: int
     """Number of the step that was swept."""
     tolerance: float
     """How far a delay may be from its prediction [s]."""
     predictable: int
+    """Runs in which the fault came true and was predicted to be seen."""
     seen: int
+    """Runs among them in which it was seen."""
     as_predicted: int
+    """Runs among those in which it was seen within `tolerance` of the prediction."""
     sooner: int
+    """Runs in which it was seen sooner than that."""
     later: int
+    """Runs in which it was seen later than that."""
     runs: list[SweptRun]
+    """In the order of `x`."""
 
     @classmethod
     def of(cls, workspace: str, text: str, step: int, runs: Sequence[SweepRun], summary: SweepSummary) -> SweepDocument:
@@ -148,11 +169,11 @@ class SweepDocument(Document):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AuditDocument(Document):
+class AuditDocument(WorkspaceDocument):
     """What recorded frames say about predictions."""
 
-    workspace: str
     images: int
+    """Images that were compared with predictions."""
     skipped: int
     """Images of times at which the step did not go as planned."""
     repeated: int
@@ -160,8 +181,11 @@ class AuditDocument(Document):
     precision: float | None
     """Share of the predicted images that showed the literal."""
     threshold: float
+    """Least `precision` that passes, in 0..1."""
     prediction: list[Counts]
+    """Per step."""
     disagreements: list[Disagreement]
+    """Images in which a prediction was wrong."""
 
     @classmethod
     def of(cls, workspace: str, report: AuditReport, threshold: float) -> AuditDocument:

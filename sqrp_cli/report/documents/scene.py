@@ -13,7 +13,7 @@ from sqrp_cli.knowledge.camera.detector import DetectorKind
 from sqrp_cli.knowledge.robot.robot import Fingers, Marker
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.grounding import on_robot
-from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record
+from sqrp_cli.report.documents.document import LEFT_OUT, Document, Pose, Record, WorkspaceDocument
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Mesh, Part, Shape, Sphere
 
 if TYPE_CHECKING:
@@ -28,10 +28,15 @@ class JointScene(Record):
     """What a joint can do [rad or m, s]; no limit is null."""
 
     lower: float | None
+    """Least position [rad or m]."""
     upper: float | None
+    """Greatest position [rad or m]."""
     velocity: float
+    """Greatest speed [rad/s or m/s]."""
     acceleration: float
+    """Greatest acceleration [rad/s^2 or m/s^2]."""
     jerk: float
+    """Greatest jerk [rad/s^3 or m/s^3]."""
 
     @classmethod
     def of(cls, limits: robot.JointLimits) -> JointScene:
@@ -44,6 +49,7 @@ class ToolScene(Record):
     """A tool with a description of its own."""
 
     urdf: str | None
+    """Resolved path of its URDF; null for a tool of boxes."""
     link: str
     """The link of the robot that carries it."""
     pose: Pose
@@ -62,15 +68,21 @@ class RobotScene(Record):
     urdf: str
     """Resolved path."""
     srdf: str | None
+    """Resolved path; null if there is none."""
     package_roots: list[str]
+    """Folders in which `package://NAME/` is looked up, first hit wins."""
     base: Pose
     """Of the root link in the world."""
     tool: ToolScene | None
+    """Null if the tool is part of the robot's URDF, or there is none."""
     tool_frame: str
+    """The link of robot or tool that grasps; its z axis points out of the tool."""
     joints: Mapping[str, JointScene]
+    """Limits of every movable joint, by its name."""
     home: Mapping[str, float]
     """Position of every movable joint [rad or m]."""
     fingers: Fingers | None
+    """Of the gripper; null if it has none that move."""
     held: str | None
     """The object that the tool holds at the start."""
     markers: Mapping[str, Marker]
@@ -106,17 +118,27 @@ class CameraScene(Record):
     """A calibrated camera. Pixel (0, 0) is the centre of the first pixel."""
 
     width: int
+    """Columns of the image [pixels]."""
     height: int
+    """Rows of the image [pixels]."""
     K: list[list[float]]
+    """Intrinsic matrix [pixels], 3 rows of 3."""
     distortion_model: DistortionModel
+    """As ROS calls it; `plumb_bob` with zeros where the lens does not distort."""
     D: list[float]
+    """Distortion coefficients in the order of ROS: k1, k2, p1, p2, k3, ..."""
     frame: str
+    """`world`, or the link that carries the camera."""
     pose: Pose
     """Of the optical frame (x right, y down, z forward) in `frame`."""
     near: float
+    """Nearest depth at which it sees [m]."""
     far: float | None
+    """Farthest depth at which it sees [m]; null if there is none."""
     rate: float
+    """Images per second [Hz]."""
     latency: float
+    """From exposure to the image being available [s]."""
 
     @classmethod
     def of(cls, cell: Cell, seen_by: camera.Camera) -> CameraScene:
@@ -141,11 +163,15 @@ class DetectorScene(Record):
     """The limits of a detection algorithm."""
 
     kind: DetectorKind
+    """What it detects: ArUco markers or colours."""
     distance: tuple[float, ...]
     """Nearest and farthest [m]."""
     max_incidence: float
+    """Largest angle between a box's normal and the direction to the camera [rad]."""
     min_pixels: float
+    """Least size of a box in the image: square root of its area [pixels]."""
     min_visible: float
+    """Least share of a box that must be seen, in 0..1."""
 
     @classmethod
     def of(cls, found: detector.Detector) -> DetectorScene:
@@ -158,12 +184,15 @@ class ObjectScene(Record):
     """An object."""
 
     type: str
+    """Its type in the skills, or any other noun, such as `cube`."""
     color: str | None
+    """What a task calls it, and what detectors of colours look for; null if it has none."""
     size: list[float]
     """Full extents of the box that encloses it [m]."""
     pose: Pose | None
     """Of that box's centre in the world; null if unknown."""
     fixed: bool
+    """Whether it never moves."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,15 +200,19 @@ class OpaquePart(Record):
     """A solid part that is neither in the URDF nor the box of an object."""
 
     name: str
+    """What output calls it."""
     parent: str
     """The link, object or `world` that carries it."""
     shape: Literal["box", "sphere", "cylinder", "capsule"] | None = field(default=None, metadata=LEFT_OUT)
+    """Left out for a mesh."""
     size: list[float] | float | None = field(default=None, metadata=LEFT_OUT)
     """Box: full extents; sphere: radius; cylinder and capsule: radius and length of the straight part along z [m]."""
     mesh: str | None = field(default=None, metadata=LEFT_OUT)
     """Absolute path."""
     scale: list[float] | None = field(default=None, metadata=LEFT_OUT)
+    """Of a mesh along x, y and z, from the file's numbers to metres."""
     pose: Pose
+    """Of the shape in `parent`."""
 
     @classmethod
     def of(cls, cell: Cell, part: Part) -> OpaquePart:
@@ -189,20 +222,27 @@ class OpaquePart(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ShowDocument(Document):
+class ShowDocument(WorkspaceDocument):
     """What `sqrp show` prints."""
 
-    workspace: str
     digest: str
     """Of all files that the workspace was read from."""
     robot: RobotScene
+    """The robot with its tool."""
     cameras: Mapping[str, CameraScene]
+    """By name."""
     detectors: Mapping[str, DetectorScene]
+    """By name."""
     objects: Mapping[str, ObjectScene]
+    """By name."""
     opaque: list[OpaquePart]
+    """Of tools, and of objects that are not just boxes."""
     state: list[str]
+    """Literals that hold at the start."""
     skills: list[str]
+    """Names of the skills that tasks can use."""
     tasks: list[str]
+    """The tasks that `sqrp score` ranks, as the workspace has them."""
 
     @classmethod
     def of(cls, cell: Cell) -> ShowDocument:
@@ -231,6 +271,7 @@ class InitDocument(Document):
     tool_link: str
     """The link of the robot that carries the tool, or grasps itself."""
     objects: list[str]
+    """Names of the cubes that stand on the table."""
     task: str | None
     """A task that can be ranked at once."""
 

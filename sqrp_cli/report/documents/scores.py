@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from sqrp_cli.report.documents.candidates import CandidateFigures
-from sqrp_cli.report.documents.document import LEFT_OUT, Document, Record
+from sqrp_cli.report.documents.document import LEFT_OUT, Document, Record, WorkspaceDocument
 from sqrp_cli.scoring.baselines.baseline import VanishedTask
 from sqrp_cli.scoring.baselines.changes import Change
 from sqrp_cli.scoring.baselines.comparison import Comparison, Shift, Verdict, WayChange
@@ -24,10 +24,15 @@ class LostView(Record):
     """A stretch of time [s] in which a camera no longer covers a literal."""
 
     literal: str
+    """What is to be seen."""
     camera: str
+    """The camera that used to see it."""
     start: float
+    """From the start of the present motion [s]."""
     end: float
+    """From the start of the present motion [s]."""
     why: str
+    """The commonest cause, in a few words."""
 
     @classmethod
     def of(cls, loss: Loss) -> LostView:
@@ -41,10 +46,15 @@ class ChangedWay(Record):
     """How the best candidate for a choice of objects changed."""
 
     way: str
+    """The objects, such as `g1 tray`."""
     candidate_before: str
+    """Name of the best candidate in the baseline."""
     candidate: str
+    """Name of the best candidate now."""
     shifts: list[Shift]
+    """The figures that got better or worse."""
     lost: list[LostView]
+    """What cameras no longer see, the longest first; empty unless something got worse."""
 
     @classmethod
     def of(cls, change: WayChange) -> ChangedWay:
@@ -63,7 +73,9 @@ class ComparedTask(Record):
     """How a task compares with its baseline."""
 
     verdict: Verdict
+    """Regressed if anything got worse; new if the baseline does not have the task."""
     ways: list[ChangedWay]
+    """Those that changed, the worst first."""
     gone: list[str]
     """Ways of doing it that no longer exist."""
 
@@ -79,12 +91,17 @@ class TaskResult(Record):
     """A task of a workspace."""
 
     workspace: str
+    """Its name, with as much of its path as makes it unique."""
     task: str | None
     """Null where the workspace itself cannot be used."""
     status: Status
+    """Failed if the task is not good enough or got worse; error if it cannot be ranked."""
     best: CandidateFigures | None
+    """The first in the ranking; null if none is feasible."""
     reasons: list[str]
+    """What is not good enough or got worse, or what the error is, in a sentence each."""
     baseline: ComparedTask | None
+    """What changed since the baseline; null without a baseline, or after an error."""
 
     @classmethod
     def of(cls, result: ComparedScore) -> TaskResult:
@@ -105,14 +122,17 @@ class ScoreDocument(Document):
     """What `sqrp score` and `sqrp diff` find; the same bytes wherever it is computed."""
 
     results: list[TaskResult]
+    """One for each task, and for each workspace that cannot be used."""
     changes: Mapping[str, list[Change]]
     """By workspace, since the baseline."""
     vanished: tuple[VanishedTask, ...]
+    """Tasks that exist only in the baseline."""
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
     """True if Ctrl-C came before everything was scored."""
     unfinished: int | None = field(default=None, metadata=LEFT_OUT)
     """If so, how many results are missing."""
     passed: bool
+    """Whether every task passed and none is missing."""
 
     @classmethod
     def of(cls, findings: Scorecard) -> ScoreDocument:
@@ -132,6 +152,7 @@ class VariantResult(Record):
     """A variant of a workspace, with means over the choices of objects that can be done."""
 
     rank: int
+    """Place from 1."""
     values: Mapping[str, str]
     """Values that differ from the workspace as it is, by path."""
     choices: int
@@ -139,25 +160,31 @@ class VariantResult(Record):
     feasible: int
     """Feasible ones among them; the figures are means over these."""
     q_eoi: float | None
+    """Mean Q_eoi in 0..1; null where it is undefined for all."""
     q_avg: float | None
+    """Mean Q_avg in 0..1; null where it is undefined for all."""
     time: float | None
+    """Mean duration of the motion [s]; null if no choice is feasible."""
     delay: float | None
+    """Mean of the longest time that a fault may remain unnoticed [s]; null where there is none."""
     results: list[TaskResult]
+    """One for each task."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class VaryDocument(Document):
+class VaryDocument(WorkspaceDocument):
     """What `sqrp score --vary` finds."""
 
-    workspace: str
     variants: list[VariantResult]
     """The best first."""
     best: Mapping[str, str]
+    """The `values` of the best variant; empty if that is the workspace as it is."""
     equals: int
     """Variants that are as good as the best; it has the most room around it."""
     patch: str | None
     """The file that was written."""
     passed: bool
+    """Whether every task of the best variant passed."""
 
     @classmethod
     def of(cls, sweep: Sweep, workspace: str, patch: str | None) -> VaryDocument:

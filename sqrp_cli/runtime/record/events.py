@@ -88,7 +88,9 @@ class ProgramStep(_Part):
     """A step of the program that is run."""
 
     skill: str
+    """Name of the skill."""
     parameters: dict[str, str | float]
+    """Objects and motion parameters by name."""
     time: FiniteFloat
     """Duration of its motion as planned [s]."""
 
@@ -100,15 +102,19 @@ class RunBegan(_Event):
     sqrp_log: Literal[1]
     """Version of the log's fields."""
     workspace: str
+    """Name of the workspace."""
     digest: str
     """Of the workspace's files."""
     seed: int = 0
+    """Of everything random in the run."""
     cameras: list[str]
+    """Their names."""
     rates: dict[str, Annotated[FiniteFloat, Field(gt=0)]] = {}
     """How often each camera takes an image [Hz]."""
     faults: list[str] = []
     """Faults to inject, in the form of `--fault`."""
     steps: list[ProgramStep] = []
+    """Of the program, in order."""
 
 
 class AskedBox(_Part):
@@ -129,7 +135,9 @@ class StepBegan(_Event):
     number: int = 1
     """Of the step, from 1."""
     skill: str = ""
+    """Name of the skill."""
     parameters: dict[str, str | float] = {}
+    """Objects and motion parameters by name."""
     time: FiniteFloat = 0.0
     """Duration of its motion as planned [s]."""
     boxes: dict[str, list[AskedBox]]
@@ -141,6 +149,7 @@ class PrimitiveBegan(_Event):
 
     event: Literal["primitive"] = "primitive"
     name: str
+    """As in the skill."""
 
 
 class ShownAtom(_Part):
@@ -228,6 +237,7 @@ class FaultSeen(_Event):
 
     event: Literal["fault"] = "fault"
     name: str
+    """As the skill calls it."""
     text: str = ""
     """What is wrong, in words."""
     response: Literal["stop", "retry", "continue"] = "stop"
@@ -251,6 +261,7 @@ class Stopping(_Event):
 
     event: Literal["stopping"] = "stopping"
     reason: str = ""
+    """Why it stops, in words."""
 
 
 class Retrying(_Event):

@@ -45,15 +45,15 @@ class FaultRecord(_Recorded):
     name: str
     """As the skill calls it, or what was injected."""
     injected: float | None = None
-    """When it was injected."""
+    """When it was injected [s]."""
     happened: float | None = None
-    """When the fault's formula became true in the cell."""
+    """When the fault's formula became true in the cell [s]."""
     detected: float | None = None
-    """When the images showed it."""
+    """When the images showed it [s]; of a camera's fault, when the robot stopped for it."""
     acted: float | None = None
-    """When the robot began to respond: to try again, or to stop."""
+    """When the robot began to respond [s]: to try again, or to stop."""
     recovered: float | None = None
-    """When the step was finally done."""
+    """When the step was finally done [s]."""
     predicted_delay: float | None = None
     """From `happened` to `detected` as the program predicts it [s]."""
     moved_on: float | None = None
@@ -79,12 +79,17 @@ class StepRecord(_Recorded):
     """A step as it was run; start and end on the run's clock [s]."""
 
     skill: str
+    """Name of the skill."""
     parameters: Mapping[str, float | str]
+    """Objects and motion parameters by name."""
     label: str
     """The skill with its objects."""
     start: float
+    """When its first attempt began [s]."""
     end: float | None = None
+    """When it was done [s]; None if the robot stopped before."""
     attempts: int = 1
+    """How often it was tried, with the first time."""
     unseen: Mapping[str, float | None] = field(default_factory=dict)
     """Atoms that formulas require at the end of the motion but no image showed from then on: when one last did [s]."""
 
@@ -94,9 +99,13 @@ class Confusion(_Recorded):
     """How often a camera was predicted to see an atom (positive) and did (true), over its images."""
 
     tp: int = 0
+    """Predicted, and did."""
     tn: int = 0
+    """Not predicted, and did not."""
     fp: int = 0
+    """Predicted, but did not."""
     fn: int = 0
+    """Not predicted, but did."""
 
     def add(self, predicted: bool, detected: bool) -> None:
         """Count one image."""
@@ -120,15 +129,19 @@ class Disagreement(_Recorded):
     """An image in which a prediction was wrong."""
 
     step: int
+    """Index of the step, from 0."""
     t: float
     """Of the step [s]."""
     atom: str
+    """What was to be seen, such as `on(g2, tray)`."""
     camera: str
+    """Name of the camera that took the image."""
     predicted: bool
     """Whether the camera was predicted to see the atom."""
     seen: str
     """The value from the image: `true`, `false` or `blind`."""
     true: bool
+    """The value in the simulation; of a recording, the value as planned."""
     share: float
     """Of the boxes that could be judged in the image."""
     because: str
@@ -144,19 +157,27 @@ class RunReport(_Recorded):
     """A whole run."""
 
     outcome: Literal["done", "stopped"] = "done"
+    """Whether all steps were done, or the robot stopped before."""
     reason: str | None = None
     """Why it stopped, None if it is done."""
     time: float = 0.0
     """Simulated [s]."""
     steps: list[StepRecord] = field(default_factory=list)
+    """As they were run, in order; a step that was not begun is missing."""
     faults: list[FaultRecord] = field(default_factory=list)
+    """Those that were injected or seen."""
     prediction: list[Prediction] = field(default_factory=list)
+    """Per step, of its first attempt."""
     disagreements: list[Disagreement] = field(default_factory=list)
+    """Images in which a prediction was wrong."""
     conflicts: int = 0
+    """How often cameras contradicted each other about an atom."""
     tracking: float | None = None
     """Distance of the tool from where it should have been [m], root mean square."""
     images: int = 0
+    """How many images the cameras took."""
     wall: dict[str, float] = field(default_factory=dict)
+    """Wall time by activity [s]."""
     stop_told: float | None = None
     """When the robot was last commanded to stop [s]."""
     stop_done: float | None = None

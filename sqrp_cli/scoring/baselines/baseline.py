@@ -228,7 +228,9 @@ class VanishedTask:
     """A task that exists only in the baseline."""
 
     workspace: str
+    """Its name."""
     task: str
+    """As the baseline has it."""
 
 
 def vanished(baseline: Baseline, names: Mapping[str, Sequence[str]]) -> tuple[VanishedTask, ...]:

@@ -41,9 +41,13 @@ class Shift:
     """A figure that got better or worse; values in 0..1 or s, None if undefined or infeasible."""
 
     metric: Literal["feasible", "q_eoi", "q_avg", "time", "delay"]
+    """Which figure; `delay` is the longest time that a fault may remain unnoticed."""
     before: float | None
+    """In the baseline; of `feasible`, 1 or 0."""
     now: float | None
+    """At present; of `feasible`, 1 or 0."""
     worse: bool
+    """Whether it got worse."""
 
     @property
     def size(self) -> float:
