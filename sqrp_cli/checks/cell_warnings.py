@@ -18,7 +18,7 @@ from sqrp_cli.knowledge.text.units import shown_length
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.sensing.solids import Solid, load_solid
+from sqrp_cli.programming.solids import Solid, load_solid
 from sqrp_cli.shapes import Mesh, Part
 
 LARGEST, SMALLEST = 20.0, 1e-3

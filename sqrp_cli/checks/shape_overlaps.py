@@ -12,7 +12,7 @@ from sqrp_cli.errors import Problem
 from sqrp_cli.geometry import Array, inverse, pose, transform
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
-from sqrp_cli.programming.sensing.solids import Solid, load_solid
+from sqrp_cli.programming.solids import Solid, load_solid
 from sqrp_cli.shapes import LEAST_SIZE, Box, Mesh, Part
 
 LEAST_SHARE = 0.01

@@ -16,7 +16,7 @@ from sqrp_cli.programming.motion.collision.collision import CollisionScene, Self
 from sqrp_cli.programming.motion.collision.collision_body import NamePairs
 from sqrp_cli.programming.motion.fingers import closed_on
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.shapes import Part
 
 

@@ -16,7 +16,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.pose_search import spread_starts
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.feasibility import feasible_motion
-from sqrp_cli.programming.sensing.solids import load_solids
+from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.starter.layout import TASK, CameraView, Cube, Position
 

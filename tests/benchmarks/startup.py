@@ -94,7 +94,7 @@ def print_stages(imports: float) -> None:
     from sqrp_cli.programming.pipeline import Assignment
     from sqrp_cli.programming.ranking import rank
     from sqrp_cli.programming.sensing import observer
-    from sqrp_cli.programming.sensing.solids import load_solids
+    from sqrp_cli.programming.solids import load_solids
     from sqrp_cli.programming.task import read_task
     from sqrp_cli.terminal.rank_table import print_ranking
 

@@ -19,7 +19,7 @@ from sqrp_cli.programming.motion.plan_motion import Motion, TimedPrimitive
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.programming.pieces import GroundFormula, cut_into_pieces, interesting_time, monitored_time
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.solids import load_solids
+from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.shapes import Cylinder, Part
 from sqrp_cli.trajectory import Trajectory

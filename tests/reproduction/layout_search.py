@@ -19,7 +19,7 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.coverage.assessment import Study
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import Observer
-from sqrp_cli.programming.sensing.solids import Solid
+from sqrp_cli.programming.solids import Solid
 
 Random = np.random.Generator
 Mask = NDArray[np.bool_]

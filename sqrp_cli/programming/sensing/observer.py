@@ -19,10 +19,10 @@ from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import LimitVerdicts
 from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import BoxViews, WatchedBoxes
-from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.sensing.visibility.culprit import find_culprits, find_largest
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
+from sqrp_cli.programming.solids import Solid
 from sqrp_cli.programming.targets import SoughtBox, Target
 
 Scalar = TypeVar("Scalar", bound=np.generic)

@@ -10,7 +10,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, Indices, check_finite, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.target_box import TargetBox
-from sqrp_cli.programming.sensing.solids import Solid
+from sqrp_cli.programming.solids import Solid
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,7 +16,7 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, begins_run, inver
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses, poses_at
-from sqrp_cli.programming.sensing.solids import Solid
+from sqrp_cli.programming.solids import Solid
 from sqrp_cli.programming.targets import SoughtBox
 
 SKIN = 1e-3

@@ -19,7 +19,7 @@ from sqrp_cli.geometry import pose
 from sqrp_cli.knowledge.mesh.mesh_file import check_mesh
 from sqrp_cli.knowledge.text.packages import package_roots
 from sqrp_cli.knowledge.workspace.load import load_workspace
-from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.runtime.surface import load_triangles
 from sqrp_cli.shapes import Mesh, Part
 from tests.knowledge.mesh.mesh_bombs import binary_stl, bombs, dae, mutated, obj, sound_meshes, text_stl

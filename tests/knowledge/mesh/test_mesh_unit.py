@@ -19,7 +19,7 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision_body import Body
-from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import STEP, SceneModel
 from sqrp_cli.runtime.cell.engine import mujoco

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, pose
-from sqrp_cli.programming.sensing.solids import Solid
+from sqrp_cli.programming.solids import Solid
 from sqrp_cli.shapes import Box, Part
 
 

@@ -19,7 +19,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.sensing.solids import Solid, load_solid, load_solids
+from sqrp_cli.programming.solids import Solid, load_solid, load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
 from tests.programming.sensing.test_laws import random_watch, with_share
 from tests.programming.sensing.test_truth import Comparison, random_scene

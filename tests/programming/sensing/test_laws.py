@@ -28,7 +28,7 @@ from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.sensing.cause import SIDES, Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, CoveredStates, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.sensing.solids import load_solids
+from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import read_task
 from sqrp_cli.shapes import Capsule, Cylinder, Part, Sphere

@@ -17,9 +17,9 @@ from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.limits import check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
-from sqrp_cli.programming.sensing.solids import load_solid
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
+from sqrp_cli.programming.solids import load_solid
 from tests.programming.sensing.views import box_part, make_box, make_camera, make_detector
 
 NAN = float("nan")

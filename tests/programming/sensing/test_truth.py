@@ -23,7 +23,7 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.sensing.solids import load_solids
+from sqrp_cli.programming.solids import load_solids
 from sqrp_cli.programming.targets import SoughtBox, Target
 from sqrp_cli.shapes import Cylinder, Part
 from tests.programming.sensing.renderer import MujocoScene, Picture

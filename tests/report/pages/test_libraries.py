@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sqrp_cli.errors import InputError
-from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.report.pages.libraries import MOST_TRIANGLES, simplified, viewer_library
 from sqrp_cli.shapes import Part, Sphere, Triangles
 

@@ -26,7 +26,7 @@ from sqrp_cli.programming.motion.collision.collision_body import (
 from sqrp_cli.programming.motion.collision.motion_bound import LowBodies, MotionBound
 from sqrp_cli.programming.motion.collision.placed_bodies import BodyPairs, PlacedBodies
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
-from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.solids import load_solid
 
 SAMPLES = 200
 """Joint positions that are tried, spread over the limits of the joints."""

@@ -9,7 +9,7 @@ import coal
 import numpy as np
 
 from sqrp_cli.geometry import Array, pose, transform
-from sqrp_cli.programming.sensing.solids import Solid
+from sqrp_cli.programming.solids import Solid
 from sqrp_cli.shapes import Mesh
 
 CLEARANCE = 1e-3

@@ -10,7 +10,7 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array, Indices, Mask, transform
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import Body
-from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.solids import load_solid
 
 JOINTS = 2
 """Bodies moved by at most this many joints, all turning, are low on the arm."""

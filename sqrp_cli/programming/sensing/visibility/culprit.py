@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import Array, Indices, begins_run, cross, inverse, norms, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
-from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
+from sqrp_cli.programming.solids import Solid
 from sqrp_cli.shapes import BOX_TRIANGLES
 
 _PRODUCTS = 50_000

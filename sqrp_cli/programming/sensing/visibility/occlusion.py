@@ -16,7 +16,7 @@ import numpy as np
 from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, Ranges, ranges
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import TOUCH, Pairs, SightLines
-from sqrp_cli.programming.sensing.solids import Solid
+from sqrp_cli.programming.solids import Solid
 from sqrp_cli.shapes import BOX_TRIANGLES
 
 _HULLS_AT_ONCE = 4096

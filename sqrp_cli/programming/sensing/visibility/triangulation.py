@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, cross, norms
-from sqrp_cli.programming.sensing.solids import Solid
+from sqrp_cli.programming.solids import Solid
 
 _MOST_TRIED = 1_000_000
 """Largest product of the numbers of vertices and triangles for a test of convexity."""

@@ -18,7 +18,7 @@ from sqrp_cli.programming.motion.collision.collision import CollisionScene, find
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, Body, Contact, pair
 from sqrp_cli.programming.motion.collision.motion_bound import MotionBound
 from sqrp_cli.programming.motion.collision.placed_scene import RESOLUTION, PlacedScene
-from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 from sqrp_cli.trajectory import JointPath
 from tests.programming.robots import joint, robot

@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.geometry import pose
 from sqrp_cli.programming.motion.collision.collision_body import Body
-from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.solids import load_solid
 from sqrp_cli.shapes import Mesh, Part
 
 

@@ -9,7 +9,7 @@ from sqrp_cli.geometry import axis_rotation, inverse, pose, transform
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import Body
 from sqrp_cli.programming.motion.collision.motion_bound import LowBodies, MotionBound
-from sqrp_cli.programming.sensing.solids import load_solid
+from sqrp_cli.programming.solids import load_solid
 
 
 def test_depth_counts_the_joints_that_move_a_link(ur5: RobotModel) -> None:

@@ -9,8 +9,8 @@ from scipy.spatial import ConvexHull
 from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
-from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.sensing.visibility.culprit import nearest_inside
+from sqrp_cli.programming.solids import Solid
 from tests.programming.sensing.solids import solid_of
 
 POINTS = 6_000

@@ -8,8 +8,8 @@ import pytest
 from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaternion_to_matrix, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
-from sqrp_cli.programming.sensing.solids import Solid
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
+from sqrp_cli.programming.solids import Solid
 from sqrp_cli.shapes import BOX_TRIANGLES
 from tests.programming.sensing.solids import solid_of
 
