@@ -10,6 +10,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import traceback
 from collections import deque
@@ -20,6 +21,7 @@ from dataclasses import dataclass
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkContext, ForkServerContext, SpawnContext
+from types import ModuleType
 from typing import Any, Generic, TypeAlias, TypeVar
 from weakref import WeakSet
 
@@ -70,7 +72,7 @@ def fresh(needed: Sequence[str]) -> Context:
     resource_tracker.ensure_running()  # else it starts with the first process and unblocks Ctrl-C
     try:
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload(["__main__", *needed])
+        context.set_forkserver_preload([*needed])
         with _without_interrupts():
             forkserver.ensure_running()
     except (ValueError, OSError):  # not on this system, or the path of its temporary folder is too long
@@ -86,6 +88,16 @@ def _without_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, unblocked)
+
+
+@contextmanager
+def _without_main() -> Iterator[None]:
+    """Start processes that do not run the caller's script again: they need nothing of it, and it may have no guard."""
+    main, sys.modules["__main__"] = sys.modules["__main__"], ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
 
 
 class WorkerDied(BrokenExecutor):
@@ -105,12 +117,19 @@ class Worker(Generic[Message, Answer]):
     def __init__(
         self, context: Context, prepare: Callable[..., Callable[[Message], Answer]], *arguments: object
     ) -> None:
-        """Start it and return at once; the process calls `prepare` with the arguments to get its answer function."""
+        """Start it and return at once; the process calls `prepare` with the arguments to get its answer function.
+
+        Raises InputError if the server that forks it has been killed.
+        """
         self._pipe, theirs = context.Pipe()
         _pipes.add(self._pipe)
         self._process = context.Process(target=_serve, args=(theirs, prepare, arguments), daemon=True)
-        with _without_interrupts():
-            self._process.start()
+        with _without_interrupts(), _without_main():
+            try:
+                self._process.start()
+            except (EOFError, ConnectionError) as error:
+                message = "the process that starts the others was killed; is there enough memory?"
+                raise InputError(Problem("worker-died", message)) from error
         theirs.close()
 
     def send(self, message: Message) -> None:

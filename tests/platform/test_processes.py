@@ -144,3 +144,49 @@ def _runs(process: int) -> bool:
         return "\nState:\tZ" not in Path(f"/proc/{process}/status").read_text(encoding="utf-8")
     except FileNotFoundError:
         return False
+
+
+SCRIPT = """
+from sqrp_cli.platform.processes import Team, fresh
+from tests.platform.workers import doubling
+
+print("begins", flush=True)
+
+team = Team(2, fresh(["json"]), doubling)
+print(list(team.map([1, 2, 3])), flush=True)
+team.close()
+"""
+
+
+def test_workers_do_not_run_a_script_without_a_guard_again(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
+    for command in ([sys.executable, str(tmp_path / "script.py")], [sys.executable, "-"]):
+        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+        run = subprocess.run(command, input=SCRIPT, env=environment, capture_output=True, text=True, check=True)
+        assert run.stdout == "begins\n[2, 4, 6]\n"
+        assert not run.stderr
+
+
+KILLED_SERVER = """
+import os, signal
+from multiprocessing import forkserver
+from sqrp_cli.errors import InputError
+from sqrp_cli.platform.processes import Team, fresh
+from tests.platform.workers import doubling
+
+context = fresh(["json"])
+server = forkserver._forkserver._forkserver_pid
+os.kill(server, signal.SIGSTOP)
+import threading
+threading.Timer(0.5, lambda: os.kill(server, signal.SIGKILL)).start()
+try:
+    Team(1, context, doubling)
+except InputError as error:
+    print(error.problems[0].code)
+"""
+
+
+def test_the_end_of_the_server_that_forks_workers_is_an_error_with_a_reason() -> None:
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    run = subprocess.run([sys.executable, "-c", KILLED_SERVER], env=environment, capture_output=True, text=True)
+    assert (run.stdout, run.stderr) == ("worker-died\n", "")

@@ -43,7 +43,7 @@ class DetectorPool:
         self._of_camera = {name: worker for worker in self._workers for name in worker.cameras}
 
     def watch(self, sought: DetectionTargets) -> None:
-        """Look for these targets in all frames that come from now on."""
+        """Look for these targets in all images from now on. Raises PerceptionError if a process has crashed."""
         for worker in self._workers:
             worker.send(sought)
 

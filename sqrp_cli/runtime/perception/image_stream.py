@@ -79,8 +79,12 @@ class ImageStreams:
         return max(camera.latency for camera in self.cameras.values())
 
     def watch(self, sought: DetectionTargets) -> None:
-        """Look for these targets in all images that come from now on."""
-        self._detectors.watch(sought)
+        """Look for these targets in all images that come from now on.
+
+        Raises MonitoringLost if a process that looks at them has ended.
+        """
+        with _lost_if_crashed():
+            self._detectors.watch(sought)
 
     def has_arrival_from(self, end: float) -> bool:
         """Whether an image that was taken by a time is still under way."""

@@ -11,7 +11,9 @@ import pytest
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move
 from sqrp_cli.runtime.image import CameraImage
+from sqrp_cli.runtime.perception.detector_pool import PerceptionError
 from sqrp_cli.runtime.perception.image_stream import ImageStreams
+from sqrp_cli.runtime.record.report import MonitoringLost
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
 from tests.runtime.steps import played
 
@@ -53,6 +55,17 @@ def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: 
             return t, f"{how.fault}: {how}"
         t = min(found.next_exposure, found.next_arrival, found.next_check, at)
     return None
+
+
+def test_a_process_that_crashes_between_two_steps_is_a_lost_monitor_of_the_next() -> None:
+    class Crashed(Looker):
+        def watch(self, sought: object) -> None:
+            raise PerceptionError(["cam"], "has ended")
+
+    streams = ImageStreams({"cam": SimpleNamespace(name="cam", rate=RATE, latency=LATENCY)}, Crashed())
+    with pytest.raises(MonitoringLost) as caught:
+        streams.watch(None)
+    assert (caught.value.fault, list(caught.value.cameras)) == ("perception-crash", ["cam"])
 
 
 def test_a_stream_that_keeps_its_rate_never_fails() -> None:
