@@ -59,7 +59,7 @@ def failure(found: ImageStreams, until: float, at: float = -1.0, fail=lambda _: 
 
 def test_a_process_that_crashes_between_two_steps_is_a_lost_monitor_of_the_next() -> None:
     class Crashed(Looker):
-        def watch(self, sought: object) -> None:
+        def watch(self, _sought: object) -> None:
             raise PerceptionError(["cam"], "has ended")
 
     streams = ImageStreams({"cam": SimpleNamespace(name="cam", rate=RATE, latency=LATENCY)}, Crashed())
