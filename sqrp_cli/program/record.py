@@ -71,42 +71,55 @@ def _trajectory(numbers: _TrajectoryNumbers) -> Trajectory:
 
 
 class ProgramPrimitive(Entry):
-    """A primitive action with its time [s] from the start of the step; held: the object in the tool throughout."""
+    """A primitive action with its time and its motion."""
 
     name: str
+    """As in the skill."""
     action: str
+    """The kind of action, such as `JointMove` or `Grasp`."""
     start: Seconds
+    """From the start of the step [s]."""
     end: Seconds
+    """From the start of the step [s]."""
     held: str | None
+    """The object in the tool throughout; None if there is none."""
     trajectory: Annotated[Trajectory, Written(_TrajectoryNumbers, _trajectory, Trajectory.to_numbers)]
+    """The exact motion, on a clock from `start`."""
 
 
 class ProgramResponse(Entry):
-    """What to do when a formula is violated, or a fault is seen; when: what must be seen before a retry."""
+    """What to do when a formula is violated, or a fault is seen."""
 
     action: Literal["stop", "retry", "continue"]
+    """Stop the robot, try the step again, or go on."""
     retries: int = 0
+    """How many retries are allowed."""
     when: str | None = None
+    """What must be seen before a retry, a formula; None if nothing."""
 
 
 class ProgramFormula(Entry):
-    """A formula about objects with all times in seconds from the start of the step.
-
-    fault: its name if it describes one.
-    """
+    """A formula to be monitored, with the response to its violation."""
 
     formula: str
+    """The formula about objects, all times in seconds from the start of the step."""
     fault: str | None
+    """Name of the fault that it describes; None if it describes none."""
     settle: Seconds
+    """Time that a literal may lag behind its expected change [s]."""
     response: ProgramResponse
+    """What to do when it is violated, or its fault is seen."""
 
 
 class ProgramTarget(Entry):
-    """What decides an atom: `cameras` of them must each see all boxes. seen: when each camera does [s]."""
+    """What decides an atom."""
 
     cameras: int
+    """How many cameras must each see all boxes."""
     boxes: tuple[TargetBox, ...]
+    """Where to look."""
     seen: Mapping[str, tuple[tuple[Seconds, Seconds], ...]]
+    """Intervals in which a camera sees all boxes, from the start of the step [s], by the camera's name."""
 
 
 @dataclass(frozen=True)
@@ -133,18 +146,31 @@ class Step(Entry):
     """A chosen candidate: a skill with all its parameters."""
 
     task: str
+    """As it was asked for."""
     skill: str
+    """Name of the skill."""
     parameters: Mapping[str, float | str]
+    """Objects and motion parameters by name."""
     time: Seconds
+    """Duration of its motion [s]."""
     q_avg: Share | None
+    """Q_avg in 0..1; None where no formula applies."""
     q_eoi: Share | None
+    """Q_eoi in 0..1; None where there is no event of interest."""
     faults: Mapping[str, FaultMetrics]
+    """By the fault's name."""
     verdict: str
+    """Where it is blind, why, and what would help."""
     primitives: tuple[ProgramPrimitive, ...]
+    """In the order in which they are done."""
     formulas: tuple[ProgramFormula, ...]
+    """Of the skill, in its order."""
     targets: Mapping[str, ProgramTarget]
+    """By the atom that they decide."""
     before: World
+    """The world that it starts from."""
     after: World
+    """The world that it leaves behind."""
 
     @property
     def short_task(self) -> str:
@@ -173,20 +199,22 @@ class Step(Entry):
 
 
 class Program(Entry):
-    """Steps for one workspace.
-
-    sqrp_program: version of the file's fields. workspace: its file, relative to the program's. digest: of the workspace
-    it was made for. checksum: of all that a file says apart from where its workspace is; empty until it is saved.
-    marks: a sign for each value, which tell where a file was changed whose checksum does not fit.
-    """
+    """Steps for one workspace."""
 
     sqrp_program: Literal[1] = 1
+    """Version of the file's fields."""
     workspace: str
+    """Its file, relative to the program's."""
     digest: str
+    """Of the workspace that the program was made for."""
     checksum: str = ""
+    """Of all that a file says apart from where its workspace is; empty until it is saved."""
     marks: str = ""
+    """A sign for each value: they show where a file was changed whose checksum does not fit."""
     joints: tuple[str, ...]
+    """Names of the joints of all trajectories, in their order."""
     steps: tuple[Step, ...]
+    """In the order in which they are done."""
 
     def with_steps(self, steps: Sequence[Step]) -> Program:
         """The program with more steps at its end."""
@@ -206,25 +234,28 @@ class Replanner(Protocol):
 
 @dataclass(frozen=True)
 class WorstDelay:
-    """The fault of a program with the longest delay at worst: the delay [s], its step (from 1) and its name."""
+    """The fault of a program with the longest delay at worst."""
 
     seconds: float
+    """The delay [s]."""
     step: int
+    """Number of its step, from 1."""
     fault: str
+    """Name of the fault."""
 
 
 @dataclass(frozen=True)
 class Totals:
-    """Totals over the steps of a program.
-
-    time: of all steps [s]. q_avg, q_eoi: in 0..1, the mean over the steps that have the figure, each step weighted with
-    its time; None if no step has it. worst: None if no step can have a fault.
-    """
+    """Totals over the steps of a program."""
 
     time: float
+    """Of all steps [s]."""
     q_avg: float | None
+    """Mean Q_avg in 0..1 of the steps that have one, each weighted with its time; None if none has."""
     q_eoi: float | None
+    """Mean Q_eoi in 0..1 of the steps that have one, each weighted with its time; None if none has."""
     worst: WorstDelay | None
+    """None if no step can have a fault."""
 
     @classmethod
     def of(cls, program: Program) -> Totals:

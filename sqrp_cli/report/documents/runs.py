@@ -22,7 +22,7 @@ class Fault(Record):
     """A fault with its times on the run's clock [s]; null for what never happened."""
 
     name: str
-    """As the skill calls it, or what was injected."""
+    """As the skill calls it, or what was injected; of a violation that the skill lets pass, its formula."""
     injected: float | None
     """When it was injected [s]."""
     happened: float | None

@@ -204,11 +204,11 @@ class OpaquePart(Record):
     parent: str
     """The link, object or `world` that carries it."""
     shape: Literal["box", "sphere", "cylinder", "capsule"] | None = field(default=None, metadata=LEFT_OUT)
-    """Left out for a mesh."""
+    """Kind of shape; left out for a mesh."""
     size: list[float] | float | None = field(default=None, metadata=LEFT_OUT)
     """Box: full extents; sphere: radius; cylinder and capsule: radius and length of the straight part along z [m]."""
     mesh: str | None = field(default=None, metadata=LEFT_OUT)
-    """Absolute path."""
+    """Absolute path of its file; left out for other shapes."""
     scale: list[float] | None = field(default=None, metadata=LEFT_OUT)
     """Of a mesh along x, y and z, from the file's numbers to metres."""
     pose: Pose

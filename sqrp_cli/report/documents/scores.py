@@ -24,7 +24,7 @@ class LostView(Record):
     """A stretch of time [s] in which a camera no longer covers a literal."""
 
     literal: str
-    """What is to be seen."""
+    """What is to be seen, such as `hold(g4)`."""
     camera: str
     """The camera that used to see it."""
     start: float

@@ -237,7 +237,7 @@ class FaultSeen(_Event):
 
     event: Literal["fault"] = "fault"
     name: str
-    """As the skill calls it."""
+    """As the skill calls it; of another violation that the skill lets pass, its formula."""
     text: str = ""
     """What is wrong, in words."""
     response: Literal["stop", "retry", "continue"] = "stop"

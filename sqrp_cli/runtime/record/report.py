@@ -43,7 +43,7 @@ class FaultRecord(_Recorded):
     """A fault with its times on the run's clock [s]; None for what never happened."""
 
     name: str
-    """As the skill calls it, or what was injected."""
+    """As the skill calls it, or what was injected; of a violation that the skill lets pass, its formula."""
     injected: float | None = None
     """When it was injected [s]."""
     happened: float | None = None
