@@ -1,4 +1,4 @@
-"""The front door answers what the commands answer, figure by figure and line by line."""
+"""The Python interface answers what the commands answer, figure by figure and line by line."""
 
 from __future__ import annotations
 

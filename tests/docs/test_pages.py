@@ -43,7 +43,7 @@ def test_links_lead_to_files_that_exist(page: Path) -> None:
         assert not target or (page.parent / target).exists() or Path(target).name in MADE, target
 
 
-def test_the_readme_is_a_front_door_and_not_the_house() -> None:
+def test_the_readme_is_an_overview_of_at_most_ten_kilobytes() -> None:
     assert len((ROOT / "README.md").read_bytes()) <= 10_240
 
 

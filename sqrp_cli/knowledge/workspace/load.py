@@ -85,9 +85,21 @@ def _each_once(*warnings: Problem) -> tuple[Problem, ...]:
 
 
 def read_workspace_document(path: Path, content: bytes | None = None) -> SourceDocument:
-    """A workspace file as YAML; content: replaces that of the file. Raises as `read_yaml`."""
+    """A workspace file as YAML; content: replaces that of the file. Raises as `read_yaml`, and for a program."""
     keys = ("robot", "cameras", "objects", "skills")
-    return read_yaml(path, keys=keys) if content is None else parse_yaml(path, content, keys=keys)
+    document = read_yaml(path, keys=keys) if content is None else parse_yaml(path, content, keys=keys)
+    if "sqrp_program" in document.data:
+        raise InputError(_is_program(document))
+    return document
+
+
+def _is_program(document: SourceDocument) -> Problem:
+    """The problem of a program where a workspace is expected."""
+    place, named = Place(document.path), document.data.get("workspace")
+    if not isinstance(named, str):
+        return Problem("no-workspace", "this is a program; expected a workspace", place)
+    workspace = os.path.normpath(document.path.parent / named)
+    return Problem("no-workspace", f"this is a program; its workspace is {workspace}", place)
 
 
 def workspace_file(path: Path) -> Path:

@@ -49,7 +49,7 @@ class RenderPool:
         self._memory = context.RawArray(ctypes.c_uint8, max(1, self._offsets[-1]))
         count = min(len(os.sched_getaffinity(0)), len(cameras), MOST_WORKERS)
         arguments = (model, self._cameras, seed, self._memory, self._offsets)
-        self._team = Team[_Task, None](count, context, _draughtsman, *arguments)
+        self._team = Team[_Task, None](count, context, _drawing, *arguments)
 
     def images(self, cameras: Sequence[str], positions: Array, t: float) -> list[NDArray[np.uint8]]:
         """The images of some cameras at joint positions (MuJoCo's qpos) and time t [s], in the order of their names.
@@ -75,7 +75,7 @@ def _slot(memory: Memory, offset: int, camera: Camera) -> NDArray[np.uint8]:
     return np.ndarray(shape, dtype=np.uint8, buffer=memoryview(memory), offset=offset)
 
 
-def _draughtsman(
+def _drawing(
     model: mujoco.MjModel, cameras: Sequence[Camera], seed: int, memory: Memory, offsets: list[int]
 ) -> Callable[[_Task], None]:
     """What draws images into the shared memory. Raises InputError if OpenGL cannot draw."""

@@ -31,7 +31,7 @@ class SimulatedCell:
         self._workspace = workspace
         self._model = build_model(workspace, placed_objects(world))
         self._physics = Physics(workspace, world, self._model)
-        self._draughtsmen = RenderPool(self._model, tuple(workspace.cameras.values()), seed)
+        self._renderers = RenderPool(self._model, tuple(workspace.cameras.values()), seed)
 
     def reset(self, world: World) -> None:
         """Start again at t = 0, at rest in a world with the same objects; as a new cell would, but at once."""
@@ -70,7 +70,7 @@ class SimulatedCell:
 
     def frames(self, cameras: Sequence[str]) -> Mapping[str, CameraImage]:
         """An image of each camera as all now is, by name in the order given."""
-        images = self._draughtsmen.images(cameras, self._physics.positions, self.t)
+        images = self._renderers.images(cameras, self._physics.positions, self.t)
         return {name: CameraImage(name, self.t, image) for name, image in zip(cameras, images, strict=True)}
 
     def measured_joints(self) -> Mapping[str, float]:
@@ -88,7 +88,7 @@ class SimulatedCell:
 
     def close(self) -> None:
         """End the processes that draw."""
-        self._draughtsmen.close()
+        self._renderers.close()
 
     def __enter__(self) -> SimulatedCell:
         return self

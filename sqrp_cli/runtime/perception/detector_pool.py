@@ -1,4 +1,4 @@
-"""The perception processes: each has some of the cameras, gets frames and returns detections."""
+"""The perception processes: each has some of the cameras, gets images and returns detections."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class PerceptionError(SqrpError):
 
 @dataclass(frozen=True, eq=False)
 class _ImageTask:
-    frame: CameraImage
+    image: CameraImage
     believed: BelievedState
 
 
@@ -47,12 +47,12 @@ class DetectorPool:
         for worker in self._workers:
             worker.send(sought)
 
-    def submit(self, frame: CameraImage, believed: BelievedState) -> None:
-        """Have a frame looked at, with what was believed when it was taken."""
-        self._of_camera[frame.camera].send(_ImageTask(frame, believed))
+    def submit(self, image: CameraImage, believed: BelievedState) -> None:
+        """Have an image looked at, with what was believed when it was taken."""
+        self._of_camera[image.camera].send(_ImageTask(image, believed))
 
     def collect(self, camera: str) -> Detection:
-        """What the oldest frame of a camera that has not been collected shows.
+        """What the oldest image of a camera that has not been collected shows.
 
         Waits until it is known. Raises PerceptionError if the process has crashed.
         """
@@ -121,7 +121,7 @@ def _detectors(cell: CellModel, cameras: Sequence[str]) -> Callable[[DetectionTa
 
     def answer(message: DetectionTargets | _ImageTask) -> Detection | None:
         if isinstance(message, _ImageTask):
-            return detectors[message.frame.camera].look(message.frame, message.believed)
+            return detectors[message.image.camera].look(message.image, message.believed)
         for detector in detectors.values():
             detector.watch(message)
         return None

@@ -103,7 +103,12 @@ class _Line:
 
 
 def _line(text: str, place: Place) -> _Line:
-    document = parse_json(place.file, text, place.line or 1)
+    try:
+        document = parse_json(place.file, text, place.line or 1)
+    except InputError as error:
+        if place.line != 1:
+            raise
+        raise _no_log("this is no log of `sqrp run --log`: its first line is no JSON", place) from error
     if not isinstance(document, dict):
         raise _no_log(f"this line is no event of a log: found {describe(document)}, expected a mapping", place)
     t, kind = document.get("t"), document.get("event")
@@ -144,4 +149,4 @@ def _first_words(error: ValidationError) -> str:
 
 
 def _no_log(message: str, place: Place) -> InputError:
-    return InputError(Problem("no-log", message, place))
+    return InputError(Problem("no-log", message, place, mend="make one: sqrp run PROGRAM --sim --log FILE"))

@@ -13,7 +13,7 @@ from sqrp_cli.runtime.cell.simulated_cell import SimulatedCell
 from sqrp_cli.runtime.run.arm_motion import ArmMotion
 
 
-class Clockwork(Protocol):
+class PassingTime(Protocol):
     """A cell in which time passes."""
 
     def advance(self, t: float, reference: ArmReference) -> None:
@@ -28,29 +28,29 @@ class CommandedRobot:
         cell: SimulatedCell,
         motion: ArmMotion,
         fingers: Fingers | None,
-        clockwork: Clockwork | None = None,
+        passing_time: PassingTime | None = None,
         *,
         holding: bool,
     ) -> None:
-        """fingers: of a gripper; the motion moves their joints. clockwork: lets time pass instead of the cell."""
+        """fingers: of a gripper; the motion moves their joints. passing_time: lets time pass instead of the cell."""
         self.cell, self.motion, self.fingers = cell, motion, fingers
-        self._clockwork = clockwork or cell
+        self._time = passing_time or cell
         self.holding = holding
         """Whether the tool was commanded to hold."""
 
     @classmethod
     def at_the_start(
-        cls, program: Program, robot: Robot, cell: SimulatedCell, clockwork: Clockwork | None
+        cls, program: Program, robot: Robot, cell: SimulatedCell, passing_time: PassingTime | None
     ) -> CommandedRobot:
         """The robot standing where a program begins."""
         before, joints = program.steps[0].before, program.joints
         q = np.array([before.joints[name] for name in joints])
         motion = ArmMotion(joints, [robot.limits[n] for n in joints], [robot.stop_limits[n] for n in joints], q)
-        return cls(cell, motion, robot.fingers, clockwork, holding=before.held is not None)
+        return cls(cell, motion, robot.fingers, passing_time, holding=before.held is not None)
 
     def advance(self, t: float) -> None:
         """Let time pass until t [s] while the arm follows its motion."""
-        self._clockwork.advance(t, self.motion)
+        self._time.advance(t, self.motion)
 
     def grasp(self) -> None:
         """Hold what is there."""

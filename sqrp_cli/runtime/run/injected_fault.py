@@ -259,9 +259,12 @@ def _check_can_slip(written: _FaultText, place: StepPlace, during: Sequence[str]
 
 
 def _slip_instead(places: Sequence[StepPlace]) -> str:
-    """What to write where a fault of the tool cannot happen: the first slip that can, if one can."""
+    """What to write where a fault of the tool cannot happen: the first slip that can, if one can.
+
+    A sweep takes slips alone, so where none can happen another option makes a camera fail.
+    """
     able = [f"write {place.prefix}slip@{one.name}" for place in places for one in place.holding]
-    return able[0] if able else "let a camera fail, such as camera-loss:CAMERA@1.0"
+    return able[0] if able else "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
 
 
 def _time(written: _FaultText, words: str) -> float:

@@ -39,6 +39,15 @@ def test_a_workspace_has_one_path_however_it_is_reached(cell: Path) -> None:
     assert load_workspace(around).path == load_workspace(cell.resolve()).path
 
 
+def test_a_program_where_a_workspace_is_expected_is_one_message_that_names_its_workspace(tmp_path: Path) -> None:
+    program = tmp_path / "visit.yaml"
+    program.write_text("sqrp_program: 1\nworkspace: mycell/workspace.yaml\ndigest: d\nmarks: m\nsteps: []\n")
+    with pytest.raises(InputError) as caught:
+        load_workspace(program)
+    (problem,) = caught.value.problems
+    assert str(problem) == f"{program}: this is a program; its workspace is {tmp_path}/mycell/workspace.yaml"
+
+
 def test_values_are_in_si_units(cell: Path) -> None:
     workspace = load_workspace(cell)
     robot = workspace.robot

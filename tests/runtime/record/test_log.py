@@ -91,6 +91,20 @@ def test_what_is_no_log_is_refused_in_words(tmp_path: Path, content: bytes, says
         list(read_log(path))
 
 
+@pytest.mark.parametrize(
+    "content", ["#!/usr/bin/env -S sqrp run --sim\nsqrp_program: 1\n", '{\n  "t": 0\n}\n', "[1]\n"]
+)
+def test_a_file_of_another_kind_is_no_log_and_it_is_said_how_one_is_made(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "visit.yaml"
+    path.write_text(content)
+    with pytest.raises(InputError) as caught:
+        list(read_log(path))
+    (problem,) = caught.value.problems
+    assert "no JSON: " not in problem.message
+    assert problem.code == "no-log"
+    assert problem.mend == "make one: sqrp run PROGRAM --sim --log FILE"
+
+
 def test_what_has_happened_is_in_the_file_at_once(tmp_path: Path) -> None:
     path = tmp_path / "log"
     writer = LogWriter(path, BEGAN)

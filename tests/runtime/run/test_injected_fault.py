@@ -82,7 +82,14 @@ def test_nothing_slips_where_nothing_is_held(text: str) -> None:
 def test_what_holds_nothing_at_all_can_only_lose_a_camera() -> None:
     with pytest.raises(InputError, match="nothing in `a1`, nor in any other") as caught:
         parse_fault("slip@0.1", [SimpleNamespace(primitives=STEP.primitives[:2])], CAMERAS, np.random.default_rng(0))
-    assert caught.value.problems[0].mend == "let a camera fail, such as camera-loss:CAMERA@1.0"
+    assert caught.value.problems[0].mend == "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
+
+
+@pytest.mark.parametrize("text", ["slip@a1", "moved@a1", "camera-loss:cam1@1"])
+def test_a_sweep_where_nothing_can_slip_leads_to_a_fault_and_not_to_another_sweep(text: str) -> None:
+    with pytest.raises(InputError) as caught:
+        parse_sweep(text, [SimpleNamespace(primitives=STEP.primitives[:2])])
+    assert caught.value.problems[0].mend == "let a camera fail instead: --fault camera-loss:CAMERA@1.0"
 
 
 @pytest.mark.parametrize(

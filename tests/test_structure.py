@@ -1,4 +1,4 @@
-"""The figures about the house can be had, and count what they say."""
+"""The figures of the code can be had, and count what they say."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.house import IDEAS, ROOT, House, main
+from tests.structure import RECORD_FIELDS, ROOT, SourceTree, main
 
 SOURCE = """
 class Box:
@@ -30,7 +30,7 @@ def test_what_is_counted(tmp_path: Path) -> None:
     (package / "__init__.py").touch()
     (package / "one.py").write_text(SOURCE)
     (package / "two.py").write_text("from sqrp_cli.one import Box\n\ndef long():\n" + "    Box(encloses=())\n" * 31)
-    figures = House(tmp_path).figures()
+    figures = SourceTree(tmp_path).figures()
     assert figures["files"][0] == 3
     assert figures["records of a target's box"] == (1, ["sqrp_cli.one.Box"])
     assert figures["modules that write a target's box"] == (2, ["sqrp_cli.one", "sqrp_cli.two"])
@@ -41,9 +41,9 @@ def test_what_is_counted(tmp_path: Path) -> None:
     assert figures["functions over 30 lines"] == (1, ["sqrp_cli.two.long"])
 
 
-@pytest.mark.parametrize("field", [IDEAS[idea] for idea in ("target's box", "fault's figures", "camera")])
+@pytest.mark.parametrize("field", [RECORD_FIELDS[subject] for subject in ("target's box", "fault's figures", "camera")])
 def test_a_new_field_touches_at_most_three_files(field: str) -> None:
-    assert 1 <= len(House(ROOT).modules_that_write(field)) <= 3
+    assert 1 <= len(SourceTree(ROOT).modules_that_write(field)) <= 3
 
 
 def test_the_table_has_a_column_for_each_checkout(capsys: pytest.CaptureFixture[str]) -> None:

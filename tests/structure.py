@@ -1,4 +1,4 @@
-"""Figures about the house: `python -m tests.house [--names] [ANOTHER_CHECKOUT]`, which is then shown as `before`."""
+"""Figures of the code: `python -m tests.structure [--names] [ANOTHER_CHECKOUT]`, which is then shown as `before`."""
 
 from __future__ import annotations
 
@@ -13,8 +13,13 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "sqrp_cli"
-IDEAS = {"target's box": "encloses", "fault's figures": "delay_worst", "camera": "latency", "camera's pose": "X_FC"}
-"""Ideas of which there should be few records, each with a field by which every record of it is known."""
+RECORD_FIELDS = {
+    "target's box": "encloses",
+    "fault's figures": "delay_worst",
+    "camera": "latency",
+    "camera's pose": "X_FC",
+}
+"""What should have few records, each with a field by which every record of it is known."""
 LONG = 30
 """Lines of a function, without its docstring, that are many."""
 
@@ -23,8 +28,8 @@ Figure = tuple[int | str, list[str]]
 Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 
-class House:
-    """The source of a checkout."""
+class SourceTree:
+    """The source of a checkout, and figures of its structure."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
@@ -55,9 +60,9 @@ class House:
             "modules with one importer": counted(self.with_one_importer()),
             "dict[str, Any]": counted(hits),
         }
-        for idea, field in IDEAS.items():
-            found[f"records of a {idea}"] = counted(self.records_with(field))
-            found[f"modules that write a {idea}"] = counted(self.modules_that_write(field))
+        for subject, field in RECORD_FIELDS.items():
+            found[f"records of a {subject}"] = counted(self.records_with(field))
+            found[f"modules that write a {subject}"] = counted(self.modules_that_write(field))
         found["class names used twice"] = counted(name for name, count in Counter(self.classes()).items() if count > 1)
         found[f"functions over {LONG} lines"] = counted(self.long_functions())
         found["public functions that return bare tuples"] = counted(self.bare_tuples())
@@ -133,9 +138,9 @@ def counted(names: Iterable[str]) -> Figure:
 
 def main(arguments: list[str]) -> None:
     """Print the table."""
-    after = House(ROOT).figures()
+    after = SourceTree(ROOT).figures()
     others = [Path(argument).resolve() for argument in arguments if argument != "--names"]
-    before = [House(other).figures() for other in others]
+    before = [SourceTree(other).figures() for other in others]
     print(f"{'':42}" + "".join(f"{'before':>9}" for _ in before) + f"{'now':>9}")
     for title, (value, names) in after.items():
         columns = [*(figures[title][0] for figures in before), value]
