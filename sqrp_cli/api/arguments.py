@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from reprlib import repr as short
 from typing import TYPE_CHECKING
@@ -13,6 +14,8 @@ from sqrp_cli.errors import InputError, Problem
 if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
+    from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.starter.random_cell import Crowd
 
 LEAST_TOLERANCE = 1e-5
 """Smallest tolerance of Q in sampling; below it rounding decides."""
@@ -22,6 +25,48 @@ LEAST_STEP = 1e-4
 
 MOST_SAMPLES = 20_000
 """Most samples per primitive action."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunOutputs:
+    """Files and folders that a run writes; None: not wanted."""
+
+    film: Path | None = None
+    log: Path | None = None
+    frames: Path | None = None
+    """A folder."""
+    page: Path | None = None
+    options: Mapping[str, str] = field(default_factory=dict)
+    """What messages call a field whose option has another name, such as `--record` for `film`."""
+
+    @property
+    def named(self) -> dict[str, Path | None]:
+        """Each by what messages call it."""
+        paths = {"film": self.film, "log": self.log, "frames": self.frames, "page": self.page}
+        return {self.options.get(name, name): path for name, path in paths.items()}
+
+    def check_names(self) -> None:
+        """Raises InputError for a name that no film can have, and where two outputs have the same."""
+        from sqrp_cli.platform.files import check_distinct
+
+        if self.film is not None:
+            _check_film(self.film, self.options.get("film", "film"))
+        check_distinct(self.named)
+
+    def check_not_read(self, inputs: Iterable[Path]) -> None:
+        """Raises InputError where an output file is also an input file; a folder of frames is new or empty."""
+        from sqrp_cli.platform.files import check_not_read
+
+        check_not_read([self.film, self.log, self.page], inputs)
+
+
+def _check_film(path: Path, name: str) -> None:
+    """Raises InputError for a name that OpenCV cannot write an MP4 film to."""
+    if path.suffix.lower() != ".mp4":
+        raise InputError(Problem("bad-option", f"{name} is `{path}`; expected a name that ends in .mp4"))
+    if str(path) != str(path).encode(errors="ignore").decode():
+        message = f"{name} is `{path}`, which is not UTF-8 text; films are written by a library that needs it"
+        raise InputError(Problem("bad-option", message))
 
 
 def refused(name: str, value: object, expected: str) -> InputError:
@@ -57,6 +102,37 @@ def check_count(value: object, name: str, least: int) -> None:
     """Raises InputError for anything but a whole number of at least `least`."""
     if isinstance(value, bool) or not isinstance(value, int) or value < least:
         raise refused(name, value, f"a whole number from {least} on")
+
+
+def check_callable(value: object, name: str, expected: str) -> None:
+    """Raises InputError for anything that cannot be called."""
+    if not callable(value):
+        raise refused(name, value, expected)
+
+
+def check_progress(value: object) -> None:
+    """Raises InputError for anything that cannot show progress."""
+    check_callable(value, "progress", "a function of a title and a total")
+
+
+def check_by(value: object) -> Criterion:
+    """What a ranking is by. Raises InputError for anything else."""
+    from sqrp_cli.programming.ranking import CRITERIA, read_criterion
+
+    check_text(value, "by", f"one of {', '.join(CRITERIA)}")
+    return read_criterion(str(value), "by")
+
+
+def check_crowd(value: Crowd | None) -> None:
+    """Raises InputError for anything but the numbers of objects and cameras to put in."""
+    from sqrp_cli.starter.random_cell import Crowd
+
+    match value:
+        case None:
+            return
+        case Crowd(int() as seed, int() as objects, int() as cameras) if min(seed, objects, cameras) >= 0:
+            return
+    raise refused("crowd", value, "Crowd(seed, objects, cameras) with whole numbers from 0 on")
 
 
 def check_share(value: object, name: str) -> None:

@@ -10,8 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sqrp_cli.api.arguments import (
+    check_by,
     check_calibration,
+    check_callable,
     check_count,
+    check_crowd,
+    check_progress,
     check_sampling,
     check_text,
     checked_path,
@@ -61,6 +65,7 @@ def new_cell(folder: str | Path, *, urdf: str | Path | None = None, crowd: Crowd
     from sqrp_cli.api.results import NewCell
     from sqrp_cli.starter.make import make_starter
 
+    check_crowd(crowd)
     folder, arm = checked_path(folder, "folder"), optional_path(urdf, "urdf")
     return NewCell(make_starter(folder, None if arm is None else str(urdf), crowd), folder, own_arm=arm is not None)
 
@@ -147,11 +152,11 @@ class OpenCell:
         """
         from sqrp_cli.api.results import Ranking
         from sqrp_cli.api.session import assess
-        from sqrp_cli.programming.ranking import CRITERIA, rank
+        from sqrp_cli.programming.ranking import rank
 
-        if by not in CRITERIA:
-            raise refused("by", by, f"one of {', '.join(CRITERIA)}")
+        by = check_by(by)
         check_count(jobs, "jobs", 1)
+        check_progress(progress)
         session = self.begin(task, sampling=sampling, calibration=calibration, after=after)
         return Ranking(session, rank(list(assess(session, jobs, progress)), by), by)
 
@@ -174,10 +179,11 @@ class OpenCell:
         from sqrp_cli.programming.ranking import rank
 
         check_count(jobs, "jobs", 1)
+        check_progress(progress)
         if choose is not None:
             check_text(choose, "choose", "the name of a candidate, `best`, or None for all")
         session = self.begin(task, sampling=sampling, after=after)
-        check_choice(session.task, choose or "best")
+        check_choice(session.task, "best" if choose is None else choose)
         ranking = rank(list(assess(session, jobs, progress)), "q_eoi")
         chosen = list(ranking) if choose is None else [choose_candidate(ranking, choose)]
         explained = []
@@ -211,6 +217,11 @@ class OpenCell:
         from sqrp_cli.programming.task import impossible_tasks
 
         check_count(jobs, "jobs", 1)
+        check_progress(progress)
+        if plan is not None and not isinstance(plan, bool):
+            raise refused("plan", plan, "True, False, or None for where it is needed")
+        if planner is not None:
+            check_callable(planner, "planner", "a function such as sqrp_cli.logic.planner.find_plan")
         name, path = self.workspace.name, str(self.path)
         if self.errors:
             return Check(path, name, task, self.findings)
@@ -268,6 +279,7 @@ class OpenCell:
 
         check_sampling(sampling)
         check_count(jobs, "jobs", 1)
+        check_progress(progress)
         means = Means(sampling or Adaptive(), jobs, None, optional_path(out, "out"), self.seed)
         with open_computer(means) as computer:
             return Scores(score_cells(list(read_cells([self.workspace.path])), computer, progress))

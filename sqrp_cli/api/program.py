@@ -8,7 +8,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sqrp_cli.api.arguments import check_count, check_share, check_text, check_texts, checked_path, optional_path
+from sqrp_cli.api.arguments import (
+    RunOutputs,
+    check_count,
+    check_progress,
+    check_share,
+    check_text,
+    check_texts,
+    checked_path,
+    optional_path,
+    refused,
+)
 from sqrp_cli.api.cell import OpenCell, silent
 from sqrp_cli.errors import InputError, Place, Problem
 
@@ -104,6 +114,19 @@ class OpenProgram:
             for text in found
         ]
 
+    def read_faults(self, faults: Sequence[str], option: str = "faults") -> list[InjectedFault]:
+        """Faults read from texts; random instants are the same each time.
+
+        option: what gives them, for messages. Raises InputError for a text that is no fault of this program.
+        """
+        import numpy as np
+
+        from sqrp_cli.runtime.run.injected_fault import parse_fault
+
+        check_texts(faults, option, "texts such as ['slip@a4+0.4']")
+        rng, steps, cameras = np.random.default_rng(self.seed), self.program.steps, self.workspace.cameras
+        return [parse_fault(text, steps, cameras, rng, option) for text in faults]
+
     def run(
         self,
         faults: Sequence[str] = (),
@@ -119,23 +142,30 @@ class OpenProgram:
         faults: as `sqrp run --fault` takes them, such as `slip@a4+0.4`. film, log, frames: a file, a file and a folder
         in which to keep the images as an MP4 film, the events, and every image. listeners: called with each event as
         it happens. witnessed: whether the events have the true poses, for a page; a log always has them.
-        """
-        import numpy as np
 
+        Raises InputError, before anything is written, where an output would replace an input or another output.
+        """
         from sqrp_cli.api.results import SimulatedRun
         from sqrp_cli.platform.files import check_writable
         from sqrp_cli.report.pages.run_page import RunCell
         from sqrp_cli.runtime.record.log import LogWriter
-        from sqrp_cli.runtime.run.injected_fault import parse_fault
 
-        check_texts(faults, "faults", "texts such as ['slip@a4+0.4']")
-        simulation, workspace, rng = self._simulation(), self.workspace, np.random.default_rng(self.seed)
+        injected, workspace = self.read_faults(faults), self.workspace
+        if not isinstance(listeners, Sequence) or not all(map(callable, listeners)):
+            raise refused("listeners", listeners, "functions of an event, in a list")
+        outputs = RunOutputs(
+            film=optional_path(film, "film"),
+            log=optional_path(log, "log"),
+            frames=optional_path(frames, "frames"),
+            options={"page": "path"},
+        )
+        outputs.check_names()
+        outputs.check_not_read(self.files)
+        simulation = self._simulation()
         from sqrp_cli.runtime.run.program_run import Recording
         from sqrp_cli.runtime.run.simulation import header
 
-        injected = [parse_fault(text, self.program.steps, workspace.cameras, rng) for text in faults]
-        film, log, frames = optional_path(film, "film"), optional_path(log, "log"), optional_path(frames, "frames")
-        for path in filter(None, (film, log)):
+        for path in filter(None, (outputs.film, outputs.log)):
             check_writable(path)
         events: list[Event] = []
 
@@ -143,12 +173,12 @@ class OpenProgram:
             events.append(event)
 
         with ExitStack() as closing:  # closes the others even if one fails to close
-            gallery = _gallery(workspace, film, frames)
+            gallery = _gallery(workspace, outputs.film, outputs.frames)
             if gallery is not None:
                 closing.callback(gallery.close)
             writer = None
-            if log is not None:
-                writer = LogWriter(log, header(self.program, workspace, self.seed, injected))
+            if outputs.log is not None:
+                writer = LogWriter(outputs.log, header(self.program, workspace, self.seed, injected))
                 closing.callback(writer.close)
             heard = [*(() if writer is None else (writer,)), *listeners, keep]
             report = simulation.run(injected, Recording(heard, gallery, states=witnessed or writer is not None))
@@ -160,6 +190,8 @@ class OpenProgram:
             events=events,
             period=_period(workspace),
             never_happened=tuple(fault.text for fault in _never_happened(injected, events)),
+            inputs=self.files,
+            outputs=outputs,
         )
 
     def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = silent) -> SlipSweep:
@@ -172,10 +204,11 @@ class OpenProgram:
 
         check_text(slip, "slip", "a slip and where, such as `slip@a4`")
         check_count(count, "count", 1)
+        check_progress(progress)
         simulation = self._simulation()
         from sqrp_cli.runtime.run.simulation import SweepSummary, sweep
 
-        place, primitive = parse_sweep(slip, self.program.steps)
+        place, primitive = parse_sweep(slip, self.program.steps, "slip")
         with progress(f"Sweeping {slip}", count) as advance:
             runs = list(sweep(simulation, place.number, primitive, count, lambda: advance(1)))
         summary = SweepSummary.of(runs, _period(self.workspace))
@@ -196,6 +229,7 @@ class OpenProgram:
 
         folder = checked_path(folder, "folder")
         check_share(threshold, "threshold")
+        check_progress(progress)
         total = sum(1 for _ in read_frames(folder, list(self.workspace.cameras), len(self.program.steps)))
         with progress(f"Looking at {folder}", total) as advance:
             report = audit(self.program, self.workspace, folder, lambda: advance(1))
@@ -261,7 +295,10 @@ class LoggedRun:
             raise InputError(Problem("no-log", message, Place(self.log)))
         predicted = any(fault.predicted_delay is not None for fault in report.faults)
         doubts = (self._no_rates(),) if predicted and self._period is None else ()
-        return SimulatedRun(cell=self.cell, report=report, events=kept, period=self._period, problems=doubts)
+        inputs = [self.log, *([] if self.program is None else self.program.files)]
+        return SimulatedRun(
+            cell=self.cell, report=report, events=kept, period=self._period, problems=doubts, inputs=inputs
+        )
 
     @property
     def cell(self) -> RunCell:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence, Sized
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Generic, TypeVar
 
+from sqrp_cli.api.arguments import RunOutputs, check_text, check_texts, checked_path
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument, Recalibrated, SamplingDone
 from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from sqrp_cli.checks.dependency_check import Feasibility
     from sqrp_cli.program.record import Program
     from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.coverage.assessment import Assessment
     from sqrp_cli.programming.pipeline import Explained
     from sqrp_cli.programming.ranking import Criterion, Ranked
     from sqrp_cli.programming.suggestion import SuggestedStep
@@ -46,6 +48,11 @@ class Answer(ABC, Generic[AnyDocument]):
     def document(self) -> AnyDocument:
         """The whole result, with the fields of `--json`."""
 
+    @property
+    @abstractmethod
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+
     @abstractmethod
     def show(self) -> None:
         """Print it to the terminal."""
@@ -53,6 +60,9 @@ class Answer(ABC, Generic[AnyDocument]):
     def to_json(self) -> str:
         """The document as one line of JSON, as `--json` prints it."""
         return as_text(self.document)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.brief})"
 
     def __str__(self) -> str:
         from sqrp_cli.terminal.console import as_plain_text
@@ -65,7 +75,7 @@ class Answer(ABC, Generic[AnyDocument]):
         return as_html(self.show)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Ranking(Answer[RankDocument]):
     """The candidates of a task, best first.
 
@@ -86,6 +96,14 @@ class Ranking(Answer[RankDocument]):
     def best(self) -> CandidateFigures | None:
         """The first candidate, None if none is feasible."""
         return next((one for one in self.candidates if one.feasible), None)
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        best = next((one.assessment for one in self.ranked if one.rank is not None), None)
+        first = "none feasible" if best is None else f"best {_figures(best)}"
+        cut = ", interrupted" if self.interrupted else ""
+        return f"{self.session.named}: {_count(self.ranked, 'candidate')}, {first}{cut}"
 
     @cached_property
     def document(self) -> RankDocument:
@@ -110,10 +128,10 @@ class Ranking(Answer[RankDocument]):
         choose: the candidate's name, or `best` for the first. Raises InputError where it is infeasible, or does not
         begin where the program ends.
         """
-        from sqrp_cli.api.arguments import checked_path
         from sqrp_cli.api.session import ChosenStep, add_steps, check_choice, choose_candidate
 
         file, session = checked_path(path), self.session
+        check_text(choose, "choose", "the name of a candidate, or `best`")
         check_choice(session.task, choose)
         chosen = choose_candidate(self.ranked, choose).assessment
         if not chosen.feasible:
@@ -129,7 +147,7 @@ class Ranking(Answer[RankDocument]):
         print_ranking(self.session.task.text, self.session.assignment, self.ranked, self.by)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Explanation(Answer[TaskDocument]):
     """Some candidates over time."""
 
@@ -148,6 +166,13 @@ class Explanation(Answer[TaskDocument]):
         """The candidates with all data from which their figures can be recomputed."""
         document = self.document
         return document.candidates if isinstance(document, ExplainAllDocument) else [document]
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        if self.several:
+            return f"{self.session.named}: {_count(self.explained, 'candidate')}"
+        return f"{self.session.named}: {_figures(self.explained[0].ranked.assessment)}"
 
     @cached_property
     def document(self) -> ExplainDocument | ExplainAllDocument:
@@ -172,7 +197,7 @@ class Explanation(Answer[TaskDocument]):
             print_study(self.session.cell, *self.explained[0], sampling)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Check(Answer[CheckDocument]):
     """The findings about a workspace, and which candidates of a task can be done.
 
@@ -196,6 +221,14 @@ class Check(Answer[CheckDocument]):
         """The candidates, in the order of the task."""
         return self.document.candidates
 
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        about = self.workspace if self.task is None else f"{self.task} in {self.workspace}"
+        able = sum(one.feasible for one in self.found)
+        found = "" if self.task is None or not self.valid else f"{able} of {_count(self.found, 'candidate')} feasible, "
+        return f"{about}: {found}{'valid' if self.valid else 'not valid'}, {_count(self.problems, 'problem')}"
+
     @cached_property
     def document(self) -> CheckDocument:
         """The document of `sqrp check`."""
@@ -213,11 +246,17 @@ class Check(Answer[CheckDocument]):
             print_candidates(self.task, self.workspace, self.found, self.suggested)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scene(Answer[ShowDocument]):
     """A workspace as understood."""
 
     cell: Cell
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        scene = self.cell.workspace
+        return f"{scene.name}: {_count(scene.cameras, 'camera')}, {_count(scene.objects, 'object')}"
 
     @cached_property
     def document(self) -> ShowDocument:
@@ -231,7 +270,7 @@ class Scene(Answer[ShowDocument]):
         print_scene(self.cell)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Scores(Answer[ScoreDocument]):
     """Every task of some workspaces."""
 
@@ -247,6 +286,13 @@ class Scores(Answer[ScoreDocument]):
         """A result per task."""
         return self.document.results
 
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        passed = self.findings.count("passed")
+        cut = ", interrupted" if self.findings.interrupted else ""
+        return f"{passed} of {_count(self.findings.results, 'task')} passed{cut}"
+
     @cached_property
     def document(self) -> ScoreDocument:
         """The document of `sqrp score`."""
@@ -259,7 +305,7 @@ class Scores(Answer[ScoreDocument]):
         print_report(self.findings)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Difference(Scores):
     """What differs between two versions of a workspace, and the effect on its tasks."""
 
@@ -270,7 +316,7 @@ class Difference(Scores):
         print_difference(self.findings)
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SimulatedRun(Answer[RunDocument]):
     """How a run of a program went."""
 
@@ -284,11 +330,22 @@ class SimulatedRun(Answer[RunDocument]):
     """Faults that never happened."""
     problems: tuple[Problem, ...] = ()
     """Warnings about data that the log lacks."""
+    inputs: Sequence[Path] = ()
+    """The files that it was read from, over which no page is written."""
+    outputs: RunOutputs = field(default_factory=RunOutputs)
+    """What it was kept in; neither."""
 
     @property
     def done(self) -> bool:
         """Whether the program was completed."""
         return self.report.outcome == "done"
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        report = self.report
+        steps, faults = _count(report.steps, "step"), _count(report.faults, "fault")
+        return f"{self.cell.name}: {report.outcome} at {report.time:.2f} s, {steps}, {faults}, {report.images} images"
 
     @cached_property
     def document(self) -> RunDocument:
@@ -301,14 +358,22 @@ class SimulatedRun(Answer[RunDocument]):
 
         print_run(self.cell.name, self.report, self.period)
 
-    def write_page(self, path: Path, arguments: Sequence[str] = ()) -> None:
-        """Write a page that plays the run; arguments: of the command that it names. Raises InputError if it cannot."""
+    def write_page(self, path: str | Path, arguments: Sequence[str] = ()) -> None:
+        """Write a page that plays the run; arguments: of the command that it names.
+
+        Raises InputError if it cannot be written, or would replace a file that the run read or wrote.
+        """
         from sqrp_cli.report.pages.run_page import write_run
 
-        write_run(self.cell, self.report, self.events, path, arguments)
+        file = checked_path(path)
+        check_texts(arguments, "arguments", "the words of a command, in a list")
+        outputs = replace(self.outputs, page=file)
+        outputs.check_names()
+        outputs.check_not_read(self.inputs)
+        write_run(self.cell, self.report, self.events, file, arguments)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SlipSweep(Answer[SweepDocument]):
     """Runs of a program with a slip at different instants, and how well the delays were predicted."""
 
@@ -326,6 +391,12 @@ class SlipSweep(Answer[SweepDocument]):
         """Whether all runs were completed."""
         return all(run.report.outcome == "done" for run in self.runs)
 
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        done = sum(run.report.outcome == "done" for run in self.runs)
+        return f"{self.text} in step {self.step}, {self.workspace}: {done} of {_count(self.runs, 'run')} done"
+
     @cached_property
     def document(self) -> SweepDocument:
         """The document of `sqrp run --sweep`."""
@@ -338,7 +409,7 @@ class SlipSweep(Answer[SweepDocument]):
         print_sweep(self.program, self.step, self.workspace, self.text, self.runs, self.summary)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Audit(Answer[AuditDocument]):
     """What recorded frames say about the predictions of a program."""
 
@@ -354,6 +425,13 @@ class Audit(Answer[AuditDocument]):
         precision = self.report.total.precision
         return precision is not None and precision >= self.threshold
 
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        precision = self.report.total.precision
+        share = "nothing was predicted" if precision is None else f"{100 * precision:.1f} % of predictions came true"
+        return f"{self.workspace}: {share}, {'passed' if self.passed else 'not passed'}"
+
     @cached_property
     def document(self) -> AuditDocument:
         """The document of `sqrp audit`."""
@@ -366,7 +444,7 @@ class Audit(Answer[AuditDocument]):
         print_audit(self.program, self.workspace, self.report, self.threshold)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class NewCell(Answer[InitDocument]):
     """A new workspace."""
 
@@ -381,6 +459,11 @@ class NewCell(Answer[InitDocument]):
         """Warnings about the arm."""
         return self.starter.warnings
 
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        return f"{self.path}: {self.starter.task or 'nothing within reach'}"
+
     @cached_property
     def document(self) -> InitDocument:
         """The document of `sqrp init`."""
@@ -392,3 +475,16 @@ class NewCell(Answer[InitDocument]):
         from sqrp_cli.terminal.scene_table import print_new_cell
 
         print_new_cell(self.path, self.starter, own_arm=self.own_arm)
+
+
+def _count(several: Sized, noun: str) -> str:
+    """How many there are, such as `1 candidate` or `6 candidates`."""
+    return f"{len(several)} {noun}{'' if len(several) == 1 else 's'}"
+
+
+def _figures(assessment: Assessment) -> str:
+    """A candidate and its quality."""
+    name, quality = assessment.candidate.name, assessment.q_eoi
+    if not assessment.feasible:
+        return f"{name}, infeasible"
+    return name if quality is None else f"{name}, Q_eoi {100 * quality:.1f} %"

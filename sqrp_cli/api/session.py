@@ -41,6 +41,11 @@ class Session:
         """The cell."""
         return self.assignment.cell
 
+    @property
+    def named(self) -> str:
+        """The task and the workspace, for display."""
+        return f"{self.task.text} in {self.workspace.name}"
+
     @classmethod
     def begin(
         cls, cell: Cell, task: str, before: Path | None, sampling: Sampling, calibration: Calibration | None = None

@@ -14,12 +14,12 @@ Criterion = Literal["q_eoi", "q_avg", "time", "delay", "expected_time"]
 CRITERIA: tuple[Criterion, ...] = get_args(Criterion)
 
 
-def read_criterion(name: str) -> Criterion:
-    """The criterion of that name. Raises InputError for another name."""
+def read_criterion(name: str, option: str = "--by") -> Criterion:
+    """The criterion of that name. option: that gives it, for the message. Raises InputError for another name."""
     for criterion in CRITERIA:
         if criterion == name:
             return criterion
-    raise InputError(Problem("bad-option", f"--by is `{name}`; {expected_names(name, CRITERIA)}"))
+    raise InputError(Problem("bad-option", f"{option} is `{name}`; {expected_names(name, CRITERIA)}"))
 
 
 _Figure = Callable[[Assessment], float | None]

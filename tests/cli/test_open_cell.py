@@ -88,10 +88,20 @@ def test_a_workspace_with_errors_is_not_opened(tmp_path):
         (lambda cell: cell.rank("pickup g2", sampling=Adaptive(float("nan"))), "sampling is Adaptive(tolerance=nan)"),
         (lambda cell: cell.rank("pickup g2", calibration="5 mm"), "calibration is '5 mm', expected Calibration("),
         (lambda cell: cell.rank("pickup g2", calibration=Calibration(5, 0.5, 0)), "up to 1 m and up to 1 rad"),
-        (lambda cell: cell.rank("pickup g2", by="speed"), "by is 'speed', expected one of q_eoi, q_avg"),
+        (
+            lambda cell: cell.rank("pickup g2", by="speed"),
+            "by is `speed`; expected one of `delay`, `expected_time`, `q_avg`",
+        ),
         (lambda cell: cell.rank("pickup g2", jobs=0), "jobs is 0, expected a whole number from 1 on"),
         (lambda cell: cell.explain("pickup g2", 2), "choose is 2, expected the name of a candidate"),
         (lambda cell: cell.explain("pickup g2", jobs=1.5), "jobs is 1.5"),
+        (lambda cell: cell.explain("pickup g2", choose=""), "there is no candidate ``; expected one of `g2`"),
+        (lambda cell: cell.rank("pickup g2", by=3), "by is 3, expected one of q_eoi, q_avg"),
+        (lambda cell: cell.rank("pickup g2", progress=3), "progress is 3, expected a function"),
+        (lambda cell: cell.rank("pickup g2").write("program.yaml", 3), "choose is 3, expected the name of a candidate"),
+        (lambda cell: cell.check("pickup g2", plan="x"), "plan is 'x', expected True, False, or None"),
+        (lambda cell: cell.check("pickup g2", planner="x"), "planner is 'x', expected a function"),
+        (lambda _: new_cell("folder", crowd=3), "crowd is 3, expected Crowd(seed, objects, cameras)"),
         (lambda cell: cell.check("pickup g2", jobs=True), "jobs is True"),
         (lambda cell: cell.check(7), "task is 7"),
         (lambda cell: cell.check("pickup g2", after=7), "after is 7, expected a path"),
@@ -109,9 +119,33 @@ def test_an_argument_that_cannot_be_used_is_refused_with_what_was_expected(cell,
     assert said in str(refused.value)
 
 
+def test_a_prompt_shows_an_answer_as_one_short_line(cell):
+    answers = [
+        cell.rank("pickup green"),
+        cell.explain("pickup green", "g1"),
+        cell.explain("pickup green", "g6"),
+        cell.explain("pickup g2", None),
+        cell.check(),
+        cell.check("pickup green"),
+        cell.scene(),
+        cell.score(),
+    ]
+    assert [repr(answer) for answer in answers] == [
+        "Ranking(pickup green in tabletop: 6 candidates, best g2, Q_eoi 100.0 %)",
+        "Explanation(pickup green in tabletop: g1, Q_eoi 0.0 %)",
+        "Explanation(pickup green in tabletop: g6, infeasible)",
+        "Explanation(pickup g2 in tabletop: 1 candidate)",
+        "Check(tabletop: valid, 0 problems)",
+        "Check(pickup green in tabletop: 5 of 6 candidates feasible, valid, 0 problems)",
+        "Scene(tabletop: 6 cameras, 11 objects)",
+        "Scores(1 of 1 task passed)",
+    ]
+
+
 def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, tmp_path):
     made = new_cell(tmp_path / "one")
     assert str(made).replace("/one", "/two") == printed(sqrp, "init", tmp_path / "two")
+    assert repr(made) == f"NewCell({tmp_path / 'one'}: {made.document.task})"
     assert made.to_json().replace("/one", "/three") == printed(sqrp, "init", tmp_path / "three", "--json")
     assert open_cell(made.path).check().valid
 
@@ -131,8 +165,70 @@ def test_a_program_runs_and_its_log_and_frames_tell_the_same(sqrp, quick_cell, t
     assert run.done
     assert str(run) == printed(sqrp, "run", quick_cell.program, "--sim")
     assert read_run(log).document.steps == run.document.steps
+    assert repr(run).startswith(f"SimulatedRun({program.workspace.name}: done at ")
+    assert len(repr(run)) < 120
     audit = program.audit(frames)
+    assert repr(audit).endswith("came true, passed)")
     assert audit.to_json() == printed(sqrp, "audit", quick_cell.program, frames, "--json")
     for fault in (7, ["sli@a1"]):
         with pytest.raises(InputError):
             program.run(fault)
+
+
+def test_a_run_never_writes_over_what_it_reads(quick_cell, tmp_path):
+    program = open_program(quick_cell.program)
+    before = {file: file.read_bytes() for file in program.files}
+    for file in program.files:
+        link = tmp_path / f"{file.name}.mp4"
+        link.symlink_to(file)
+        for output in ({"log": str(file)}, {"film": link}):
+            with pytest.raises(InputError, match="this file is read by the same command, so it is not overwritten"):
+                program.run(**output)
+    assert before == {file: file.read_bytes() for file in program.files}
+
+
+def test_a_run_never_writes_two_outputs_with_one_name(quick_cell, tmp_path):
+    one = tmp_path / "one.mp4"
+    for names in (("film", "log"), ("log", "frames")):
+        with pytest.raises(InputError, match=" and ".join(names) + " both name this file"):
+            open_program(quick_cell.program).run(**dict.fromkeys(names, one))
+    assert not one.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"film": "film.avi"}, "film is `film.avi`; expected a name that ends in .mp4"),
+        ({"film": "\udcff.mp4"}, "which is not UTF-8 text"),
+        ({"faults": ["foo"]}, "faults foo: there is no fault `foo`"),
+        ({"faults": "slip@a4"}, "faults is 'slip@a4', expected texts"),
+        ({"listeners": 3}, "listeners is 3, expected functions of an event"),
+        ({"listeners": [3]}, "listeners is [3], expected functions of an event"),
+    ],
+)
+def test_a_run_refuses_what_it_cannot_use_by_the_name_of_the_argument(quick_cell, arguments, said):
+    with pytest.raises(InputError) as refused:
+        open_program(quick_cell.program).run(**arguments)
+    assert said in str(refused.value)
+
+
+def test_a_sweep_refuses_a_slip_by_the_name_of_the_argument(quick_cell):
+    with pytest.raises(InputError, match=r"slip foo@a4: expected `slip@`"):
+        open_program(quick_cell.program).sweep("foo@a4")
+
+
+def test_the_page_of_a_run_takes_a_path_as_text_and_replaces_no_file_of_the_run(quick_cell, tmp_path):
+    program, log = open_program(quick_cell.program), tmp_path / "log"
+    run = program.run(log=log)
+    run.write_page(str(tmp_path / "page.html"))
+    assert (tmp_path / "page.html").read_text().startswith("<!")
+    kept = log.read_bytes()
+    for answer, path, said in (
+        (run, None, "path is None, expected a path"),
+        (run, str(log), "log and path both name this file"),
+        (run, str(quick_cell.program), "so it is not overwritten"),
+        (read_run(log), str(log), "so it is not overwritten"),
+    ):
+        with pytest.raises(InputError, match=said):
+            answer.write_page(path)
+    assert log.read_bytes() == kept

@@ -66,7 +66,7 @@ def command(
         check_pictures(images)
     sampling = read_sampling(samples, dt, tolerance)
     cell = open_with_warnings(workspace, seed)
-    choice = None if all_candidates else choose or "best"
+    choice = None if all_candidates else "best" if choose is None else choose
     explanation = cell.explain(task, choice, sampling=sampling, after=after, jobs=job_count(jobs), progress=progress)
     print_problems((*cell_warnings(cell.cell), *intervals_outside(one.assessment for one in explanation.ranking)))
     if as_json:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,6 +13,7 @@ from sqrp_cli.errors import ExitCode, InputError, Problem
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from sqrp_cli.api.arguments import RunOutputs
     from sqrp_cli.api.program import OpenProgram
     from sqrp_cli.api.results import SimulatedRun
 
@@ -24,14 +24,7 @@ _FORMS = (
     "perception-crash:cam1@4, 2:slip@a4 in step 2"
 )
 
-
-@dataclass(frozen=True)
-class Kept:
-    """Where to keep a film, a log and the images of a run; None: nowhere."""
-
-    record: Path | None
-    log: Path | None
-    frames: Path | None
+_OPTIONS = {"film": "--record", "log": "--log", "frames": "--frames", "page": "--report"}
 
 
 def command(
@@ -69,11 +62,11 @@ def command(
 
     The robot stops, tries again or goes on as the skill says when a fault is seen.
     """
-    from sqrp_cli.platform.files import check_distinct, check_not_read
+    from sqrp_cli.api.arguments import RunOutputs
 
-    kept = Kept(record, log, frames)
-    _check_options(replay, sweep, n, fault, kept, report)
-    check_distinct({"--record": record, "--log": log, "--report": report})
+    outputs = RunOutputs(film=record, log=log, frames=frames, page=report, options=_OPTIONS)
+    _check_options(replay, sweep, n, fault, outputs)
+    outputs.check_names()
     if report is not None:
         check_report(report)
     if replay is not None:
@@ -84,35 +77,24 @@ def command(
     opened = _open(program, sim=sim, seed=seed)
     if sweep is not None:
         return _sweep(opened, sweep, n, as_json=as_json)
-    check_not_read([record, log, report], opened.files)
-    finished = _run(opened, fault or [], kept, witnessed=report is not None, as_json=as_json)
+    outputs.check_not_read(opened.files)
+    finished = _run(opened, fault or [], outputs, as_json=as_json)
     if finished is None:
         return ExitCode.INTERRUPTED
     return _show(finished, report, context.obj, as_json=as_json)
 
 
 def _check_options(
-    replay: Path | None, sweep: str | None, n: int | None, fault: list[str] | None, kept: Kept, report: Path | None
+    replay: Path | None, sweep: str | None, n: int | None, fault: list[str] | None, outputs: RunOutputs
 ) -> None:
-    """Raises InputError for options that exclude each other, and for a name that is no film's."""
-    files = {"--record": kept.record, "--log": kept.log, "--frames": kept.frames}
+    """Raises InputError for options that exclude each other."""
+    files = outputs.named
     if replay is not None:
-        _refuse_with("--replay", {"--fault": fault, "--sweep": sweep, "--n": n, **files})
+        _refuse_with("--replay", {"--fault": fault, "--sweep": sweep, "--n": n, **files, "--report": None})
     if sweep is not None:
-        _refuse_with("--sweep", {"--fault": fault, "--report": report, **files})
+        _refuse_with("--sweep", {"--fault": fault, "--report": outputs.page, **files})
     elif n is not None:
         raise InputError(Problem("bad-option", "--n is about --sweep, which is missing"))
-    if kept.record is not None and kept.record.suffix.lower() != ".mp4":
-        message = f"--record is `{kept.record}`; expected a name that ends in .mp4"
-        raise InputError(Problem("bad-option", message))
-    if kept.record is not None and not _is_text(kept.record):
-        message = f"--record is `{kept.record}`, which is not UTF-8 text; films are written by a library that needs it"
-        raise InputError(Problem("bad-option", message))
-
-
-def _is_text(path: Path) -> bool:
-    """Whether the bytes of a path are UTF-8."""
-    return str(path) == str(path).encode(errors="ignore").decode()
 
 
 def _refuse_with(option: str, others: Mapping[str, object]) -> None:
@@ -136,26 +118,22 @@ def _open(path: Path, *, sim: bool, seed: int) -> OpenProgram:
     return opened
 
 
-def _run(
-    opened: OpenProgram, faults: Sequence[str], kept: Kept, *, witnessed: bool, as_json: bool
-) -> SimulatedRun | None:
-    """Run a program, shown live; at Ctrl-C its finished steps are printed, and None is returned.
-
-    witnessed: whether a page will show where everything really was.
-    """
+def _run(opened: OpenProgram, faults: Sequence[str], outputs: RunOutputs, *, as_json: bool) -> SimulatedRun | None:
+    """Run a program, shown live; at Ctrl-C its finished steps are printed, and None is returned."""
     from sqrp_cli.terminal.console import note
     from sqrp_cli.terminal.run_view import FinishedSteps, LiveView
 
+    opened.read_faults(faults, "--fault")
     finished = FinishedSteps(opened.program)
     try:
         with LiveView(list(opened.workspace.cameras)) as view:
             return opened.run(
                 faults,
-                film=kept.record,
-                log=kept.log,
-                frames=kept.frames,
+                film=outputs.film,
+                log=outputs.log,
+                frames=outputs.frames,
                 listeners=[finished, view],
-                witnessed=witnessed,
+                witnessed=outputs.page is not None,
             )
     except KeyboardInterrupt:
         if not as_json:
@@ -181,8 +159,10 @@ def _replay(log: Path, program: Path | None, page: Path | None, *, as_json: bool
 def _sweep(opened: OpenProgram, slip: str, count: int | None, *, as_json: bool) -> ExitCode:
     """Many runs of a program, each with a slip at another instant."""
     from sqrp_cli.api.program import DEFAULT_RUNS
+    from sqrp_cli.runtime.run.injected_fault import parse_sweep
     from sqrp_cli.terminal.console import progress
 
+    parse_sweep(slip, opened.program.steps, "--sweep")
     swept = opened.sweep(slip, count or DEFAULT_RUNS, progress=progress)
     answer(swept, as_json=as_json)
     return ExitCode.OK if swept.done else ExitCode.STOPPED_ON_FAULT

@@ -108,14 +108,16 @@ class _FaultText:
         return InputError(Problem("bad-fault", f"{self.option} {self.text}: {message}", mend=mend))
 
 
-def parse_fault(text: str, steps: Sequence[Step], cameras: Collection[str], rng: np.random.Generator) -> InjectedFault:
+def parse_fault(
+    text: str, steps: Sequence[Step], cameras: Collection[str], rng: np.random.Generator, option: str = "--fault"
+) -> InjectedFault:
     """A fault such as `slip@a4+0.4`, or `2:slip@a4+0.4` in the second step. Raises InputError with what was expected.
 
     text: with times in seconds or with a unit, from the start of the step. steps: of the program; without a number the
     first is meant, or the first in which it can happen if the text names a primitive or a grasp. rng: of random
-    instants.
+    instants. option: that gives it, for messages.
     """
-    written, places = _read_step("--fault", text, steps)
+    written, places = _read_step(option, text, steps)
     head = _kind(written.bare)
     if head not in _FORMS:
         if any(head == entry.fault for step in steps for entry in step.formulas):
@@ -143,9 +145,9 @@ def parse_fault(text: str, steps: Sequence[Step], cameras: Collection[str], rng:
     return InjectedFault(kind, text, _time(written, found["time"]), camera, step=number)
 
 
-def parse_sweep(text: str, steps: Sequence[Step]) -> tuple[StepPlace, ProgramPrimitive]:
+def parse_sweep(text: str, steps: Sequence[Step], option: str = "--sweep") -> tuple[StepPlace, ProgramPrimitive]:
     """Where a sweep such as `slip@a4` or `2:slip@a4` is. Raises InputError for a fault that cannot be swept."""
-    written, places = _read_step("--sweep", text, steps)
+    written, places = _read_step(option, text, steps)
     kind, _, name = written.bare.partition("@")
     if kind not in SWEPT:
         raise written.refused("expected `slip@` and a primitive of the program", _slip_instead(places))
