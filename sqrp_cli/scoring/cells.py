@@ -80,10 +80,12 @@ def _tasks(workspace: Workspace) -> tuple[ScoredTask, ...]:
 def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
     """The workspace files that match patterns, each once: in the order of the patterns, each pattern's by name.
 
+    They begin with what the pattern says, so messages name them as the user did.
+
     A pattern is a workspace file, the folder of one, a folder with workspaces at any depth below it (hidden folders
     left out), or a glob of those (`cells/*`, `**` for any depth). Raises InputError for one without a match.
     """
-    found: dict[Path, None] = {}
+    found: dict[Path, Path] = {}
     for pattern in patterns:
         if Path(pattern).exists() or not glob.has_magic(pattern):
             matches = [Path(pattern)]
@@ -96,8 +98,9 @@ def find_workspaces(patterns: Sequence[str]) -> tuple[Path, ...]:
         if not files:
             message = f"no workspace fits `{pattern}`; a workspace is a folder with a {WORKSPACE_FILE}"
             raise InputError(Problem("no-workspace", message, Place(Path(pattern))))
-        found.update(dict.fromkeys(Path.cwd() / file for file in files))
-    return tuple(found)
+        for file in files:
+            found.setdefault(file.absolute(), file)
+    return tuple(found.values())
 
 
 def _files(path: Path) -> list[Path]:
@@ -112,7 +115,8 @@ def _files(path: Path) -> list[Path]:
 def short_names(files: Sequence[Path]) -> Mapping[Path, str]:
     """The name of each workspace in the output: its folder's, with as much of its path as makes it unique."""
     names: dict[Path, str] = {}
-    paths = {file: (file.parent if file.name == WORKSPACE_FILE else file.with_suffix("")) for file in files}
+    whole = {file: file.absolute() for file in files}
+    paths = {file: at.parent if at.name == WORKSPACE_FILE else at.with_suffix("") for file, at in whole.items()}
     for file, path in paths.items():
         count = 1
         while count < len(path.parts) and any(

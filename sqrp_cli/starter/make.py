@@ -61,8 +61,8 @@ def make_starter(folder: Path, robot: str | None, crowd: Crowd | None = None) ->
     crowd: random contents, in place of the few cubes and cameras of a first workspace.
     Raises InputError, and writes nothing, if the folder cannot be made or the robot cannot be used.
     """
-    folder = folder.absolute()
     _check_free(folder)
+    folder = folder.absolute()
     draft = folder.with_name(f".{folder.name}.{os.getpid()}")  # beside it, so that relative paths stay true
     try:
         with naming(folder, "this folder cannot be made"):

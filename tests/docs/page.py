@@ -87,5 +87,4 @@ def _printed(command: str, folder: Path, *, must_succeed: bool = False) -> str:
     environment = {**os.environ, "COLUMNS": "80", "NO_COLOR": "1", "PATH": path}
     run = subprocess.run(["sh", "-c", command], cwd=folder, env=environment, capture_output=True, text=True)  # noqa: S607
     assert run.returncode == 0 or (run.returncode in (1, 2) and not must_succeed), run.stderr
-    said = run.stderr if run.returncode == 2 else run.stdout
-    return said.replace(f"{folder.resolve()}/", "").replace(f"{ROOT}/", "")
+    return run.stderr if run.returncode == 2 else run.stdout

@@ -114,7 +114,7 @@ class ContentDigest:
 
     def add(self, role: str, path: Path, content: bytes) -> None:
         """Add the file that plays `role`, such as `cameras.cam1.calibration`, with its content."""
-        self.files[role] = SourceFile(path, hashlib.sha256(content).hexdigest())
+        self.files[role] = SourceFile(path.absolute(), hashlib.sha256(content).hexdigest())
 
     def add_file(self, role: str, path: Path) -> None:
         """Add a file that is read elsewhere, such as a mesh. Raises as `open_input`."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -33,6 +34,11 @@ class SourceDocument:
 
     values: Mapping[KeyPath, Place]
     """Start of each value's text."""
+
+    @property
+    def folder(self) -> Path:
+        """The absolute path of the file's folder, where the files that it names are looked for."""
+        return Path(os.path.abspath(self.path.parent))  # noqa: PTH100 - `..` goes too
 
     @cached_property
     def places(self) -> Mapping[str, Place]:

@@ -28,10 +28,11 @@ WORKSPACE_FILE = "workspace.yaml"
 def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
     """Read and validate the workspace in a folder (its `workspace.yaml`) or in a file.
 
+    path: places in the workspace's file and skills begin with it as it is given; its `Workspace.path` is absolute.
     content: replaces the content of the workspace file. Raises InputError with all problems, each with its place.
     """
-    file_path = workspace_file(path)
-    document = read_workspace_document(file_path, content)
+    document = read_workspace_document(workspace_file(path), content)
+    file_path = document.folder / document.path.name
     file = validate(document, WorkspaceFile)
     digest = ContentDigest()
     digest.add("workspace", file_path, document.content)
@@ -103,10 +104,13 @@ def _is_program(document: SourceDocument) -> Problem:
 
 
 def workspace_file(path: Path) -> Path:
-    """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none."""
-    given, path = path, Path.cwd() / path
-    if ".." in path.parts:
-        path = real_path(path)  # programs have one name for it
+    """The file of the workspace at a path: itself, or `workspace.yaml` in it. Raises InputError where there is none.
+
+    It begins with the path as it is given, unless that leads up through a link: programs have one name for a file.
+    """
+    given = path
+    if ".." in path.parts and path.exists() and str(real_path(path)) != os.path.abspath(path):  # noqa: PTH100
+        path = real_path(path)
     if path.is_dir():
         if os.path.lexists(path / WORKSPACE_FILE):
             return path / WORKSPACE_FILE

@@ -86,7 +86,7 @@ class CellReader:
         frame, X_FC = self._seat(path, entry)
         if entry.calibration is not None:
             place = self.document.value_place((*path, "calibration"))
-            calibration = packages.resolve(entry.calibration, self.document.path.parent, self.roots, place)
+            calibration = packages.resolve(entry.calibration, self.document.folder, self.roots, place)
             intrinsics, calibration_document = read_calibration(calibration)
             self.digest.add(f"cameras.{name}.calibration", calibration, calibration_document.content)
             self.warnings.extend(unusual_values(calibration_document, CALIBRATION))
@@ -106,7 +106,7 @@ class CellReader:
             mend = None
         else:
             seen = self.document.value_place((*path, "hand_eye"))
-            file = packages.resolve(entry.hand_eye, self.document.path.parent, self.roots, seen)
+            file = packages.resolve(entry.hand_eye, self.document.folder, self.roots, seen)
             found = read_hand_eye(file)
             self.digest.add(f"cameras.{path[-1]}.hand_eye", found.document.path, found.document.content)
             self.warnings.extend(unusual_values(found.document, HAND_EYE))
@@ -181,7 +181,7 @@ class CellReader:
     def _mesh(self, path: KeyPath, name: str, scale: tuple[float, float, float]) -> Mesh:
         """The mesh of that name in the part at `path`."""
         place = self.document.value_place((*path, "mesh"))
-        mesh = packages.resolve(name, self.document.path.parent, self.roots, place)
+        mesh = packages.resolve(name, self.document.folder, self.roots, place)
         add_mesh(self.digest, ".".join(map(str, path)), mesh, place)
         return mesh_of(mesh, scale)
 

@@ -53,7 +53,7 @@ class RobotReader:
     _parts: list[Part] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        folder = self.document.path.parent
+        folder = self.document.folder
         stated = [folder / root for root in self.entry.package_roots]
         self.roots = packages.package_roots(stated)
         for index, root in enumerate(stated):
@@ -103,7 +103,7 @@ class RobotReader:
         self.problems.append(self.document.problem(code, path, message, mend))
 
     def _resolve(self, reference: str, path: KeyPath) -> Path:
-        return packages.resolve(reference, self.document.path.parent, self.roots, self.document.value_place(path))
+        return packages.resolve(reference, self.document.folder, self.roots, self.document.value_place(path))
 
     def _read_urdf(self, reference: str, path: KeyPath) -> UrdfModel:
         urdf = read_urdf(self._resolve(reference, path))
@@ -123,7 +123,7 @@ class RobotReader:
             return self._read_urdf(entry.urdf, ("robot", "tool", "urdf"))
         place = self.document.key_place(("robot", "tool", "boxes"))
         boxes = [(box.size, box.pose.matrix()) for box in entry.boxes or ()]
-        tool = tool_of_boxes(boxes, (entry.frame or Pose()).matrix(), self.document.path, place)
+        tool = tool_of_boxes(boxes, (entry.frame or Pose()).matrix(), self.document.path.absolute(), place)
         self._parts += tool.parts(self.entry.geometry, partial(packages.resolve_mesh, self.roots))
         return tool
 

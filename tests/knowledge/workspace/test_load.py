@@ -39,6 +39,41 @@ def test_a_workspace_has_one_path_however_it_is_reached(cell: Path) -> None:
     assert load_workspace(around).path == load_workspace(cell.resolve()).path
 
 
+@pytest.mark.parametrize("given", ["mycell", "mycell/workspace.yaml", "../here/mycell"])
+def test_mistakes_are_placed_at_the_path_as_it_was_given(
+    given: str, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = cell.parent / "here"
+    shutil.copytree(cell, here / "mycell")
+    monkeypatch.chdir(here)
+    file = here / "mycell" / "workspace.yaml"
+    file.write_text(file.read_text() + "\ncamera: {}\n")
+    with pytest.raises(InputError) as caught:
+        load_workspace(Path(given))
+    assert str(caught.value).startswith(f"{given.removesuffix('/workspace.yaml')}/workspace.yaml:")
+
+
+def test_a_workspace_that_is_given_from_here_keeps_absolute_paths_of_its_files(
+    cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there = load_workspace(cell)
+    monkeypatch.chdir(cell)
+    here = load_workspace(Path())
+    assert (here.path, here.name, here.digest) == (there.path, there.name, there.digest)
+    assert {file.path for file in here.files.values()} == {file.path for file in there.files.values()}
+    assert {place.file for place in here.places.values()} == {Path("workspace.yaml")}
+
+
+def test_a_whole_path_can_be_read_from_a_working_folder_that_was_deleted(
+    cell: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    assert load_workspace(cell.resolve()).name == cell.name
+
+
 def test_a_program_where_a_workspace_is_expected_is_one_message_that_names_its_workspace(tmp_path: Path) -> None:
     program = tmp_path / "visit.yaml"
     program.write_text("sqrp_program: 1\nworkspace: mycell/workspace.yaml\ndigest: d\nmarks: m\nsteps: []\n")
