@@ -19,7 +19,7 @@ from sqrp_cli.checks.formulas import (
     impossible_preconditions,
 )
 from sqrp_cli.checks.placement import floating_objects, overlapping_objects
-from sqrp_cli.errors import Place, Problem
+from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.skill.skill import Skill
 from sqrp_cli.knowledge.workspace.held import holding_skills
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -57,7 +57,7 @@ def lint(workspace: Workspace) -> tuple[Problem, ...]:
 def _without_skills(workspace: Workspace) -> Iterator[Problem]:
     if not workspace.skills:
         message, mend = "the workspace has no skills, so nothing can be done in it", "name their folders under `skills`"
-        place = workspace.places.get("skills", Place(workspace.path))
+        place = workspace.places.get("skills", workspace.whole_file)
         yield Problem("no-skills", message, place, severity="warning", mend=mend)
 
 

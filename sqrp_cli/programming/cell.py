@@ -105,7 +105,7 @@ def _check_size(workspace: Workspace, model: RobotModel) -> None:
     shapes = len(model.parts) + sum(len(obj.parts) for obj in workspace.objects.values())
     if shapes > MOST_SHAPES:
         message = f"robot and objects have {shapes:,} shapes, expected at most {MOST_SHAPES:,}"
-        raise InputError(Problem("too-many-shapes", message, Place(workspace.path), mend="join them into meshes"))
+        raise InputError(Problem("too-many-shapes", message, workspace.whole_file, mend="join them into meshes"))
     tree, robot = model.tree, workspace.robot
     for joint, parent, X_PJ in zip(tree.joints, tree.parents, tree.still, strict=True):
         if parent >= 0 and (away := float(np.linalg.norm(X_PJ[:3, 3]))) > LARGEST_LINK:

@@ -128,7 +128,7 @@ def _skill(words: Sequence[str], workspace: Workspace) -> Skill:
     skill = workspace.skills.get(words[0])
     if skill is None:
         known = expected_names(words[0], workspace.skills)
-        message = f"there is no skill `{words[0]}` under `skills` in {workspace.path}; {known}"
+        message = f"there is no skill `{words[0]}` under `skills` in {workspace.whole_file}; {known}"
         raise InputError(Problem("unknown-skill", message))
     return skill
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -46,7 +46,10 @@ def describe_robot(reference: str, folder: Path) -> Description:
     if "://" not in reference and not os.path.isfile(named):  # noqa: PTH113
         raise InputError(missing_file(Path(named)))
     path = resolve(reference, Path.cwd(), package_roots(), None).resolve()
-    urdf = read_urdf(path)
+    try:
+        urdf = read_urdf(path)
+    except InputError as error:
+        raise InputError(*(_placed_at(Path(named), path, problem) for problem in error.problems)) from error
     srdf, warnings = _srdf_beside(path, urdf)
     return Description(
         urdf=urdf,
@@ -55,6 +58,13 @@ def describe_robot(reference: str, folder: Path) -> Description:
         package_roots=tuple(os.path.relpath(root, folder.resolve()) for root in _missing_roots(urdf)),
         warnings=tuple(warnings),
     )
+
+
+def _placed_at(given: Path, path: Path, problem: Problem) -> Problem:
+    """A problem of the file at a path, placed at that path as it was given."""
+    if problem.place is None or problem.place.file != path:
+        return problem
+    return replace(problem, place=replace(problem.place, file=given))
 
 
 def _named(path: Path, folder: Path) -> str:

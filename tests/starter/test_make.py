@@ -137,6 +137,24 @@ def test_what_was_guessed_is_marked_and_nothing_else(tmp_path: Path) -> None:
     assert {"base", "tool", "tool_frame", "home", "srdf"} <= set(marked)
 
 
+def test_a_file_that_is_no_urdf_is_named_as_it_was_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("arm.urdf").write_text("no robot")
+    with pytest.raises(InputError) as caught:
+        make_starter(Path("new"), "arm.urdf")
+    assert str(caught.value).startswith("arm.urdf:1:")
+    assert not Path("new").exists()
+
+
+def test_a_folder_that_is_not_empty_is_named_as_it_was_given(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("mycell").mkdir()
+    Path("mycell/note").touch()
+    with pytest.raises(InputError) as caught:
+        make_starter(Path("mycell"), None)
+    assert str(caught.value).startswith("mycell: this folder is not empty")
+
+
 def test_an_urdf_of_ones_own_with_meshes_in_its_own_package_needs_no_settings(tmp_path: Path) -> None:
     """A checkout of a ROS package that no environment variable points at."""
     data = next(root for root in package_roots() if (root / "example-robot-data").is_dir())

@@ -134,6 +134,11 @@ class Workspace:
     """Position of every key of the file, by dotted path."""
 
     @property
+    def whole_file(self) -> Place:
+        """Its file as a place, at the path as it was given."""
+        return Place(next((place.file for place in self.places.values()), self.path))
+
+    @property
     def stated_world(self) -> World:
         """The world as the file states it: fingers open, and no world pose for a held object.
 

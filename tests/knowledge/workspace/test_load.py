@@ -62,6 +62,7 @@ def test_a_workspace_that_is_given_from_here_keeps_absolute_paths_of_its_files(
     assert (here.path, here.name, here.digest) == (there.path, there.name, there.digest)
     assert {file.path for file in here.files.values()} == {file.path for file in there.files.values()}
     assert {place.file for place in here.places.values()} == {Path("workspace.yaml")}
+    assert str(here.whole_file) == "workspace.yaml"
 
 
 def test_a_whole_path_can_be_read_from_a_working_folder_that_was_deleted(
