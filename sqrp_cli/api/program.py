@@ -153,14 +153,7 @@ class OpenProgram:
         injected, workspace = self.read_faults(faults), self.workspace
         if not isinstance(listeners, Sequence) or not all(map(callable, listeners)):
             raise refused("listeners", listeners, "functions of an event, in a list")
-        outputs = RunOutputs(
-            film=optional_path(film, "film"),
-            log=optional_path(log, "log"),
-            frames=optional_path(frames, "frames"),
-            options={"page": "path"},
-        )
-        outputs.check_names()
-        outputs.check_not_read(self.files)
+        outputs = self._outputs(film, log, frames)
         simulation = self._simulation()
         from sqrp_cli.runtime.run.program_run import Recording
         from sqrp_cli.runtime.run.simulation import header
@@ -168,10 +161,6 @@ class OpenProgram:
         for path in filter(None, (outputs.film, outputs.log)):
             check_writable(path)
         events: list[Event] = []
-
-        def keep(event: Event) -> None:
-            events.append(event)
-
         with ExitStack() as closing:  # closes the others even if one fails to close
             gallery = _gallery(workspace, outputs.film, outputs.frames)
             if gallery is not None:
@@ -180,7 +169,7 @@ class OpenProgram:
             if outputs.log is not None:
                 writer = LogWriter(outputs.log, header(self.program, workspace, self.seed, injected))
                 closing.callback(writer.close)
-            heard = [*(() if writer is None else (writer,)), *listeners, keep]
+            heard = [*(() if writer is None else (writer,)), *listeners, events.append]
             report = simulation.run(injected, Recording(heard, gallery, states=witnessed or writer is not None))
             if writer is not None:
                 writer.finish(report)
@@ -193,6 +182,18 @@ class OpenProgram:
             inputs=self.files,
             outputs=outputs,
         )
+
+    def _outputs(self, film: str | Path | None, log: str | Path | None, frames: str | Path | None) -> RunOutputs:
+        """What a run writes. Raises InputError where one would replace an input or another one."""
+        outputs = RunOutputs(
+            film=optional_path(film, "film"),
+            log=optional_path(log, "log"),
+            frames=optional_path(frames, "frames"),
+            options={"page": "path"},
+        )
+        outputs.check_names()
+        outputs.check_not_read(self.files)
+        return outputs
 
     def sweep(self, slip: str, count: int = DEFAULT_RUNS, *, progress: Progress = silent) -> SlipSweep:
         """Run the program `count` times with a slip at other instants of a primitive action.
