@@ -31,6 +31,7 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
         values=candidate.values,
         objects=cell.workspace.objects,
         world=world,
+        vias=candidate.vias,
     )
     return plan_motion(use, cell.collision, cell.seed)
 

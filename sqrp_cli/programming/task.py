@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from itertools import combinations_with_replacement, pairwise, product
 from math import comb, prod
 
 from sqrp_cli.errors import InputError, Problem, counted, expected_names
+from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.skill.skill import Skill
@@ -37,6 +38,9 @@ class Candidate:
 
     name: str
     """Its distinguishing name among the candidates of its task, such as `g1` or `g1 lift=200mm`."""
+
+    vias: Mapping[str, Array] = field(default_factory=dict, compare=False)
+    """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
 
     @property
     def parameters(self) -> dict[str, MotionValue]:

@@ -40,6 +40,9 @@ class SkillUse:
     world: World
     """World before it."""
 
+    vias: Mapping[str, Array] = field(default_factory=dict)
+    """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
+
 
 @dataclass(frozen=True, eq=False)
 class GroundPrimitive:
@@ -64,6 +67,9 @@ class GroundPrimitive:
 
     via_home: bool = False
     """A joint move that stops at home on the way."""
+
+    vias: Array | None = None
+    """Joint positions that a joint move bends around on its way, shape (k, n) [rad or m]; not one by home."""
 
     branches: BranchChoice = field(default_factory=BranchChoice)
 
@@ -119,7 +125,7 @@ def ground_primitives(use: SkillUse, scene: CollisionScene) -> GroundSkill | Inf
         if isinstance(changed, Infeasible):
             return changed
         world = changed
-        ground = _ground(primitive, to, X_start, X_WT, use.values, during)
+        ground = _ground(primitive, to, X_start, X_WT, use, during)
         grounded.append(_with_fingers(ground, model, during, world))
     return GroundSkill(_with_allowed_contacts(grounded, world, scene), world)
 
@@ -129,19 +135,22 @@ def _ground(
     to: str | None,
     X_start: Array,
     X_end: Array,
-    values: Mapping[str, MotionValue],
+    use: SkillUse,
     world: World,
 ) -> GroundPrimitive:
+    values = use.values
     ground = GroundPrimitive(
         name=primitive.name, kind=type(primitive), to=to, X_start=X_start, X_end=X_end, world=world
     )
     match primitive:
         case JointMove():
             words = (setting_value(word, values) for word in (primitive.elbow, primitive.shoulder, primitive.wrist))
+            via_home = to != HOME and setting_value(primitive.via, values) == HOME
             return replace(
                 ground,
                 home=to == HOME,
-                via_home=to != HOME and setting_value(primitive.via, values) == HOME,
+                via_home=via_home,
+                vias=None if via_home else use.vias.get(primitive.name),
                 branches=BranchChoice(*map(str, words)),
                 speed=setting_number(primitive.speed, values),
             )

@@ -148,8 +148,11 @@ class _Planner:
             chosen = fastest_sequence(ways, durations, moves.direct_works, moves.way_works)
         if chosen is None:
             return self._infeasible(moves.tries)
+        along = moves.along(chosen)
+        if isinstance(along, Infeasible):
+            return along
         done: list[Move] = []
-        for through, k, move in zip(ways, chosen, [None, *moves.along(chosen)], strict=True):
+        for through, k, move in zip(ways, chosen, [None, *along], strict=True):
             done += [move] if move is not None else []
             done += map(Move, through.trajectories(k))
         motion = self._motion(done, ways[-1].q_end[chosen[-1]])

@@ -56,9 +56,21 @@ class Cell:
         self.world = World(frozenset(), X_WO, None, None, dict(zip(model.arm, model.home.tolist(), strict=True)))
 
     def plan(
-        self, skill: Skill | None = None, world: World | None = None, seed: int = 0, **values: float
+        self,
+        skill: Skill | None = None,
+        world: World | None = None,
+        seed: int = 0,
+        vias: Mapping[str, Array] | None = None,
+        **values: float,
     ) -> Motion | Infeasible:
-        use = SkillUse(skill or self.skill, {"object": "cube"}, {**VALUES, **values}, self.objects, world or self.world)
+        use = SkillUse(
+            skill=skill or self.skill,
+            binding={"object": "cube"},
+            values={**VALUES, **values},
+            objects=self.objects,
+            world=world or self.world,
+            vias=vias or {},
+        )
         return plan_motion(use, self.scene, seed)
 
 

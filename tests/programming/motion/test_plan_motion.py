@@ -60,11 +60,20 @@ def cell(tabletop: Workspace, ur5: RobotModel, pickup: Skill) -> Cell:
     return Cell(tabletop.robot, ur5, pickup, (TABLE, CUBE, OTHER, POST))
 
 
-@pytest.fixture(scope="module", params=["pickup", "pick_and_place"])
+@pytest.fixture(scope="module", params=["pickup", "pick_and_place", "pickup through vias"])
 def motion(request: pytest.FixtureRequest, cell: Cell) -> Motion:
-    planned = cell.plan(request.getfixturevalue(request.param))
+    skill, *through = request.param.split()
+    planned = cell.plan(request.getfixturevalue(skill), vias=vias_of(cell) if through else None)
     assert isinstance(planned, Motion)
     return planned
+
+
+def vias_of(cell: Cell) -> dict[str, Array]:
+    """Detours of the joint moves of a pickup, in its branches: of one corner and of two."""
+    direct = cell.plan()
+    assert isinstance(direct, Motion)
+    a1, a5 = (direct.primitives[k].trajectory.path.positions([0.3, 0.7]) for k in (0, 4))
+    return {"a1": a1[:1] + [0.0, -0.3, 0.2, 0.4, 0.0, 0.5], "a5": a5 + [0.2, -0.3, 0.0, 0.0, 0.6, -0.4]}
 
 
 def test_velocity_acceleration_and_jerk_keep_their_limits_throughout(motion: Motion, ur5: RobotModel) -> None:

@@ -8,12 +8,14 @@ from functools import cache
 
 import numpy as np
 
+from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.skill.skill import JointMove, StraightMove
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import Contact
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive
+from sqrp_cli.programming.motion.paths.blended_path import motion_through
 from sqrp_cli.programming.motion.paths.branch_search import Question
 from sqrp_cli.programming.motion.paths.position_limits import near_limits
 from sqrp_cli.programming.motion.paths.sections import Branch, Failures, Section, Ways
@@ -61,6 +63,7 @@ class JointMoves:
         self._moves: dict[Question, Move] = {}
         self._blocked: dict[Question, Contact] = {}
         self._tied_is_free = cache(self._check_tied)
+        self._through = cache(self._move_through)
         self.tries = 0
 
     def durations(self) -> list[Array]:
@@ -85,10 +88,12 @@ class JointMoves:
         return contact is None
 
     def way_works(self, i: int, previous: int, chosen: int) -> bool:
-        """Whether there is a way around the obstacle of that move; none for moves by home."""
+        """Whether there is a way around the obstacle of that move, first by its vias; none for moves by home."""
         contact = self._blocked.get((i, previous, chosen))
         if contact is None:
             return False  # The primitives tied to the branch are blocked, not the way to it.
+        if self._has_vias(i) and isinstance(self._through(i, previous, chosen), Move):
+            return True
         index = self._sections[i].first - 1
         tries = min(TRIES_PER_WAY, MOST_TRIES - self.tries)
         if tries == 0 or self._primitives[index].via_home:
@@ -101,9 +106,33 @@ class JointMoves:
             self._moves[i, previous, chosen] = Move(found.trajectory, contact.second)
         return found.trajectory is not None
 
-    def along(self, chosen: Sequence[int]) -> list[Move]:
-        """The moves of a sequence of ways through the sections that works."""
-        return [self._moves[i, chosen[i - 1], chosen[i]] for i in range(1, len(chosen))]
+    def along(self, chosen: Sequence[int]) -> list[Move] | Infeasible:
+        """The moves of a sequence of ways through the sections that works; infeasible if one is blocked by its vias."""
+        moves = []
+        for i in range(1, len(chosen)):
+            question = (i, chosen[i - 1], chosen[i])
+            move = self._through(*question) if self._has_vias(i) else self._moves[question]
+            if isinstance(move, Infeasible):
+                return move
+            moves.append(move)
+        return moves
+
+    def _has_vias(self, i: int) -> bool:
+        """Whether the move to section i has vias."""
+        move = self._sections[i].move
+        return move is not None and move.vias is not None
+
+    def _move_through(self, i: int, previous: int, chosen: int) -> Move | Infeasible:
+        """The move around its vias from a way through the section before to one through section i."""
+        index = self._sections[i].first - 1
+        vias, (q0, q1) = self._primitives[index].vias, self._ends(i, previous, chosen)
+        if vias is None:
+            raise ValueError(f"{self._primitives[index].name} has no vias")
+        trajectory = motion_through(q0, vias, q1, self._move_limits(index))
+        if (contact := self._scenes[index].check_motion(trajectory)) is not None:
+            return Infeasible((f"{self._at(index, trajectory, contact)} with its vias",))
+        blocked = self._blocked.get((i, previous, chosen))
+        return Move(trajectory, None if blocked is None else blocked.second)
 
     def _check_tied(self, i: int, branch: Branch) -> bool:
         """Whether all primitives tied to the start of a branch are free."""
@@ -126,9 +155,13 @@ class JointMoves:
         """The first contact during a primitive; notes what touches, and when."""
         contact = self._scenes[index].check_motion(trajectory)
         if contact is not None:
-            share = trajectory.law.time_at(contact.s) / trajectory.duration if trajectory.duration > 0 else 0.0
-            self._failures.note(index, f"{contact} at {100 * share:.0f} % of {self._primitives[index].name}")
+            self._failures.note(index, self._at(index, trajectory, contact))
         return contact
+
+    def _at(self, index: int, trajectory: Trajectory, contact: Contact) -> str:
+        """What touches, and when."""
+        share = trajectory.law.time_at(contact.s) / trajectory.duration if trajectory.duration > 0 else 0.0
+        return f"{contact} at {100 * share:.0f} % of {self._primitives[index].name}"
 
     def _fingers_are_free(self, index: int, trajectory: Trajectory) -> bool:
         """Whether the fingers touch nothing as they move during a primitive; notes what they do."""

@@ -15,7 +15,13 @@ import numpy as np
 
 from sqrp_cli.geometry import Array
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
-from sqrp_cli.programming.motion.timing import MotionLimits, time_path
+from sqrp_cli.programming.motion.paths.blended_path import (
+    blended_motion,
+    corner_curve,
+    longest_reaches,
+    piece_durations,
+)
+from sqrp_cli.programming.motion.timing import MotionLimits
 from sqrp_cli.trajectory import JointPath, JointSpan, PiecewiseCubic, Trajectory
 
 SPARE = 2e-3
@@ -27,16 +33,8 @@ SHORTCUTS = 60
 REACHES = (1.0, 0.5, 0.25, 0.125)
 """Shares of the longest possible reach of a corner's curve, tried until one is free."""
 
-SPEEDS = (1.0, 0.8, 0.6, 0.4, 0.25)
-"""Shares of the velocity limits tried along a curved path; the fastest motion wins."""
-
 LEAST_SCALE = 0.1
 """Least distance from a joint's axis that counts for the size of its motions [m]."""
-
-_LEAVING = np.array([45 / 128, 1 / 2, 5 / 32, 0.0, -1 / 128])
-
-_ARRIVING = np.array([-45 / 128, 1 / 2, -5 / 32, 0.0, 1 / 128])
-"""Chebyshev coefficients of the curve around a corner: its shares of the directions after and before it."""
 
 MARGIN = np.pi
 """Largest motion of joints beyond both ends of a way, within their limits [rad or m]."""
@@ -96,7 +94,7 @@ def _shortened(corners: Array, velocity: Array, is_free: Callable[[Array, Array]
     for _ in range(SHORTCUTS):
         if len(corners) < 3:
             break
-        ends = np.concatenate([[0.0], np.cumsum(_lengths(corners, velocity))])
+        ends = np.concatenate([[0.0], np.cumsum(piece_durations(corners, velocity))])
         at = np.sort(rng.uniform(0.0, ends[-1], 2))
         first, last = (np.searchsorted(ends, at, side="right") - 1).clip(0, len(corners) - 2).tolist()
         if first == last:
@@ -104,7 +102,7 @@ def _shortened(corners: Array, velocity: Array, is_free: Callable[[Array, Array]
         share = (at - ends[[first, last]]) / np.diff(ends)[[first, last]]
         cut = corners[[first, last]] + share[:, None] * (corners[[first + 1, last + 1]] - corners[[first, last]])
         shorter = np.concatenate([corners[: first + 1], cut, corners[last + 1 :]])
-        if _lengths(shorter, velocity).sum() < ends[-1] - 1e-3 and is_free(*cut):
+        if piece_durations(shorter, velocity).sum() < ends[-1] - 1e-3 and is_free(*cut):
             corners = _without_needless(shorter, is_free)
     return corners
 
@@ -118,20 +116,16 @@ def _without_needless(corners: Array, is_free: Callable[[Array, Array], bool]) -
     return np.stack([*kept, corners[-1]])
 
 
-def _lengths(corners: Array, velocity: Array) -> Array:
-    """Duration of each piece at the velocity limits [s], shape (k - 1,)."""
-    lengths: Array = (np.abs(np.diff(corners, axis=0)) / velocity).max(axis=1)
-    return lengths
-
-
 def _fastest(scene: PlacedScene, corners: Array, limits: MotionLimits) -> Trajectory:
     """The fastest motion along a free polyline that stops at some corners and cuts the others."""
-    lengths = _lengths(corners, limits.velocity)
+    lengths = piece_durations(corners, limits.velocity)
     reaches = _free_reaches(scene, corners, lengths)
     stops = [0, *(i for i, reach in enumerate(reaches, 1) if reach == 0.0), len(corners) - 1]
 
     def motion(stops: Sequence[int]) -> Trajectory:
-        legs = [_leg(corners[i : j + 1], lengths[i:j], reaches[i : j - 1], limits) for i, j in pairwise(stops)]
+        legs = [
+            blended_motion(corners[i : j + 1], lengths[i:j], reaches[i : j - 1], limits) for i, j in pairwise(stops)
+        ]
         return _joined(legs)
 
     best = motion(stops)
@@ -144,31 +138,15 @@ def _fastest(scene: PlacedScene, corners: Array, limits: MotionLimits) -> Trajec
 
 
 def _free_reaches(scene: PlacedScene, corners: Array, lengths: Array) -> list[float]:
-    """Reach of the curve around each inner corner, 0 where none is free; neighbours share the piece between them."""
+    """Reach of the curve around each inner corner, 0 where none is free."""
     slopes = np.diff(corners, axis=0) / lengths[:, None]
-    room = 0.5 * lengths
-    room[[0, -1]] = lengths[[0, -1]]  # the ends are for one corner alone
     whole = np.array([0.0, 1.0])
     reaches = []
-    for i in range(len(lengths) - 1):
-        longest = float(min(room[i], room[i + 1]))
+    for i, longest in enumerate(longest_reaches(lengths)):
         curves = ((s * longest, corner_curve(corners[i + 1], slopes[i], slopes[i + 1], s * longest)) for s in REACHES)
         free = (reach for reach, curve in curves if scene.check_path(JointPath(whole, curve[None])) is None)
         reaches.append(next(free, 0.0))
     return reaches
-
-
-def _leg(corners: Array, lengths: Array, reaches: Sequence[float], limits: MotionLimits) -> Trajectory:
-    """The fastest motion, from rest to rest, along a polyline with curves at all its inner corners."""
-    path = blended_path(corners, lengths, reaches)
-    # A curve's slope lies between those of the pieces that it joins, so these bound all velocities.
-    along = limits.along(np.diff(corners, axis=0) / lengths[:, None] * lengths.sum())
-    slowest = MotionLimits(along.velocity.min(), along.acceleration.min(), along.jerk.min())
-    motions = [
-        time_path(path, limits, MotionLimits(share * slowest.velocity, slowest.acceleration, slowest.jerk))
-        for share in (SPEEDS if len(corners) > 2 else SPEEDS[:1])
-    ]
-    return min(motions, key=lambda trajectory: trajectory.duration)
 
 
 def _joined(legs: Sequence[Trajectory]) -> Trajectory:
@@ -184,42 +162,6 @@ def _joined(legs: Sequence[Trajectory]) -> Trajectory:
     path_breaks[-1][-1] = 1.0
     path = JointPath(np.concatenate(path_breaks), np.concatenate([leg.path.coefficients for leg in legs]))
     return Trajectory(path, PiecewiseCubic(np.concatenate(law_breaks), np.concatenate(laws)))
-
-
-def blended_path(corners: Array, lengths: Array, reaches: Sequence[float]) -> JointPath:
-    """The path along a polyline that leaves each inner corner to one side.
-
-    corners: shape (k, n), ends included. lengths: of the k - 1 pieces, in any unit of length, shape (k - 1,); the
-    parameter grows evenly with it. reaches: how far before and after each inner corner its curve begins and ends, in
-    that unit, above 0, shape (k - 2,). Those of neighbouring corners together are at most as long as the piece between.
-
-    With a and b the directions before and after the corner c, the curve is the Bezier polynomial with the control
-    points c - r a, c - r a / 2, c, c + r b / 2, c + r b: its ends join the straight pieces in slope and, without
-    curvature there, in the second derivative. It stays in the triangle of the corner and its ends.
-    """
-    slopes = np.diff(corners, axis=0) / lengths[:, None]
-    around = np.array([0.0, *reaches, 0.0])
-    widths: list[float] = []
-    pieces: list[Array] = []
-    for i, slope in enumerate(slopes):
-        straight = float(lengths[i] - around[i] - around[i + 1])
-        if straight > 1e-9 * lengths[i]:
-            middle = corners[i] + slope * (around[i] + 0.5 * straight)
-            widths.append(straight)
-            pieces.append(np.stack([middle, 0.5 * straight * slope, *np.zeros((3, len(slope)))]))
-        if i < len(reaches):
-            widths.append(2 * around[i + 1])
-            pieces.append(corner_curve(corners[i + 1], slope, slopes[i + 1], around[i + 1]))
-    breaks = np.concatenate([[0.0], np.cumsum(widths)])
-    breaks /= breaks[-1]
-    return JointPath(breaks, np.stack(pieces))
-
-
-def corner_curve(corner: Array, before: Array, after: Array, reach: float) -> Array:
-    """Chebyshev coefficients of the curve around a corner, shape (5, n); before, after: slopes, shape (n,)."""
-    coefficients = reach * (_ARRIVING[:, None] * before + _LEAVING[:, None] * after)
-    coefficients[0] += corner
-    return coefficients
 
 
 def plan_polyline(

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, pose
@@ -18,7 +15,6 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE
 from sqrp_cli.programming.motion.paths import joint_moves
-from sqrp_cli.programming.motion.paths.way_around import blended_path
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.stop_and_return import recovery_over
 from sqrp_cli.programming.motion.timing import MotionLimits, joint_move_duration, phase_samples
@@ -167,20 +163,3 @@ def test_moving_back_after_a_fault_goes_around_as_well(motion: Motion, ur5: Robo
     q = motion.positions(3, recovery.t[row : row + 1])[0]
     least = a1.trajectory.duration + float(joint_move_duration(q, a1.trajectory.path.positions([1.0])[0], limits))
     assert least - 0.5 <= recovery.duration[row] <= least + 2.0
-
-
-@given(st.integers(0, 10_000), st.integers(3, 6), st.integers(1, 4))
-def test_a_blended_polyline_is_smooth_and_stays_near_it(seed: int, corners: int, joints: int) -> None:
-    rng = np.random.default_rng(seed)
-    polyline = rng.normal(size=(corners, joints))
-    lengths = np.linalg.norm(np.diff(polyline, axis=0), axis=1)
-    reaches = [float(rng.uniform(0.05, 0.5)) * min(pieces) for pieces in pairwise(lengths.tolist())]
-    path = blended_path(polyline, lengths, reaches)
-    np.testing.assert_allclose(path.positions([0.0, 1.0]), polyline[[0, -1]], atol=1e-12)
-    inner = path.breaks[1:-1]
-    for order in (0, 1, 2):
-        before, after = path.derivatives(np.nextafter(inner, 0), order), path.derivatives(inner, order)
-        np.testing.assert_allclose(before, after, atol=1e-6 * lengths.sum() ** order / min(reaches))
-    for corner, reach in zip(polyline[1:-1], reaches, strict=True):
-        off = np.linalg.norm(path.positions(np.linspace(0, 1, 500)) - corner, axis=1).min()
-        assert off <= reach
