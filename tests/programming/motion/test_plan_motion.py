@@ -73,7 +73,8 @@ def vias_of(cell: Cell) -> dict[str, Array]:
     direct = cell.plan()
     assert isinstance(direct, Motion)
     a1, a5 = (direct.primitives[k].trajectory.path.positions([0.3, 0.7]) for k in (0, 4))
-    return {"a1": a1[:1] + [0.0, -0.3, 0.2, 0.4, 0.0, 0.5], "a5": a5 + [0.2, -0.3, 0.0, 0.0, 0.6, -0.4]}
+    aside, back = np.array([[0.0, -0.3, 0.2, 0.4, 0.0, 0.5], [0.2, -0.3, 0.0, 0.0, 0.6, -0.4]])
+    return {"a1": a1[:1] + aside, "a5": a5 + back}
 
 
 def test_velocity_acceleration_and_jerk_keep_their_limits_throughout(motion: Motion, ur5: RobotModel) -> None:
