@@ -9,12 +9,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.frames import Stay, carried_poses, frame_poses
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.pieces import Piece
 from sqrp_cli.programming.sensing.scene_states import SceneStates, fixed_frame
+from sqrp_cli.programming.targets import Target
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,9 +42,8 @@ class Stage:
 
     def __init__(self, model: RobotModel, motion: Motion, pieces: Sequence[Piece], X_WO: Mapping[str, Array]) -> None:
         """X_WO: known poses of objects at the start of the motion, shape (4, 4)."""
-        self.model, self.motion, self.pieces = model, motion, tuple(pieces)
+        self.model, self.motion, self.pieces, self.X_WO = model, motion, tuple(pieces), X_WO
         self._primitive = np.array([piece.primitive for piece in self.pieces])
-        self._X_WO = X_WO
         self._carried = dict.fromkeys(p.held for p in motion.primitives if p.held is not None)
 
     def positions(self, samples: Samples) -> Array:
@@ -58,14 +58,19 @@ class Stage:
         holding = [primitive.held for primitive in self.motion.primitives]
         return [holding[index] for index in self._primitive[samples.piece].tolist()]
 
+    def requires(self, targets: Sequence[Target], samples: Samples) -> Mask:
+        """Whether the state at each sample holds the atom of each target, shape (m, targets)."""
+        atoms = [{literal.atom for literal in piece.literals} for piece in self.pieces]
+        held = np.array([[target.atom in of_piece for target in targets] for of_piece in atoms], dtype=bool)
+        return held[samples.piece]
+
     def states(self, samples: Samples) -> SceneStates:
         """World poses of every frame at each sample."""
-        X_WL = self.model.link_poses(self.positions(samples))
-        links = {name: X[:1] if name in self.model.still_links else X for name, X in X_WL.items()}
-        starts = {name: fixed_frame(X_start) for name, X_start in self._X_WO.items()}
-        X_WT = X_WL[self.model.tool_frame]
-        carried = {name: carried_poses(X_WT, self._stays(name, samples)) for name in self._carried}
-        return SceneStates(len(samples), frame_poses(links, {**starts, **carried}, starts, fixed_frame()))
+        return states_of([self], [samples])
+
+    def object_poses(self, samples: Samples, X_WT: Array) -> Mapping[str, Array]:
+        """World poses of the objects at samples with these poses of the tool frame, shape (m, 4, 4); (4, 4) at rest."""
+        return {**self.X_WO, **{name: carried_poses(X_WT, self._stays(name, samples)) for name in self._carried}}
 
     def _stays(self, name: str, samples: Samples) -> Iterator[Stay]:
         """The stays of an object that some primitives carry and that rests in the others."""
@@ -78,3 +83,29 @@ class Stage:
         count = len(self.motion.primitives)
         ends = self._primitive[samples.piece].searchsorted(np.arange(count), side="right").tolist()
         return [(index, slice(start, end)) for index, (start, end) in enumerate(pairwise([0, *ends])) if start < end]
+
+
+def states_of(stages: Sequence[Stage], samples: Sequence[Samples]) -> SceneStates:
+    """World poses of every frame at the samples of stages in one cell, those of one stage after the other's."""
+    model, counts = stages[0].model, [len(some) for some in samples]
+    X_WL = model.link_poses(np.concatenate([stage.positions(some) for stage, some in zip(stages, samples, strict=True)]))
+    links = {name: X[:1] if name in model.still_links else X for name, X in X_WL.items()}
+    X_WT = np.split(X_WL[model.tool_frame], np.cumsum(counts)[:-1])
+    objects = [stage.object_poses(some, X) for stage, some, X in zip(stages, samples, X_WT, strict=True)]
+    frames = frame_poses(links, _joined(objects, counts), _joined([s.X_WO for s in stages], counts), fixed_frame())
+    return SceneStates(sum(counts), frames)
+
+
+def _joined(poses: Sequence[Mapping[str, Array]], counts: Sequence[int]) -> dict[str, Array]:
+    """Poses of frames over batches of states, one after the other; each (4, 4) where it rests for its whole batch.
+
+    Shape (m, 4, 4) each, or (1, 4, 4) for a frame that rests at one place in all of them.
+    """
+
+    def join(name: str) -> Array:
+        first, *others = (batch[name] for batch in poses)
+        if first.ndim == 2 and all(X is first or np.array_equal(X, first) for X in others):
+            return fixed_frame(first)
+        return np.concatenate([np.broadcast_to(X, (m, 4, 4)) for X, m in zip((first, *others), counts, strict=True)])
+
+    return {name: join(name) for name in poses[0]}

@@ -5,21 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, Mask, ranges
 from sqrp_cli.logic.literal import Atom
+from sqrp_cli.programming.coverage.observation import Observation, coverage_only, full_observation
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling, first_samples
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.pieces import Piece
-from sqrp_cli.programming.sensing.observer import BoxVerdicts, Observer, sees_all
-from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.sensing.observer import Observer, sees_all
 from sqrp_cli.programming.targets import Target
-
-Scalar = TypeVar("Scalar", bound=np.generic)
 
 SHORTEST_BRACKET = 1e-7
 """Transitions are not bisected further than this [s]."""
@@ -29,95 +26,6 @@ _ROUNDS = range(1, 9)
 
 _LOOK = 100
 """Fixed cost of one observation, in samples."""
-
-_TOGETHER = 1000
-"""Targets to observe together, counted in every sample: so few that the overhead of calls dominates."""
-
-
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """Coverage of `a` targets in m samples."""
-
-    looked: Mask
-    """Whether nothing is inferred from neighbouring samples, shape (m,)."""
-    required: Mask
-    """Whether a state holds the target's atom, shape (m, a)."""
-    known: Mask
-    """Where the target is required and was observed, or its neighbouring samples agree, shape (m, a).
-
-    If only coverage is requested, another atom may already decide a state.
-    """
-    covered: Mask
-    """Whether enough cameras see the target, False where not known, shape (m, a)."""
-    response: Array
-    """Response of the cameras that cover it, NaN where uncovered, shape (m, a) [s]."""
-    matrix: tuple[tuple[BoxVerdicts, ...], ...] | None
-    """Per target and box the verdicts of every camera; None if only coverage was requested."""
-
-    @property
-    def full_matrix(self) -> tuple[tuple[BoxVerdicts, ...], ...]:
-        """The matrix. Raises ValueError if only coverage was requested."""
-        if self.matrix is None:
-            raise ValueError("the causes were not looked up")
-        return self.matrix
-
-    @classmethod
-    def unknown(cls, required: Mask) -> Observation:
-        """An observation without results, of samples that require targets, shape (m, a)."""
-        nothing = np.zeros(required.shape, dtype=bool)
-        return cls(
-            looked=np.ones(len(required), dtype=bool),
-            required=required,
-            known=nothing,
-            covered=nothing,
-            response=np.full(required.shape, np.nan),
-            matrix=None,
-        )
-
-    def agreed(self, first: Indices, second: Indices) -> Observation:
-        """The results common to the samples `first` and `second`, by index, without a matrix."""
-        covered, response = self.covered, self.response
-        both = self.known[first] & self.known[second]
-        seen = both & covered[first] & covered[second] & (response[first] == response[second])
-        unseen = both & ~covered[first] & ~covered[second]
-        known = seen | unseen
-        return Observation(
-            looked=~known.any(axis=1),
-            required=self.required[first] & self.required[second],
-            known=known,
-            covered=seen,
-            response=np.where(seen, response[first], np.nan),
-            matrix=None,
-        )
-
-    def joined(self, other: Observation, order: Indices) -> Observation:
-        """The rows of both in the given order."""
-
-        def join(first: NDArray[Scalar], second: NDArray[Scalar]) -> NDArray[Scalar]:
-            return np.concatenate([first, second])[order]
-
-        matrix = None
-        if self.matrix is not None and other.matrix is not None:
-            matrix = tuple(
-                tuple(
-                    BoxVerdicts(
-                        cause=join(box.cause, more.cause),
-                        by=join(box.by, more.by),
-                        figure=join(box.figure, more.figure),
-                        visible=join(box.visible, more.visible),
-                    )
-                    for box, more in zip(boxes, others, strict=True)
-                )
-                for boxes, others in zip(self.matrix, other.matrix, strict=True)
-            )
-        return Observation(
-            looked=join(self.looked, other.looked),
-            required=join(self.required, other.required),
-            known=join(self.known, other.known),
-            covered=join(self.covered, other.covered),
-            response=join(self.response, other.response),
-            matrix=matrix,
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,17 +47,15 @@ class Timeline:
     T_eoi: float
     """Duration of the union of the events of interest, see `pieces.interesting_time` [s]."""
 
-    @cached_property
+    @property
     def monitored(self) -> Mask:
         """Whether a state holds any literal, shape (m,)."""
-        monitored: Mask = np.any(self.observation.required, axis=1)
-        return monitored
+        return self.observation.monitored
 
-    @cached_property
+    @property
     def covered(self) -> Mask:
         """Whether a state holds literals and all of them are covered, shape (m,)."""
-        covered: Mask = self.monitored & np.all(self.observation.covered | ~self.observation.required, axis=1)
-        return covered
+        return self.observation.states_covered
 
     def fault_covered(self, fault: str) -> Mask:
         """Whether all literals of a fault are required and covered, shape (m,)."""
@@ -288,63 +194,9 @@ class _MotionWatch:
 
     def observation(self, samples: Samples, agreed: Observation | None = None) -> Observation:
         """The observation of the samples; agreed: results common to the neighbours of each."""
-        atoms = [{literal.atom for literal in piece.literals} for piece in self.stage.pieces]
-        held = np.array([[target.atom in of_piece for target in self.targets] for of_piece in atoms], dtype=bool)
-        required = held[samples.piece]
+        required = self.stage.requires(self.targets, samples)
         states = self.stage.states(samples)
         if self.full:
-            return self._full(states, required)
-        return self._coverage_only(states, required, agreed or Observation.unknown(required))
-
-    def _full(self, states: SceneStates, required: Mask) -> Observation:
-        matrix = self.observer.verdicts(self.targets, states)
-        responses = np.array([camera.response for camera in self.observer.cameras])
-        covered, response = np.zeros(required.shape, dtype=bool), np.full(required.shape, np.nan)
-        for column, (target, boxes) in enumerate(zip(self.targets, matrix, strict=True)):
-            sees = sees_all(boxes)
-            covered[:, column] = required[:, column] & (sees.sum(axis=1) >= target.cameras)
-            if target.cameras <= len(responses):
-                kth = np.sort(np.where(sees, responses, np.inf), axis=1)[:, target.cameras - 1]
-                response[:, column] = np.where(covered[:, column], kth, np.nan)
-        return Observation(
-            looked=np.ones(len(required), dtype=bool),
-            required=required,
-            known=required,
-            covered=covered,
-            response=response,
-            matrix=matrix,
-        )
-
-    def _coverage_only(self, states: SceneStates, required: Mask, agreed: Observation) -> Observation:
-        """Coverage, without the verdicts of every camera.
-
-        A target is not observed where the state and every fault that needs it are already known uncovered, nor between
-        samples that agree about it. For few samples, several targets are still observed together.
-        """
-        targets, faults = self.targets, self.faults
-        known, covered, response = agreed.known.copy(), agreed.covered.copy(), agreed.response.copy()
-        lost = known & ~covered
-        state_open = ~lost.any(axis=1)
-        fault_open = {fault: ~lost[:, list(columns)].any(axis=1) for fault, columns in faults.items()}
-        order = sorted(range(len(targets)), key=lambda index: _moving_boxes(targets[index], states))
-        together = max(1, _TOGETHER // len(required))
-        for columns in (order[start : start + together] for start in range(0, len(order), together)):
-            rows = []
-            for column in columns:
-                wanted = np.logical_or.reduce([state_open, *(fault_open[fault] for fault in self._faults_of(column))])
-                rows.append(np.flatnonzero(required[:, column] & ~known[:, column] & wanted))
-            found = self.observer.coverage([targets[column] for column in columns], states, rows)
-            for column, observed, coverage in zip(columns, rows, found, strict=True):
-                known[observed, column] = True
-                covered[observed, column], response[observed, column] = coverage.covered, coverage.response
-                state_open &= covered[:, column] | ~required[:, column]
-                for fault in self._faults_of(column):
-                    fault_open[fault] &= covered[:, column]
-        return replace(agreed, required=required, known=known, covered=covered, response=response)
-
-    def _faults_of(self, column: int) -> list[str]:
-        return [fault for fault, columns in self.faults.items() if column in columns]
-
-
-def _moving_boxes(target: Target, states: SceneStates) -> int:
-    return sum(len(states.X_WF[box.frame]) > 1 for box in target.boxes)
+            return full_observation(self.observer, self.targets, states, required)
+        known = Observation.unknown(required) if agreed is None else replace(agreed, required=required)
+        return coverage_only(self.observer, self.targets, states, known, self.faults)
