@@ -88,7 +88,8 @@ class Stage:
 def states_of(stages: Sequence[Stage], samples: Sequence[Samples]) -> SceneStates:
     """World poses of every frame at the samples of stages in one cell, those of one stage after the other's."""
     model, counts = stages[0].model, [len(some) for some in samples]
-    X_WL = model.link_poses(np.concatenate([stage.positions(some) for stage, some in zip(stages, samples, strict=True)]))
+    q = [stage.positions(some) for stage, some in zip(stages, samples, strict=True)]
+    X_WL = model.link_poses(np.concatenate(q))
     links = {name: X[:1] if name in model.still_links else X for name, X in X_WL.items()}
     X_WT = np.split(X_WL[model.tool_frame], np.cumsum(counts)[:-1])
     objects = [stage.object_poses(some, X) for stage, some, X in zip(stages, samples, X_WT, strict=True)]
