@@ -130,9 +130,7 @@ class Observation:
         )
 
 
-def full_observation(
-    observer: Observer, targets: Sequence[Target], states: SceneStates, required: Mask
-) -> Observation:
+def full_observation(observer: Observer, targets: Sequence[Target], states: SceneStates, required: Mask) -> Observation:
     """The verdicts of every camera on every target; required: see `Observation`."""
     matrix = observer.verdicts(targets, states)
     responses = np.array([camera.response for camera in observer.cameras])
