@@ -36,6 +36,12 @@ MODULES = 7
 
 MarkerId = Annotated[int, Field(strict=True, ge=0, le=1023)]
 
+Symmetry = Annotated[
+    Annotated[int, Field(strict=True, ge=1, le=64), Tag("<number>")] | Annotated[Literal["round"], Tag("<else>")],
+    Discriminator(lambda data: "<number>" if isinstance(data, int | float) else "<else>"),
+]
+"""Into how many equal turns about an axis something looks the same, or `round`: any turn."""
+
 BoxSide = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 """A side of a box, by its outward axis."""
 
@@ -98,6 +104,13 @@ class ObjectTraits(Stored):
     ]
     fixed: Annotated[bool, Field(description="Whether it never moves.")] = False
     on: Annotated[Name | None, Field(description="The object that it stands on.")] = None
+    symmetry: Annotated[
+        Symmetry | None,
+        Field(
+            description="How often it looks the same to a tool in a full turn about its z axis: 1, 2, 4, ... or `round`; "
+            "by default as its shape does."
+        ),
+    ] = None
     marker: Annotated[MarkerId | None, Field(description="Id of the ArUco marker on it.")] = None
 
     @property

@@ -15,7 +15,13 @@ from sqrp_cli.programming.task import Candidate, read_task
 
 
 def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
-    """The motion of a candidate whose precondition holds in a world."""
+    """The motion of a candidate whose precondition holds in a world: of what it leaves free, the fastest branch."""
+    obstacle = impossible_start(cell, candidate, world)
+    return obstacle or plan_motion(skill_use(cell, candidate, world), cell.collision, cell.seed)
+
+
+def impossible_start(cell: Cell, candidate: Candidate, world: World) -> Infeasible | None:
+    """Why a candidate cannot even begin in a world; None if it can."""
     unmet = unmet_preconditions(cell, candidate, world)
     if unmet:
         return Infeasible(unmet)
@@ -25,15 +31,20 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
     contact = cell.collision.contact_in(world)
     if contact is not None:
         return Infeasible((f"{contact} before anything moves",))
-    use = SkillUse(
+    return None
+
+
+def skill_use(cell: Cell, candidate: Candidate, world: World) -> SkillUse:
+    """The skill of a candidate with all that its motion depends on."""
+    return SkillUse(
         skill=candidate.skill,
         binding=candidate.binding,
         values=candidate.values,
+        branch=candidate.branch,
         objects=cell.workspace.objects,
         world=world,
         vias=candidate.vias,
     )
-    return plan_motion(use, cell.collision, cell.seed)
 
 
 def unmet_preconditions(cell: Cell, candidate: Candidate, world: World) -> tuple[str, ...]:

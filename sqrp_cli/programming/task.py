@@ -42,10 +42,15 @@ class Candidate:
     vias: Mapping[str, Array] = field(default_factory=dict, compare=False)
     """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
 
+    branch: Mapping[str, MotionValue] = field(default_factory=dict)
+    """Of a way: the branch of inverse kinematics, by the parameters that leave it free; see `plan_motion.Branches`."""
+
     @property
     def parameters(self) -> dict[str, MotionValue]:
-        """All parameters with their values, objects first."""
-        return {**self.binding, **self.values}
+        """All parameters with their values, objects first; an implicit one only where it is not at its default."""
+        unsaid = {p.name: p.values[0] for p in self.skill.motion_parameters if p.implicit}
+        said = {name: value for name, value in self.values.items() if unsaid.get(name) != value}
+        return {**self.binding, **said, **self.branch}
 
     @property
     def task(self) -> str:

@@ -4,17 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names, nearest
 from sqrp_cli.knowledge.frames import TOOL
-from sqrp_cli.knowledge.skill.settings import Kind, ListedValues, MotionParameter, Reference, ValueRange
+from sqrp_cli.knowledge.skill.settings import (
+    ANY,
+    DIRECT,
+    PATHS,
+    Kind,
+    ListedValues,
+    MotionParameter,
+    Reference,
+    ValueRange,
+)
 from sqrp_cli.knowledge.skill.skill import (
     HOME,
     FormulaEntry,
     Grasp,
     GraspWaypoint,
+    JointMove,
     Names,
     Requirement,
     RetryEntry,
@@ -37,7 +48,12 @@ from sqrp_cli.logic.formula_check import check_formula
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.logic.pddl_parser import parse_domain
 
+FreedEntry = TypeVar("FreedEntry", bound=Entry)
+
 SKILL_FILE = "skill.yaml"
+
+PATH = "path"
+"""The parameter that every skill with joint moves has, unless they state their paths."""
 
 
 def read_skill(folder: Path, place: Place, digest: ContentDigest) -> Skill:
@@ -85,6 +101,7 @@ class _SkillReader:
         self.problems: list[Problem] = []
         self.values = {name: self._motion_values(name) for name in file.motion}
         self.kinds: dict[str, list[Kind]] = {name: [] for name in file.motion}
+        self.implicit: dict[str, MotionParameter] = {}
 
     def read(self, folder: Path) -> Skill:
         for name in self.file.motion:
@@ -98,7 +115,9 @@ class _SkillReader:
                 message = f"`{primitive.name}` names an earlier primitive action too"
                 self._report("duplicate-name", ("primitives", index, "name"), message)
             self._check_fields(primitive, ("primitives", index))
-        parameters, requirements = self._parameters(), self._requirements()
+        waypoints = {name: self._freed(name, waypoint) for name, waypoint in self.file.waypoints.items()}
+        primitives = tuple(self._freed(primitive.name, primitive) for primitive in self.file.primitives)
+        parameters, requirements = (*self._parameters(), *self.implicit.values()), self._requirements()
         self._check_targets()
         if self.problems:
             raise InputError(*self.problems)
@@ -108,8 +127,8 @@ class _SkillReader:
             domain=self.domain,
             action=self.action,
             motion_parameters=parameters,
-            waypoints=self.file.waypoints,
-            primitives=tuple(self.file.primitives),
+            waypoints=waypoints,
+            primitives=primitives,
             requirements=requirements,
             targets=self.file.targets,
             places=self.document.places,
@@ -135,9 +154,30 @@ class _SkillReader:
             else:
                 self._check_setting(value, mark, at)
 
+    def _freed(self, name: str, entry: FreedEntry) -> FreedEntry:
+        """A waypoint or primitive action in which every setting that is free names a parameter, such as `a1.elbow`."""
+        freed: dict[str, Reference] = {}
+        for (field, *_), value, kind in marked(entry):
+            if isinstance(kind, Kind) and self._is_free(entry, value):
+                at_default = value == Reference(PATH)
+                parameter = PATH if at_default and PATH not in self.objects else f"{name}.{field}"
+                self.implicit[parameter] = MotionParameter(
+                    parameter, (DIRECT if at_default else ANY,), (kind,), implicit=True
+                )
+                freed[str(field)] = Reference(parameter)
+        return entry.model_copy(update=freed)
+
+    def _is_free(self, entry: Entry, value: object) -> bool:
+        """Whether a setting is `any`, or a path that is not stated; the branch of a move home is not free."""
+        if value == ANY:
+            return not (isinstance(entry, JointMove) and entry.to == HOME)
+        return value == Reference(PATH) and PATH not in self.file.motion
+
     def _check_setting(self, value: object, kind: Kind, path: KeyPath) -> None:
         """Check that the setting at `path`, or every value of its parameter, is of `kind`."""
         if isinstance(value, Reference):
+            if value.parameter == PATH and PATH not in self.file.motion and kind is PATHS:
+                return
             if self._is_parameter(value.parameter, path):
                 self.kinds[value.parameter].append(kind)
                 self._check_values(value.parameter, kind, path)

@@ -20,6 +20,21 @@ from sqrp_cli.knowledge.text.units import Dimension, Quantity, expected_quantity
 MotionValue = float | str
 """Value of a motion parameter: a number in SI units, or a word such as `+z` or `up`."""
 
+ANY = "any"
+"""The value that leaves a setting free: every choice is a way of doing the same."""
+
+FASTEST = "fastest"
+"""The value of a branch that leaves it to the time that the motion takes."""
+
+DIRECT = "direct"
+"""The path of a joint move that is straight in joint space, and the value of `via` without a stop."""
+
+SEEN = "seen"
+"""The path of a joint move that the cameras can follow."""
+
+FIRST_SIDE, FIRST_NUMBER = "+z", 0.0
+"""The first choices of a side and of a yaw that are left free."""
+
 MAX_VALUES = 1000
 """Most values of one motion parameter."""
 
@@ -29,6 +44,16 @@ class Reference:
     """The name of a motion parameter, in place of a number or word."""
 
     parameter: str
+
+
+def number_of(value: MotionValue) -> float:
+    """The number that a value is [SI units]; of one that is left free, the first choice."""
+    return FIRST_NUMBER if value == ANY else float(value)
+
+
+def side_of(value: MotionValue) -> str:
+    """The side that a value names; of one that is left free, the first choice."""
+    return FIRST_SIDE if value == ANY else str(value)
 
 
 def _value(value: object) -> Quantity | str:
@@ -67,7 +92,7 @@ class Complaint(NamedTuple):
 
 @dataclass(frozen=True)
 class Kind:
-    """The values that a setting can take: a quantity of a dimension within bounds, or a word."""
+    """The values that a setting can take: a quantity of a dimension within bounds, or one of some words."""
 
     dimension: Dimension | None = None
     least: float = -np.inf
@@ -109,6 +134,11 @@ class Kind:
     def _shown(self, bound: float) -> str:
         return in_unit(bound, self.dimension)
 
+    @property
+    def may_be_free(self) -> bool:
+        """Whether the setting can be left free."""
+        return ANY in self.words
+
     def _plainly_expected(self) -> str:
         """The plain numbers that stand for a quantity beside those with a unit; radians are seldom meant."""
         if self.dimension is None or self.dimension is units.ANGLE:
@@ -118,17 +148,23 @@ class Kind:
         return f"a number in {next(iter(self.dimension.units))}, or "
 
     def _expected(self) -> str:
-        if self.dimension is not None:
-            return expected_quantity(self.dimension)
-        return "one of " + ", ".join(f"`{word}`" for word in self.words)
+        words = ", ".join(f"`{word}`" for word in self.words)
+        if self.dimension is None:
+            return f"one of {words}"
+        return expected_quantity(self.dimension) + (f", or {words}" if words else "")
 
 
-Yaw = Annotated[Setting, Kind(units.ANGLE, least=-units.TURN, most=units.TURN)]
-Side = Annotated[Setting, Kind(words=("+x", "-x", "+y", "-y", "+z", "-z"))]
-Elbow = Annotated[Setting, Kind(words=("any", "up", "down"))]
-Shoulder = Annotated[Setting, Kind(words=("any", "left", "right"))]
-Wrist = Annotated[Setting, Kind(words=("any", "no_flip", "flip"))]
-Via = Annotated[Setting, Kind(words=("direct", "home"))]
+PATHS = Kind(words=(DIRECT, SEEN, ANY))
+"""The paths of joint moves."""
+
+Turn = Annotated[Setting, Kind(units.ANGLE, least=-units.TURN, most=units.TURN)]
+Yaw = Annotated[Setting, Kind(units.ANGLE, least=-units.TURN, most=units.TURN, words=(ANY,))]
+Side = Annotated[Setting, Kind(words=("+x", "-x", "+y", "-y", "+z", "-z", ANY))]
+Elbow = Annotated[Setting, Kind(words=(ANY, FASTEST, "up", "down"))]
+Shoulder = Annotated[Setting, Kind(words=(ANY, FASTEST, "left", "right"))]
+Wrist = Annotated[Setting, Kind(words=(ANY, FASTEST, "no_flip", "flip"))]
+Via = Annotated[Setting, Kind(words=(DIRECT, "home", ANY))]
+Path = Annotated[Setting, PATHS]
 Distance = Annotated[Setting, Kind(units.LENGTH, least=0.0, most=100.0)]
 OffsetShare = Annotated[Setting, Kind(units.SHARE, least=-1.0, most=1.0)]
 SpeedShare = Annotated[Setting, Kind(units.SHARE, least=0.001, most=1.0)]
@@ -172,3 +208,9 @@ class MotionParameter:
     values: tuple[MotionValue, ...]
     kinds: tuple[Kind, ...] = ()
     """The kind of each setting that uses it."""
+
+    implicit: bool = False
+    """Whether the skill does not list it: a setting that is free, or the path of its joint moves.
+
+    Candidates show it only where a task sets it.
+    """

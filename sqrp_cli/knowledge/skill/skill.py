@@ -73,11 +73,13 @@ class GraspWaypoint(Entry):
     """The tool at the centre of one side of an object, pointing into it."""
 
     object: ParameterName = Field(description="The skill parameter that names the object.")
-    side: settings.Side = Field(description="Outward axis of that side: +x, -x, +y, -y, +z or -z.")
+    side: settings.Side = Field(
+        description="Outward axis of that side: +x, -x, +y, -y, +z or -z; any: each that looks like +z to the tool."
+    )
     yaw: settings.Yaw = Field(
         default=0.0,
         description="Turn of the tool about its z axis; at 0 its x axis lies along the object's x axis (y axis for the "
-        "sides +x and -x).",
+        "sides +x and -x). any: each at which the object looks the same to the tool.",
     )
     depth: settings.Distance = Field(
         default=0.0, description="How far the tool frame goes into the object, between fingers."
@@ -93,15 +95,15 @@ class PutWaypoint(Entry):
         default=0.0, description="Where along its x axis: 0 in the middle, -1 and 1 at the edges."
     )
     across: settings.OffsetShare = Field(default=0.0, description="Where along its y axis, likewise.")
-    yaw: settings.Yaw = Field(default=0.0, description="Turn against what it is put on.")
+    yaw: settings.Yaw = Field(default=0.0, description="Turn against what it is put on; any: each at which it looks the same.")
 
 
 class TurnWaypoint(Entry):
     """Another waypoint, turned about the tool's axes."""
 
     waypoint: Origin
-    turn: settings.Yaw = Field(description="Turn about the tool's z axis.")
-    tilt: settings.Yaw = Field(default=0.0, description="Turn about the tool's x axis after that.")
+    turn: settings.Turn = Field(description="Turn about the tool's z axis.")
+    tilt: settings.Turn = Field(default=0.0, description="Turn about the tool's x axis after that.")
 
 
 class RetreatWaypoint(Entry):
@@ -157,10 +159,18 @@ class JointMove(Entry):
         alias="joint_move", description="The waypoint to go to; `home` is the robot's home configuration."
     )
     speed: settings.SpeedShare = Field(default=1.0, description="Share of the joints' velocity limits.")
-    elbow: settings.Elbow = Field(default="any", description="How the arm is bent at the end: up, down or any.")
-    shoulder: settings.Shoulder = Field(default="any", description="On which side the shoulder is: left, right or any.")
-    wrist: settings.Wrist = Field(default="any", description="no_flip: bent as at home; flip or any.")
-    via: settings.Via = Field(default="direct", description="direct, or home: with a stop at home on the way.")
+    elbow: settings.Elbow = Field(default="any", description="How the arm is bent at the end: up, down, any (each is tried) or fastest.")
+    shoulder: settings.Shoulder = Field(
+        default="any", description="On which side the shoulder is: left, right, any or fastest."
+    )
+    wrist: settings.Wrist = Field(default="any", description="no_flip: bent as at home; flip, any or fastest.")
+    via: settings.Via = Field(default="direct", description="direct, home: with a stop at home on the way; or any.")
+    path: settings.Path = Field(
+        default="$path",
+        validate_default=True,
+        description="direct: straight in joint space; seen: where the cameras lose least; any: the better. "
+        "By default as a task says, `path=seen`, and else direct.",
+    )
 
 
 class StraightMove(Entry):

@@ -12,7 +12,7 @@ from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.scene import BoxSide, Held, SceneObject
-from sqrp_cli.knowledge.skill.settings import Reference, Setting
+from sqrp_cli.knowledge.skill.settings import Reference, Setting, number_of, side_of
 from sqrp_cli.knowledge.skill.skill import Grasp, GraspWaypoint, Release, Skill
 from sqrp_cli.knowledge.skill.target_box import BoxSpec
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -186,5 +186,5 @@ def _grasped(skill: Skill, grasp: GraspWaypoint) -> Held:
     def value(setting: Setting) -> float | str:
         return defaults[setting.parameter] if isinstance(setting, Reference) else setting
 
-    side = cast("BoxSide", value(grasp.side))
-    return Held(held=side, yaw=float(value(grasp.yaw)), depth=float(value(grasp.depth)))
+    side = cast("BoxSide", side_of(value(grasp.side)))
+    return Held(held=side, yaw=number_of(value(grasp.yaw)), depth=number_of(value(grasp.depth)))

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.skill.settings import ANY, FASTEST
 from sqrp_cli.programming.arm.kinematics import RobotModel
 
-ANY = "any"
+WORDS = {"elbow": ("up", "down"), "shoulder": ("left", "right"), "wrist": ("no_flip", "flip")}
+"""The names, each with the word for a positive figure and that for a negative one; see `_figures`."""
+
+BETWEEN = 1e-9
+"""Largest size of a figure that belongs to neither of two branches."""
 
 ALONG = np.cos(0.02)
 """Cosine from which two axes count as parallel: within 0.02 rad."""
@@ -38,7 +44,7 @@ class BranchChoice:
 
     def __str__(self) -> str:
         words = {"elbow": self.elbow, "shoulder": self.shoulder, "wrist": self.wrist}
-        return ", ".join(f"{name} {word}" for name, word in words.items() if word != ANY)
+        return ", ".join(f"{name} {word}" for name, word in words.items() if word not in (ANY, FASTEST))
 
 
 def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
@@ -48,16 +54,32 @@ def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
     the arm.
     """
     wanted = np.ones(len(q), dtype=bool)
-    if astuple(choice) == (ANY, ANY, ANY):
+    chosen = {name: word for name, word in asdict(choice).items() if word not in (ANY, FASTEST)}
+    if not chosen:
         return wanted
     _check(model, choice)
     for row, position in enumerate(q):
-        elbow, shoulder, wrist = _figures(model, position)
-        signs = ((choice.elbow, "up", elbow), (choice.shoulder, "left", shoulder), (choice.wrist, "no_flip", wrist))
-        wanted[row] = all(
-            word == ANY or (figure > 1e-9 if word == yes else figure < -1e-9) for word, yes, figure in signs
-        )
+        words = _words(model, position)
+        wanted[row] = all(words[name] == word for name, word in chosen.items())
     return wanted
+
+
+def branch_words(model: RobotModel, q: Array) -> list[dict[str, str]]:
+    """The branch of each of m arm positions, shape (m, n): the word for each name that has a meaning for the arm.
+
+    A position between two branches has no word for these.
+    """
+    senseless = _senseless(model)
+    if len(senseless) == len(WORDS):
+        return [{} for _ in q]
+    found = [_words(model, position) for position in q]
+    return [{name: word for name, word in words.items() if word and name not in senseless} for words in found]
+
+
+def _words(model: RobotModel, q: Array) -> dict[str, str]:
+    """The word of a position, shape (n,), for each name; empty between two branches."""
+    pairs = zip(WORDS.items(), _figures(model, q), strict=True)
+    return {name: (yes if figure > 0 else no) if abs(figure) > BETWEEN else "" for (name, (yes, no)), figure in pairs}
 
 
 def _figures(model: RobotModel, q: Array) -> tuple[float, float, float]:
@@ -92,22 +114,24 @@ def _bend(axes: Array) -> float:
 
 def _check(model: RobotModel, choice: BranchChoice) -> None:
     """Raises InputError if a wanted name has no meaning for the arm."""
+    for name, why in _senseless(model).items():
+        if (word := getattr(choice, name)) not in (ANY, FASTEST):
+            message = f"`{name}={word}` has no meaning for this arm: {why}"
+            raise InputError(Problem("unknown-branch", message, mend=f"leave it at `{name}=any`"))
+
+
+def _senseless(model: RobotModel) -> Mapping[str, str]:
+    """Why names have no meaning for the arm; those that have one are not in it."""
     if len(model.arm) != 6 or not model.turns.all() or not model.joints_move_alone:
-        _refuse(choice, "elbow", "shoulder", "wrist", why="it takes an arm with six joints that turn one by one")
-        return
+        return dict.fromkeys(WORDS, "it takes an arm with six joints that turn one by one")
     axes, origins = _axes(model, model.home), model.joint_origins(model.home)
+    why = {}
     if abs(axes[1] @ axes[2]) < ALONG:
-        _refuse(choice, "elbow", why="the axes of its second and third joint are not parallel")
+        why["elbow"] = "the axes of its second and third joint are not parallel"
     if abs((origins[1] - origins[0]) @ axes[1]) < LEAST_OFFSET or abs(axes[0] @ axes[1]) > 1 - ALONG:
-        _refuse(choice, "shoulder", why="its second joint is not beside the axis of the first one")
+        why["shoulder"] = "its second joint is not beside the axis of the first one"
     if max(abs(axes[3] @ axes[4]), abs(axes[4] @ axes[5])) > 0.02:
-        _refuse(choice, "wrist", why="the axes of its last three joints are not at right angles")
-    if abs(_bend(axes)) < 1e-6:
-        _refuse(choice, "wrist", why="its fifth joint is straight at home")
-
-
-def _refuse(choice: BranchChoice, *names: str, why: str) -> None:
-    wanted = [f"{name}={getattr(choice, name)}" for name in names if getattr(choice, name) != ANY]
-    if wanted:
-        message = f"`{wanted[0]}` has no meaning for this arm: {why}"
-        raise InputError(Problem("unknown-branch", message, mend=f"leave it at `{wanted[0].split('=')[0]}=any`"))
+        why["wrist"] = "the axes of its last three joints are not at right angles"
+    elif abs(_bend(axes)) < 1e-6:
+        why["wrist"] = "its fifth joint is straight at home"
+    return why

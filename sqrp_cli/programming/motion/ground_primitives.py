@@ -10,7 +10,7 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, inverse
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.settings import MotionValue
+from sqrp_cli.knowledge.skill.settings import ANY, MotionValue, Reference, Setting
 from sqrp_cli.knowledge.skill.skill import HOME, Grasp, JointMove, PrimitiveAction, Release, Skill, StraightMove, Wait
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.arm.branches import BranchChoice
@@ -33,6 +33,9 @@ class SkillUse:
 
     values: Mapping[str, MotionValue]
     """Value of every motion parameter."""
+
+    branch: Mapping[str, MotionValue]
+    """Of a way: its choice among `plan_motion.Branches`."""
 
     objects: Mapping[str, SceneObject]
     """Of the workspace."""
@@ -72,6 +75,9 @@ class GroundPrimitive:
     """Joint positions that a joint move bends around on its way, shape (k, n) [rad or m]; not one by home."""
 
     branches: BranchChoice = field(default_factory=BranchChoice)
+
+    free: Mapping[str, str] = field(default_factory=dict)
+    """Of a joint move: the motion parameters that leave its branch free, by `elbow`, `shoulder`, `wrist`."""
 
     speed: float = 0.0
     acceleration: float = 0.0
@@ -144,14 +150,16 @@ def _ground(
     )
     match primitive:
         case JointMove():
-            words = (setting_value(word, values) for word in (primitive.elbow, primitive.shoulder, primitive.wrist))
             via_home = to != HOME and setting_value(primitive.via, values) == HOME
+            settings = {"elbow": primitive.elbow, "shoulder": primitive.shoulder, "wrist": primitive.wrist}
+            words = (setting_value(setting, values) for setting in settings.values())
             return replace(
                 ground,
                 home=to == HOME,
                 via_home=via_home,
                 vias=None if via_home else use.vias.get(primitive.name),
                 branches=BranchChoice(*map(str, words)),
+                free={} if to == HOME else _free(settings, values),
                 speed=setting_number(primitive.speed, values),
             )
         case StraightMove():
@@ -163,6 +171,12 @@ def _ground(
             )
         case Grasp() | Release() | Wait():
             return replace(ground, hold=setting_number(primitive.duration, values))
+
+
+def _free(settings: Mapping[str, Setting], values: Mapping[str, MotionValue]) -> dict[str, str]:
+    """The parameters of settings that leave them free, by the settings' names."""
+    named = {name: setting.parameter for name, setting in settings.items() if isinstance(setting, Reference)}
+    return {name: parameter for name, parameter in named.items() if values[parameter] == ANY}
 
 
 def _with_fingers(primitive: GroundPrimitive, model: RobotModel, during: World, after: World) -> GroundPrimitive:

@@ -1,25 +1,33 @@
-"""The motion of a candidate: the fastest one that is reachable, within limits and free of collisions."""
+"""The motion of a candidate, or of each branch: the fastest that is reachable, within limits and free of collisions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from math import prod
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Array
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.programming.arm.inverse_kinematics import FIRST_HELD, MORE_REDUNDANCY_SAMPLES, REDUNDANCY_SAMPLES
+from sqrp_cli.programming.arm.branches import branch_words
+from sqrp_cli.programming.arm.inverse_kinematics import (
+    FIRST_HELD,
+    MORE_REDUNDANCY_SAMPLES,
+    REDUNDANCY_SAMPLES,
+    known_solutions,
+)
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision import CollisionScene
 from sqrp_cli.programming.motion.fingers import with_fingers
-from sqrp_cli.programming.motion.ground_primitives import GroundSkill, SkillUse, ground_primitives
-from sqrp_cli.programming.motion.paths.branch_search import fastest_sequence
+from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive, GroundSkill, SkillUse, ground_primitives
+from sqrp_cli.programming.motion.paths.branch_search import Station, fastest_sequence
 from sqrp_cli.programming.motion.paths.joint_moves import JointMoves, Move
 from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
-from sqrp_cli.programming.motion.paths.sections import BranchFinder, Failures, Ways, cut_into_sections
+from sqrp_cli.programming.motion.paths.sections import BranchFinder, Failures, Section, Ways, cut_into_sections
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
@@ -30,6 +38,9 @@ MEASURED = 1e-3
 
 MAX_REASONS = 5
 """Most reasons of an infeasible motion."""
+
+MOST_BRANCHES = 256
+"""Most combinations of branches of several joint moves that are tried; those of the first moves come first."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +97,29 @@ class Motion:
         return self.primitives[primitive].trajectory.positions(np.asarray(t) - self.primitives[primitive].start)
 
 
+@dataclass(frozen=True, eq=False)
+class BranchMotion:
+    """The motion of one branch, or one for each of several joint moves."""
+
+    branch: Mapping[str, MotionValue]
+    """The words of the parameters that leave it free; for an arm without such words the number of the solution of
+    inverse kinematics at the end of a joint move, as `a1.solution`."""
+
+    motion: Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Branches:
+    """All branches that were tried for a motion."""
+
+    tried: int
+    feasible: tuple[BranchMotion, ...]
+    """Those with a motion, in a fixed order."""
+
+    reasons: tuple[str, ...]
+    """Why others fail, most useful first."""
+
+
 def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion | Infeasible:
     """The fastest feasible motion of a skill among all branches of inverse kinematics, joint turns included.
 
@@ -93,8 +127,30 @@ def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion |
     straight in joint space; ways around are searched only if no combination of branches has direct moves throughout,
     the most promising combination first. For an arm with more than six axes, more positions of its redundant joints are
     tried if a few are not enough. Infeasible names, most useful first, what is out of reach, which joint is at its
-    limit, or which contact occurs where.
+    limit, or which contact occurs where. With a branch of `plan_branches`, exactly the motion that it has there.
     """
+    planner = _first_planner(use, scene, seed)
+    if isinstance(planner, Infeasible):
+        return planner
+    motion = planner.plan(use.branch)
+    return planner.with_more_samples().plan(use.branch) if planner.needs_more_samples(motion) else motion
+
+
+def plan_branches(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Branches | Infeasible:
+    """The fastest feasible motion of each branch that the skill's parameters leave free; see `plan_motion`.
+
+    Ways around are searched only if no branch has direct moves throughout, and then only the first one is given. At
+    most `MOST_BRANCHES` are tried.
+    """
+    planner = _first_planner(use, scene, seed)
+    if isinstance(planner, Infeasible):
+        return planner
+    found = planner.plan_each()
+    return planner.with_more_samples().plan_each() if planner.needs_more_samples(found) else found
+
+
+def _first_planner(use: SkillUse, scene: CollisionScene, seed: int) -> _Planner | Infeasible:
+    """The planner of a skill that can begin."""
     use = replace(use, world=_at_limits(scene.model, use.world))
     begin = np.array([use.world.joints[name] for name in scene.model.joints])
     if (past := worst_past_limit(scene.model, JointPath.line(begin, begin))) is not None:
@@ -102,12 +158,7 @@ def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion |
     grounded = ground_primitives(use, scene)
     if isinstance(grounded, Infeasible):
         return grounded
-    q_start = scene.model.arm_positions(use.world.joints)
-    planner = _Planner(scene, grounded, q_start, seed, REDUNDANCY_SAMPLES)
-    motion = planner.plan()
-    if len(scene.model.arm) <= MOST_AXES_WITHOUT_REDUNDANCY or isinstance(motion, Motion) or planner.is_out_of_reach:
-        return motion
-    return _Planner(scene, grounded, q_start, seed, MORE_REDUNDANCY_SAMPLES).plan()
+    return _Planner(scene, grounded, scene.model.arm_positions(use.world.joints), seed, REDUNDANCY_SAMPLES)
 
 
 def _at_limits(model: RobotModel, world: World) -> World:
@@ -122,30 +173,118 @@ def _at_limits(model: RobotModel, world: World) -> World:
 
 
 class _Planner:
-    """Plans one motion: sections, the branches of each, and the moves between them."""
+    """Plans the motions of one skill: sections, the branches of each, and the moves between them."""
 
     def __init__(self, scene: CollisionScene, skill: GroundSkill, q_start: Array, seed: int, samples: int) -> None:
-        self._model, self._skill, self._q_start, self._seed = scene.model, skill, q_start, seed
+        self._scene, self._model, self._skill, self._q_start, self._seed = scene, scene.model, skill, q_start, seed
         self._samples = samples
         placed = cache(scene.placed)
         self._scenes = [placed(primitive.world, primitive.allowed) for primitive in skill.primitives]
+        self._sections = cut_into_sections(skill.primitives)
         self._failures = Failures()
+        self._named: dict[str, Sequence[_Names]] = {}
 
-    def plan(self) -> Motion | Infeasible:
-        model, scenes, failures = self._model, self._scenes, self._failures
-        sections = cut_into_sections(self._skill.primitives)
-        finder = BranchFinder(model, scenes, self._q_start, failures, self._seed, self._samples)
+    def with_more_samples(self) -> _Planner:
+        """A planner that tries more positions of redundant joints."""
+        return _Planner(self._scene, self._skill, self._q_start, self._seed, MORE_REDUNDANCY_SAMPLES)
+
+    def needs_more_samples(self, found: Motion | Branches | Infeasible) -> bool:
+        """Whether more positions of redundant joints may help; not where a waypoint is out of reach anyway."""
+        redundant = len(self._model.arm) > MOST_AXES_WITHOUT_REDUNDANCY
+        return redundant and isinstance(found, Infeasible) and not self._failures.out_of_reach
+
+    def plan(self, branch: Mapping[str, MotionValue]) -> Motion | Infeasible:
+        """The fastest motion of a branch as `plan_each` names it; of all, if it is empty."""
+        ways = self._ways()
+        if ways is None:
+            return self._infeasible()
+        masks = self._masks(ways, branch) if branch else None
+        return self._fastest(ways, self._moves(ways), masks)
+
+    def plan_each(self) -> Branches | Infeasible:
+        """The fastest motion of each branch."""
+        ways = self._ways()
+        if ways is None:
+            return self._infeasible()
+        moves, branches = self._moves(ways), self._branches(ways)
+        planned = [(branch, self._fastest(ways, moves, self._masks(ways, branch), around=False)) for branch in branches]
+        tried = prod(len(_different(self._names(section))) for section in self._sections)
+        feasible = [BranchMotion(branch, motion) for branch, motion in planned if isinstance(motion, Motion)]
+        if not feasible:
+            motion = self._fastest(ways, moves, None)
+            if isinstance(motion, Infeasible):
+                return motion
+            feasible = [BranchMotion({}, motion)]
+        return Branches(tried, tuple(feasible), self._failures.reasons(MAX_REASONS))
+
+    def _ways(self) -> list[Ways] | None:
+        """The ways through each section; None if one has none."""
+        finder = BranchFinder(
+            self._model, self._scenes, self._q_start, self._failures, self._seed, self._samples
+        )
         ways: list[Ways] = []
-        for section in sections:
+        for section in self._sections:
             branches = finder.branches(section)
             if not branches:
-                return self._infeasible()
+                return None
             ways.append(Ways.through(branches))
-        moves = JointMoves(model, self._skill.primitives, scenes, sections, ways, self._q_start, failures, self._seed)
-        durations = moves.durations()
-        chosen = fastest_sequence(ways, durations, moves.direct_works)
-        if chosen is None:
-            chosen = fastest_sequence(ways, durations, moves.direct_works, moves.way_works)
+        return ways
+
+    def _moves(self, ways: Sequence[Ways]) -> JointMoves:
+        return JointMoves(
+            self._model,
+            self._skill.primitives,
+            self._scenes,
+            self._sections,
+            ways,
+            self._q_start,
+            self._failures,
+            self._seed,
+        )
+
+    def _branches(self, ways: Sequence[Ways]) -> list[dict[str, MotionValue]]:
+        """The different branches of the ways through all sections."""
+        found: list[dict[str, MotionValue]] = [{}]
+        for section, through in zip(self._sections, ways, strict=True):
+            names = self._names(section)
+            possible = _different([names[branch.solution] for branch in through.branches])
+            found = [{**one, **more} for one in found for more in possible if _agree(one, more)][:MOST_BRANCHES]
+        return found
+
+    def _masks(self, ways: Sequence[Ways], branch: _Names) -> list[Mask]:
+        """Which ways through each section belong to a branch."""
+
+        def mask(section: Section, through: Ways) -> Mask:
+            names = self._names(section)
+            fitting = [_agree(branch, names[of_way.solution]) for of_way in through.branches]
+            return np.array(fitting)[through.of]
+
+        return [mask(section, through) for section, through in zip(self._sections, ways, strict=True)]
+
+    def _names(self, section: Section) -> Sequence[_Names]:
+        """The name of each solution of inverse kinematics at the start of a section; of none if nothing is free."""
+        move = section.move
+        if move is None or move.home or not move.free:
+            return ({},)
+        if move.name not in self._named:
+            solutions = known_solutions(self._model, move.X_end, self._seed, self._samples).solutions
+            self._named[move.name] = _names_of(move, branch_words(self._model, solutions))
+        return self._named[move.name]
+
+    def _fastest(
+        self, ways: Sequence[Ways], moves: JointMoves, masks: Sequence[Mask] | None, *, around: bool = True
+    ) -> Motion | Infeasible:
+        """The fastest motion of the ways in the masks, by default of all. around: look for ways around, if need be."""
+        durations = moves.durations
+        stations: Sequence[Station] = ways
+        if masks is not None:
+            stations = [
+                Station(w.q_start, w.q_end, np.where(mask, w.duration, np.inf))
+                for w, mask in zip(ways, masks, strict=True)
+            ]
+        chosen = fastest_sequence(stations, durations, moves.direct_works)
+        if chosen is None and around:
+            chosen = fastest_sequence(stations, durations, moves.direct_works, moves.way_works)
         if chosen is None:
             return self._infeasible(moves.tries)
         along = moves.along(chosen)
@@ -157,14 +296,9 @@ class _Planner:
             done += map(Move, through.trajectories(k))
         motion = self._motion(done, ways[-1].q_end[chosen[-1]])
         for primitive in motion.primitives:
-            if (past := worst_past_limit(model, primitive.trajectory.path)) is not None:
+            if (past := worst_past_limit(self._model, primitive.trajectory.path)) is not None:
                 return Infeasible((f"{primitive.name}: {past}",))
         return motion
-
-    @property
-    def is_out_of_reach(self) -> bool:
-        """Whether a waypoint is out of reach, obstacles ignored."""
-        return self._failures.out_of_reach
 
     def _infeasible(self, tries: int = 0) -> Infeasible:
         """The collected reasons, with the number of tries to find a way around."""
@@ -205,3 +339,27 @@ class _Planner:
         if world.held is not None and world.X_TO is not None:
             X_WO[world.held] = self._model.tool_pose(q) @ world.X_TO
         return replace(world, X_WO=X_WO, joints={**world.joints, **dict(zip(self._model.arm, q.tolist(), strict=True))})
+
+
+_Names = Mapping[str, MotionValue]
+"""The name of a branch at the end of one joint move: some of those of `BranchMotion.branch`."""
+
+
+def _names_of(move: GroundPrimitive, words: Sequence[Mapping[str, str]]) -> list[_Names]:
+    """The names of solutions: the words for what the move leaves free, or their numbers where these do not decide."""
+    sensible = {name for found in words for name in found} & set(move.free)
+    named = [{move.free[name]: word for name, word in found.items() if name in sensible} for found in words]
+    return [
+        names if sensible and len(names) == len(sensible) else {f"{move.name}.solution": float(number)}
+        for number, names in enumerate(named)
+    ]
+
+
+def _different(names: Sequence[_Names]) -> list[_Names]:
+    """The names without repetitions, in their order."""
+    return [found for number, found in enumerate(names) if found not in names[:number]]
+
+
+def _agree(branch: _Names, names: _Names) -> bool:
+    """Whether two branches say the same of what both name."""
+    return all(branch.get(name, value) == value for name, value in names.items())

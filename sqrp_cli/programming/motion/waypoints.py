@@ -9,7 +9,7 @@ import numpy as np
 
 from sqrp_cli.geometry import Array, axis_rotation, inverse, pose, side_pose
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.settings import MotionValue, Reference, Setting
+from sqrp_cli.knowledge.skill.settings import MotionValue, Reference, Setting, number_of, side_of
 from sqrp_cli.knowledge.skill.skill import (
     HOME,
     GraspWaypoint,
@@ -30,7 +30,7 @@ def setting_value(setting: Setting, values: Mapping[str, MotionValue]) -> Motion
 
 def setting_number(setting: Setting, values: Mapping[str, MotionValue]) -> float:
     """The value of a setting that is a number, in SI units."""
-    return float(setting_value(setting, values))
+    return number_of(setting_value(setting, values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +79,7 @@ class WaypointGrounder:
         match self.waypoints[name]:
             case GraspWaypoint(object=parameter, side=side, yaw=yaw, depth=depth):
                 grasped = self.binding[parameter]
-                X_OS = side_pose(self.objects[grasped].size, str(setting_value(side, self.values)))
+                X_OS = side_pose(self.objects[grasped].size, side_of(setting_value(side, self.values)))
                 return (
                     self.X_WO[grasped] @ X_OS @ pose(axis_rotation(2, self._number(yaw)), (0, 0, self._number(depth)))
                 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -66,6 +66,7 @@ class JointMoves:
         self._through = cache(self._move_through)
         self.tries = 0
 
+    @cached_property
     def durations(self) -> list[Array]:
         """Durations [s] of the direct moves from each way through a section to each of the next, (k_i, k_i+1) each."""
         return [

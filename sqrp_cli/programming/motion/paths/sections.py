@@ -68,6 +68,9 @@ class Branch:
     turns: Array
     """Offsets by whole turns of joints that keep all of it within the joints' limits, shape (k, n)."""
 
+    solution: int
+    """Number of the solution of inverse kinematics at its start, in their order; 0 where the start is given."""
+
     @property
     def q_end(self) -> Array:
         """End of its last trajectory, shape (n,)."""
@@ -138,7 +141,10 @@ class BranchFinder:
         if begun and not followed:
             self._note_ends_out_of_reach(section)
         turns = self._turns(section, followed) if followed else ()
-        branches = [Branch(*branch, of_branch) for branch, of_branch in zip(followed, turns, strict=True)]
+        branches = [
+            Branch(q, trajectories, of_branch, self._solution(section, q))
+            for (q, trajectories), of_branch in zip(followed, turns, strict=True)
+        ]
         return [branch for branch in branches if len(branch.turns)]
 
     def _ends(self, section: Section) -> Array:
@@ -155,6 +161,13 @@ class BranchFinder:
             reason = solutions.reason or f"cannot be reached with {move.branches}"
             self._failures.note(section.first - 1, f"{move.name} to `{move.to}`: {reason}")
         return ends
+
+    def _solution(self, section: Section, q: Array) -> int:
+        """Number of the solution of inverse kinematics with which a section begins, at q, shape (n,)."""
+        if section.is_fixed or section.move is None:
+            return 0
+        solutions = known_solutions(self._model, section.move.X_end, self._seed, self._samples).solutions
+        return int((solutions == q).all(axis=1).argmax())
 
     def _clear_ends(self, section: Section, ends: Array) -> Array:
         """The joint positions (b, n) at the end of a section's joint move that are free of contacts."""
