@@ -41,8 +41,10 @@ class StepReplanner:
         skill = self.cell.workspace.skills[step.skill]
         names = [parameter.name for parameter in skill.action.parameters]
         binding = {name: str(step.parameters[name]) for name in names}
-        values = {name: value for name, value in step.parameters.items() if name not in binding}
-        candidate = Candidate(skill, binding, values, " ".join(binding.values()) or skill.name)
+        said = {name: value for name, value in step.parameters.items() if name not in binding}
+        branch = {name: said.pop(name) for name in [*said] if name not in skill.defaults}
+        values = {**skill.defaults, **said}
+        candidate = Candidate(skill, binding, values, " ".join(binding.values()) or skill.name, branch=branch)
         found = study(self.cell, candidate, world, Adaptive(), full=True)
         if isinstance(found, Infeasible):
             return None

@@ -15,7 +15,7 @@ from pydantic import Field, Tag
 from sqrp_cli.errors import Place, Problem
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.skill import settings
-from sqrp_cli.knowledge.skill.settings import Kind, MotionParameter, MotionValues
+from sqrp_cli.knowledge.skill.settings import Kind, MotionParameter, MotionValue, MotionValues
 from sqrp_cli.knowledge.skill.target_box import TargetSpec
 from sqrp_cli.knowledge.text.entries import (
     Entry,
@@ -299,6 +299,11 @@ class Skill:
         while path[1:] and dotted(path) not in self.places:
             path = path[:-1]
         return self.places[dotted(path)]
+
+    @property
+    def defaults(self) -> dict[str, MotionValue]:
+        """The first value of every motion parameter."""
+        return {parameter.name: parameter.values[0] for parameter in self.motion_parameters}
 
     @property
     def retried_faults(self) -> frozenset[str]:

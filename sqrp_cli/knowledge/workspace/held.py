@@ -181,10 +181,8 @@ def _ambiguous(name: str, one: _Grip, other: _Grip, document: SourceDocument) ->
 
 
 def _grasped(skill: Skill, grasp: GraspWaypoint) -> Held:
-    defaults = {parameter.name: parameter.values[0] for parameter in skill.motion_parameters}
-
     def value(setting: Setting) -> float | str:
-        return defaults[setting.parameter] if isinstance(setting, Reference) else setting
+        return skill.defaults[setting.parameter] if isinstance(setting, Reference) else setting
 
     side = cast("BoxSide", side_of(value(grasp.side)))
     return Held(held=side, yaw=number_of(value(grasp.yaw)), depth=number_of(value(grasp.depth)))

@@ -34,9 +34,6 @@ class SkillUse:
     values: Mapping[str, MotionValue]
     """Value of every motion parameter."""
 
-    branch: Mapping[str, MotionValue]
-    """Of a way: its choice among `plan_motion.Branches`."""
-
     objects: Mapping[str, SceneObject]
     """Of the workspace."""
 
@@ -45,6 +42,9 @@ class SkillUse:
 
     vias: Mapping[str, Array] = field(default_factory=dict)
     """Joint positions that joint moves bend around on their way, shape (k, n) [rad or m], by the primitive's name."""
+
+    branch: Mapping[str, MotionValue] = field(default_factory=dict)
+    """Of a way: its choice among `plan_motion.Branches`."""
 
 
 @dataclass(frozen=True, eq=False)

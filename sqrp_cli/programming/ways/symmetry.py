@@ -21,7 +21,7 @@ SAME_SIZE = 1e-6
 """Lengths that differ by no more than this are equal [m], and so are directions [rad]."""
 
 SIDES = ("+z", "+x", "-x", "+y", "-y", "-z")
-"""The sides of a box, the one that most things are gripped by first."""
+"""The sides of a box, first the one by which most objects are gripped."""
 
 
 def tool_turns(model: RobotModel) -> int:
@@ -33,11 +33,12 @@ def tool_turns(model: RobotModel) -> int:
     return ROUND if parts and not model.fingers.joints and gcd(*placed) == ROUND else 1
 
 
-def part_turns(obj: SceneObject, axis: int) -> int:
-    """In how many equal turns about one of its axes (0, 1, 2) an object looks the same.
+def part_turns(obj: SceneObject, side: str) -> int:
+    """In how many equal turns about the axis through one of its sides, such as `+z`, an object looks the same.
 
     About z as the workspace states it, else as its shapes do; one whose shapes do not show it counts as 1.
     """
+    axis = "xyz".index(side[1])
     if axis == 2 and obj.symmetry is not None:
         return ROUND if obj.symmetry == "round" else obj.symmetry
     return gcd(*(_turns(part, part.X_PG, axis) for part in obj.parts))
@@ -52,7 +53,7 @@ def equal_turns(count: int) -> list[float]:
 
 def equal_sides(obj: SceneObject) -> list[str]:
     """The sides at which an object looks to a tool as it does at +z: that one first, or alone."""
-    if obj.symmetry is not None or len(obj.parts) != 1 or part_turns(obj, 2) == 1:
+    if obj.symmetry is not None or len(obj.parts) != 1 or part_turns(obj, SIDES[0]) == 1:
         return [SIDES[0]]
     faces = {side: sorted(np.delete(obj.size, "xyz".index(side[1]))) for side in SIDES}
     box = isinstance(obj.parts[0].shape, Box | Sphere)

@@ -66,7 +66,7 @@ class Cell:
         use = SkillUse(
             skill=skill or self.skill,
             binding={"object": "cube"},
-            values={**VALUES, **values},
+            values={**(skill or self.skill).defaults, **VALUES, **values},
             objects=self.objects,
             world=world or self.world,
             vias=vias or {},
