@@ -107,7 +107,7 @@ class ObjectTraits(Stored):
     symmetry: Annotated[
         Symmetry | None,
         Field(
-            description="How often it looks the same to a tool in a full turn about its z axis: 1, 2, 4, ... or `round`; "
+            description="How often it looks the same in a full turn about its z axis: 1, 2, 4, ... or `round`; "
             "by default as its shape does."
         ),
     ] = None

@@ -16,6 +16,7 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.ways.find import WantedWay, find_way
 
 WORTH_A_PROCESS = 8
 """Least number of candidates per further process; fewer are not worth its start."""
@@ -32,35 +33,41 @@ class Explained(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Assignment:
-    """The computation for each candidate: its cell, world and sampling.
-
-    calibration: accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out.
-    """
+    """What is to be computed for each candidate."""
 
     cell: Cell
     world: World
+    """That every candidate starts from."""
     sampling: Sampling
     calibration: Calibration | None = None
+    """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
+    wanted: WantedWay = WantedWay()
+    """Which way of each candidate."""
 
     def assess(self, candidate: Candidate) -> Assessment:
-        """The figures of one candidate, or why it is infeasible."""
-        result = study(self.cell, candidate, self.world, self.sampling, full=False)
-        if isinstance(result, Infeasible):
-            return Assessment.infeasible(candidate, result.reasons, verdict=result.reasons[0])
-        assessment = result.assessment(verdict(self.cell, result))
+        """The figures of one candidate in the wanted way, or why it is infeasible."""
+        found = find_way(self.cell, candidate, self.world, self.sampling, self.wanted)
+        if isinstance(found, Infeasible):
+            return Assessment.infeasible(candidate, found.reasons, verdict=found.reasons[0])
+        study = found.study
+        assessment = study.assessment(verdict(self.cell, study))
+        assessment = replace(assessment, candidate=candidate, best_way=study.candidate, ways=found.ways)
         if self.calibration is None:
             return assessment
-        recalibrated = under_calibration_errors(self.cell, result, self.sampling, self.calibration)
+        recalibrated = under_calibration_errors(self.cell, study, self.sampling, self.calibration)
         return replace(assessment, recalibrated=recalibrated)
 
     def explain(self, ranked: Ranked) -> Explained:
-        """A candidate with its full study and the figures from that."""
+        """A candidate with the full study of its way, and the figures from that."""
         if ranked.rank is None:
             return Explained(ranked, None)
-        found = study(self.cell, ranked.assessment.candidate, self.world, self.sampling, full=True)
+        known = ranked.assessment
+        found = study(self.cell, known.way, self.world, self.sampling, full=True)
         if isinstance(found, Infeasible):
-            raise ValueError(f"{ranked.assessment.candidate.name} was feasible a moment ago")
-        return Explained(replace(ranked, assessment=found.assessment(verdict(self.cell, found))), found)
+            raise ValueError(f"{known.candidate.name} was feasible a moment ago")
+        assessment = found.assessment(verdict(self.cell, found))
+        assessment = replace(assessment, candidate=known.candidate, best_way=known.best_way, ways=known.ways)
+        return Explained(replace(ranked, assessment=assessment), found)
 
 
 def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: int) -> Iterator[Assessment]:
@@ -71,4 +78,5 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
     assessments = in_processes(assignment.assess, candidates, min(jobs, len(candidates) // WORTH_A_PROCESS))
     for candidate, assessment in zip(candidates, assessments, strict=True):
         # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
-        yield replace(assessment, candidate=candidate)
+        way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
+        yield replace(assessment, candidate=candidate, best_way=way)

@@ -73,6 +73,11 @@ def winners(assessments: Sequence[Assessment], by: Criterion) -> Counter[str]:
     return Counter(first)
 
 
+def compared_quality(quality: float | None) -> float:
+    """A quality as it is compared, in 0..1; one that is undefined counts as 1."""
+    return 1.0 if quality is None else round(quality / _QUALITY_STEP) * _QUALITY_STEP
+
+
 def _rounded(quality: float | None) -> float | None:
     """A quality as it is compared, negated because less is better in every column."""
     return None if quality is None else -round(quality / _QUALITY_STEP) * _QUALITY_STEP

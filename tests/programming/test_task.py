@@ -185,7 +185,10 @@ def test_other_expectations_are_left_alone(entry: str) -> None:
             "lift=abc",
             "`lift=abc`: found `abc`, expected a number in m, or a length such as `20 mm` (units m, cm, mm, um)",
         ),
-        ("approach_yaw=abc", "`approach_yaw=abc`: found `abc`, expected an angle such as `30 deg` (units rad, deg, °), or `any`"),
+        (
+            "approach_yaw=abc",
+            "`approach_yaw=abc`: found `abc`, expected an angle such as `30 deg` (units rad, deg, °), or `any`",
+        ),
     ],
 )
 def test_a_setting_that_is_no_number_says_which_numbers_and_units_are_expected(

@@ -95,7 +95,9 @@ class PutWaypoint(Entry):
         default=0.0, description="Where along its x axis: 0 in the middle, -1 and 1 at the edges."
     )
     across: settings.OffsetShare = Field(default=0.0, description="Where along its y axis, likewise.")
-    yaw: settings.Yaw = Field(default=0.0, description="Turn against what it is put on; any: each at which it looks the same.")
+    yaw: settings.Yaw = Field(
+        default=0.0, description="Turn against what it is put on; any: each at which it looks the same."
+    )
 
 
 class TurnWaypoint(Entry):
@@ -159,7 +161,9 @@ class JointMove(Entry):
         alias="joint_move", description="The waypoint to go to; `home` is the robot's home configuration."
     )
     speed: settings.SpeedShare = Field(default=1.0, description="Share of the joints' velocity limits.")
-    elbow: settings.Elbow = Field(default="any", description="How the arm is bent at the end: up, down, any (each is tried) or fastest.")
+    elbow: settings.Elbow = Field(
+        default="any", description="How the arm is bent at the end: up, down, any (each is tried) or fastest."
+    )
     shoulder: settings.Shoulder = Field(
         default="any", description="On which side the shoulder is: left, right, any or fastest."
     )

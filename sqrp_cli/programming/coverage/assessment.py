@@ -23,6 +23,35 @@ from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WayFigures:
+    """One way of doing what a candidate says."""
+
+    parameters: Mapping[str, float | str]
+    """Those of the candidate, with a value for each that it leaves free."""
+    time: float
+    """Duration of the whole motion [s]."""
+    q_avg: float | None
+    """Q_avg in 0..1; null where no formula applies."""
+    q_eoi: float | None
+    """Q_eoi in 0..1; null where there is no event of interest."""
+    delay_worst: float | None
+    """The longest time that any fault may remain unnoticed [s]; null without faults."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WaysFound:
+    """The ways of doing what a candidate says."""
+
+    tried: int
+    """How many there are, by all that the candidate leaves free."""
+    feasible: int
+    """How many of them can be done, within `--max-time` if that is given."""
+    pareto: tuple[WayFigures, ...]
+    """Those that are Pareto-optimal in q_avg, q_eoi, time and what the ranking counts first; best first, which is the
+    one that the candidate's own figures are about."""
+
+
 @dataclass(frozen=True, eq=False)
 class Assessment(Figures):
     """What is reported of one candidate."""
@@ -43,6 +72,15 @@ class Assessment(Figures):
     """One or two sentences."""
     recalibrated: tuple[Qualities, ...] = ()
     """The qualities for random camera poses, if requested."""
+    ways: WaysFound | None = None
+    """The ways in which it can be done; None where they were not asked for."""
+    best_way: Candidate | None = None
+    """The way behind the figures, if the candidate leaves something free."""
+
+    @property
+    def way(self) -> Candidate:
+        """The way that has these figures: the candidate itself if it leaves nothing free."""
+        return self.best_way or self.candidate
 
     @classmethod
     def infeasible(cls, candidate: Candidate, reasons: tuple[str, ...], verdict: str = "") -> Assessment:
@@ -56,15 +94,43 @@ class Assessment(Figures):
 
 
 @dataclass(frozen=True, eq=False)
-class Study:
-    """A feasible candidate with all data behind its figures."""
+class Rehearsal:
+    """A feasible candidate with its motion, and what must be seen during it."""
 
     candidate: Candidate
     world: World
+    """That it starts from."""
     motion: Motion
     formulas: tuple[GroundFormula, ...]
     targets: tuple[Target, ...]
     stage: Stage
+
+    @property
+    def faults(self) -> Mapping[str, tuple[int, ...]]:
+        """The columns of each fault's atoms, by its name: indices into `targets`."""
+        columns: dict[str, dict[int, None]] = {}
+        index = {target.atom: column for column, target in enumerate(self.targets)}
+        for formula in self.formulas:
+            if formula.fault is not None and formula.operator.literals:
+                found = {index[literal.atom]: None for literal in formula.operator.literals}
+                columns.setdefault(formula.fault, {}).update(found)
+        return {fault: tuple(found) for fault, found in columns.items()}
+
+    @property
+    def T(self) -> float:
+        """Duration of the union of all formulas' intervals [s]."""
+        return monitored_time(self.formulas)
+
+    @property
+    def T_eoi(self) -> float:
+        """Duration of the union of the events of interest [s]."""
+        return interesting_time(self.formulas)
+
+
+@dataclass(frozen=True, eq=False)
+class Study(Rehearsal):
+    """A feasible candidate with all data behind its figures."""
+
     timeline: Timeline
     recovery: Recovery
 
@@ -92,15 +158,15 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
 
     full: with the verdicts of every camera and their causes. Raises InputError for a sampling with too many samples.
     """
-    workspace, model = cell.workspace, cell.model
     motion = feasible_motion(cell, candidate, world)
     if isinstance(motion, Infeasible):
         return motion
-    if (count := sample_count(sampling, motion)) > MAX_SAMPLES:
-        message = f"this sampling asks for {count:,.0f} samples of `{candidate.name}`; the limit is {MAX_SAMPLES:,}"
-        raise InputError(
-            Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter")
-        )
+    return observed(cell, rehearsal(cell, candidate, world, motion), sampling, full=full)
+
+
+def rehearsal(cell: Cell, candidate: Candidate, world: World, motion: Motion) -> Rehearsal:
+    """A candidate with its motion from `world`, and what must be seen when."""
+    workspace, model = cell.workspace, cell.model
     spans = {primitive.name: (primitive.start, primitive.end) for primitive in motion.primitives}
     formulas = ground_formulas(candidate, spans, motion.time)
     grounder = TargetGrounder(
@@ -112,39 +178,37 @@ def study(cell: Cell, candidate: Candidate, world: World, sampling: Sampling, *,
         robot=workspace.robot,
         model=model,
     )
-    targets = grounder.targets(formulas)
-    stage = Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO)
-    timeline = observe(
-        stage,
-        cell.observer,
-        targets,
-        sampling,
-        faults=_fault_columns(formulas, targets),
-        T=monitored_time(formulas),
-        T_eoi=interesting_time(formulas),
-        full=full,
-    )
-    start = min((fault_intervals(formulas, fault)[0].start for fault in timeline.faults), default=motion.time)
-    return Study(
+    return Rehearsal(
         candidate=candidate,
         world=world,
         motion=motion,
         formulas=formulas,
-        targets=targets,
-        stage=stage,
-        timeline=timeline,
-        recovery=recovery_over(motion, model, start),
+        targets=grounder.targets(formulas),
+        stage=Stage(model, motion, cut_into_pieces(list(spans.values()), formulas), world.X_WO),
     )
 
 
-def _fault_columns(formulas: tuple[GroundFormula, ...], targets: tuple[Target, ...]) -> Mapping[str, tuple[int, ...]]:
-    columns: dict[str, dict[int, None]] = {}
-    index = {target.atom: column for column, target in enumerate(targets)}
-    for formula in formulas:
-        if formula.fault is not None and formula.operator.literals:
-            found = {index[literal.atom]: None for literal in formula.operator.literals}
-            columns.setdefault(formula.fault, {}).update(found)
-    return {fault: tuple(found) for fault, found in columns.items()}
+def observed(cell: Cell, scene: Rehearsal, sampling: Sampling, *, full: bool) -> Study:
+    """What the cameras see of a motion; see `study`."""
+    if (count := sample_count(sampling, scene.motion)) > MAX_SAMPLES:
+        name = scene.candidate.name
+        message = f"this sampling asks for {count:,.0f} samples of `{name}`; the limit is {MAX_SAMPLES:,}"
+        raise InputError(
+            Problem("too-many-samples", message, mend="leave it out: the default places samples where they matter")
+        )
+    faults = scene.faults
+    timeline = observe(
+        scene.stage,
+        cell.observer,
+        scene.targets,
+        sampling,
+        faults=faults,
+        T=scene.T,
+        T_eoi=scene.T_eoi,
+        full=full,
+    )
+    start = min((fault_intervals(scene.formulas, fault)[0].start for fault in faults), default=scene.motion.time)
+    return Study(**vars(scene), timeline=timeline, recovery=recovery_over(scene.motion, cell.model, start))
 
 
 def fault_intervals(formulas: tuple[GroundFormula, ...], fault: str) -> tuple[Stretch, ...]:

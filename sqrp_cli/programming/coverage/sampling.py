@@ -77,7 +77,12 @@ def first_samples(sampling: Sampling, stage: Stage, observer: Observer, targets:
             instants = [p.start + dt * np.arange(int((p.end - p.start) / dt) + 1, dtype=float) for p in primitives]
         case Adaptive():
             instants = _equal_motion(stage, observer, targets)
-    t = [_within(piece, instants[piece.primitive]) for piece in stage.pieces]
+    return within_pieces(stage.pieces, instants)
+
+
+def within_pieces(pieces: Sequence[Piece], instants: Sequence[Array]) -> Samples:
+    """Samples at instants of each primitive [s], shape (k,) each, and at both ends of every piece."""
+    t = [_within(piece, instants[piece.primitive]) for piece in pieces]
     return Samples(np.repeat(np.arange(len(t)), [len(times) for times in t]), np.concatenate(t))
 
 

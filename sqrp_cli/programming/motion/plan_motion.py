@@ -113,11 +113,13 @@ class Branches:
     """All branches that were tried for a motion."""
 
     tried: int
+    """One where no branch reaches its place, or nothing is free."""
+
     feasible: tuple[BranchMotion, ...]
     """Those with a motion, in a fixed order."""
 
     reasons: tuple[str, ...]
-    """Why others fail, most useful first."""
+    """Why others fail, most useful first; not empty if all fail."""
 
 
 def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion | Infeasible:
@@ -191,7 +193,8 @@ class _Planner:
     def needs_more_samples(self, found: Motion | Branches | Infeasible) -> bool:
         """Whether more positions of redundant joints may help; not where a waypoint is out of reach anyway."""
         redundant = len(self._model.arm) > MOST_AXES_WITHOUT_REDUNDANCY
-        return redundant and isinstance(found, Infeasible) and not self._failures.out_of_reach
+        failed = isinstance(found, Infeasible) or (isinstance(found, Branches) and not found.feasible)
+        return redundant and failed and not self._failures.out_of_reach
 
     def plan(self, branch: Mapping[str, MotionValue]) -> Motion | Infeasible:
         """The fastest motion of a branch as `plan_each` names it; of all, if it is empty."""
@@ -201,27 +204,25 @@ class _Planner:
         masks = self._masks(ways, branch) if branch else None
         return self._fastest(ways, self._moves(ways), masks)
 
-    def plan_each(self) -> Branches | Infeasible:
+    def plan_each(self) -> Branches:
         """The fastest motion of each branch."""
         ways = self._ways()
+        tried = prod(max(1, len(_different(self._names(section)))) for section in self._sections)
         if ways is None:
-            return self._infeasible()
+            return Branches(tried, (), self._infeasible().reasons)
         moves, branches = self._moves(ways), self._branches(ways)
         planned = [(branch, self._fastest(ways, moves, self._masks(ways, branch), around=False)) for branch in branches]
-        tried = prod(len(_different(self._names(section))) for section in self._sections)
         feasible = [BranchMotion(branch, motion) for branch, motion in planned if isinstance(motion, Motion)]
         if not feasible:
             motion = self._fastest(ways, moves, None)
             if isinstance(motion, Infeasible):
-                return motion
+                return Branches(tried, (), motion.reasons)
             feasible = [BranchMotion({}, motion)]
         return Branches(tried, tuple(feasible), self._failures.reasons(MAX_REASONS))
 
     def _ways(self) -> list[Ways] | None:
         """The ways through each section; None if one has none."""
-        finder = BranchFinder(
-            self._model, self._scenes, self._q_start, self._failures, self._seed, self._samples
-        )
+        finder = BranchFinder(self._model, self._scenes, self._q_start, self._failures, self._seed, self._samples)
         ways: list[Ways] = []
         for section in self._sections:
             branches = finder.branches(section)

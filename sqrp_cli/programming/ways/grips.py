@@ -10,7 +10,7 @@ from math import gcd
 import numpy as np
 
 from sqrp_cli.knowledge.skill.settings import ANY, DIRECT, FIRST_NUMBER, FIRST_SIDE, MotionValue, Reference, side_of
-from sqrp_cli.knowledge.skill.skill import HOME, GraspWaypoint, JointMove, PutWaypoint, Skill
+from sqrp_cli.knowledge.skill.skill import HOME, GraspWaypoint, PutWaypoint, Skill
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
@@ -49,7 +49,9 @@ def _sides(cell: Cell, candidate: Candidate) -> Iterator[_Values]:
     return _combined(
         {
             parameter: _common(
-                equal_sides(objects[candidate.binding[part.object]]) for part in parts if isinstance(part, GraspWaypoint)
+                equal_sides(objects[candidate.binding[part.object]])
+                for part in parts
+                if isinstance(part, GraspWaypoint)
             )
             for parameter, parts in _free(candidate.skill, "side", candidate.values).items()
         }
