@@ -41,7 +41,7 @@ class Assignment:
     sampling: Sampling
     calibration: Calibration | None = None
     """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
-    wanted: WantedWay = WantedWay()
+    wanted: WantedWay = WantedWay(fastest=True)  # noqa: RUF009 - it is frozen
     """Which way of each candidate."""
 
     def assess(self, candidate: Candidate) -> Assessment:

@@ -23,7 +23,7 @@ from sqrp_cli.programming.targets import Target
 from sqrp_cli.programming.task import Candidate
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class WayFigures:
     """One way of doing what a candidate says."""
 
@@ -39,7 +39,7 @@ class WayFigures:
     """The longest time that any fault may remain unnoticed [s]; null without faults."""
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class WaysFound:
     """The ways of doing what a candidate says."""
 

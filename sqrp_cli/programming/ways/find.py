@@ -126,7 +126,8 @@ def _fastest(cell: Cell, candidate: Candidate, world: World) -> _Planned:
 
 def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
     """Every way of a candidate, planned."""
-    tried, scenes, reasons = 0, [], []
+    tried, scenes = 0, []
+    reasons: list[tuple[str, ...]] = []
     for grip in grips(cell, candidate, world):
         branches = plan_branches(skill_use(cell, grip, world), cell.collision, cell.seed)
         if isinstance(branches, Infeasible):
