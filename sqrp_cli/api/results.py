@@ -10,13 +10,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 
 from sqrp_cli.api.arguments import RunOutputs, check_text, check_texts, checked_path
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument, Recalibrated, SamplingDone
-from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
-from sqrp_cli.report.documents.document import Document, TaskDocument, as_text
-from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
-from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
-from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
-from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
+from sqrp_cli.report.documents.document import as_text
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,6 +23,13 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.pipeline import Explained
     from sqrp_cli.programming.ranking import Criterion, Ranked
     from sqrp_cli.programming.suggestion import SuggestedStep
+    from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
+    from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
+    from sqrp_cli.report.documents.document import Document
+    from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
+    from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
+    from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
+    from sqrp_cli.report.documents.scores import ScoreDocument, TaskResult
     from sqrp_cli.report.pages.run_page import RunCell
     from sqrp_cli.runtime.monitor.frame_audit import AuditReport
     from sqrp_cli.runtime.record.events import Event
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from sqrp_cli.scoring.scorecard import Scorecard
     from sqrp_cli.starter.make import Starter
 
-AnyDocument = TypeVar("AnyDocument", bound=Document, covariant=True)
+AnyDocument = TypeVar("AnyDocument", bound="Document", covariant=True)
 
 
 class Answer(ABC, Generic[AnyDocument]):
@@ -76,7 +77,7 @@ class Answer(ABC, Generic[AnyDocument]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Ranking(Answer[RankDocument]):
+class Ranking(Answer["RankDocument"]):
     """The candidates of a task, best first.
 
     ranked: the candidates, infeasible ones last. interrupted: whether some are missing because of Ctrl-C.
@@ -108,6 +109,8 @@ class Ranking(Answer[RankDocument]):
     @cached_property
     def document(self) -> RankDocument:
         """The document of `sqrp rank`."""
+        from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument, Recalibrated, SamplingDone
+
         assignment = self.session.assignment
         # In the order of the task: of equal candidates the first one wins a draw.
         order = {id(candidate): place for place, candidate in enumerate(self.session.task.candidates)}
@@ -148,7 +151,7 @@ class Ranking(Answer[RankDocument]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Explanation(Answer[TaskDocument]):
+class Explanation(Answer["TaskDocument"]):
     """Some candidates over time."""
 
     session: Session
@@ -164,6 +167,8 @@ class Explanation(Answer[TaskDocument]):
     @property
     def candidates(self) -> list[CandidateStudy]:
         """The candidates with all data from which their figures can be recomputed."""
+        from sqrp_cli.report.documents.explanation import ExplainAllDocument
+
         document = self.document
         return document.candidates if isinstance(document, ExplainAllDocument) else [document]
 
@@ -177,6 +182,8 @@ class Explanation(Answer[TaskDocument]):
     @cached_property
     def document(self) -> ExplainDocument | ExplainAllDocument:
         """The document of `sqrp explain`."""
+        from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
+
         cell, sampling, name = self.session.cell, self.session.assignment.sampling, self.session.workspace.name
         studies = [
             CandidateStudy.infeasible(one) if found is None else CandidateStudy.of_study(cell, found, one, sampling)
@@ -198,7 +205,7 @@ class Explanation(Answer[TaskDocument]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Check(Answer[CheckDocument]):
+class Check(Answer["CheckDocument"]):
     """The findings about a workspace, and which candidates of a task can be done.
 
     path: of the workspace, as it was given. found: empty without a task. suggested: what has to be done first.
@@ -232,6 +239,8 @@ class Check(Answer[CheckDocument]):
     @cached_property
     def document(self) -> CheckDocument:
         """The document of `sqrp check`."""
+        from sqrp_cli.report.documents.checks import CheckDocument
+
         return CheckDocument.of(self.workspace, self.task, self.found, self.problems)
 
     def show(self) -> None:
@@ -247,7 +256,7 @@ class Check(Answer[CheckDocument]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scene(Answer[ShowDocument]):
+class Scene(Answer["ShowDocument"]):
     """A workspace as understood."""
 
     cell: Cell
@@ -261,6 +270,8 @@ class Scene(Answer[ShowDocument]):
     @cached_property
     def document(self) -> ShowDocument:
         """The document of `sqrp show`."""
+        from sqrp_cli.report.documents.scene import ShowDocument
+
         return ShowDocument.of(self.cell)
 
     def show(self) -> None:
@@ -271,7 +282,7 @@ class Scene(Answer[ShowDocument]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scores(Answer[ScoreDocument]):
+class Scores(Answer["ScoreDocument"]):
     """Every task of some workspaces."""
 
     findings: Scorecard
@@ -296,6 +307,8 @@ class Scores(Answer[ScoreDocument]):
     @cached_property
     def document(self) -> ScoreDocument:
         """The document of `sqrp score`."""
+        from sqrp_cli.report.documents.scores import ScoreDocument
+
         return ScoreDocument.of(self.findings)
 
     def show(self) -> None:
@@ -317,7 +330,7 @@ class Difference(Scores):
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
-class SimulatedRun(Answer[RunDocument]):
+class SimulatedRun(Answer["RunDocument"]):
     """How a run of a program went."""
 
     cell: RunCell
@@ -350,6 +363,8 @@ class SimulatedRun(Answer[RunDocument]):
     @cached_property
     def document(self) -> RunDocument:
         """The document of `sqrp run`."""
+        from sqrp_cli.report.documents.runs import RunDocument
+
         return RunDocument.of(self.cell.name, self.report)
 
     def show(self) -> None:
@@ -374,7 +389,7 @@ class SimulatedRun(Answer[RunDocument]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SlipSweep(Answer[SweepDocument]):
+class SlipSweep(Answer["SweepDocument"]):
     """Runs of a program with a slip at different instants, and how well the delays were predicted."""
 
     program: Program
@@ -400,6 +415,8 @@ class SlipSweep(Answer[SweepDocument]):
     @cached_property
     def document(self) -> SweepDocument:
         """The document of `sqrp run --sweep`."""
+        from sqrp_cli.report.documents.runs import SweepDocument
+
         return SweepDocument.of(self.workspace, self.text, self.step, self.runs, self.summary)
 
     def show(self) -> None:
@@ -410,7 +427,7 @@ class SlipSweep(Answer[SweepDocument]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Audit(Answer[AuditDocument]):
+class Audit(Answer["AuditDocument"]):
     """What recorded frames say about the predictions of a program."""
 
     program: Program
@@ -435,6 +452,8 @@ class Audit(Answer[AuditDocument]):
     @cached_property
     def document(self) -> AuditDocument:
         """The document of `sqrp audit`."""
+        from sqrp_cli.report.documents.runs import AuditDocument
+
         return AuditDocument.of(self.workspace, self.report, self.threshold)
 
     def show(self) -> None:
@@ -445,7 +464,7 @@ class Audit(Answer[AuditDocument]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class NewCell(Answer[InitDocument]):
+class NewCell(Answer["InitDocument"]):
     """A new workspace."""
 
     starter: Starter
@@ -467,6 +486,8 @@ class NewCell(Answer[InitDocument]):
     @cached_property
     def document(self) -> InitDocument:
         """The document of `sqrp init`."""
+        from sqrp_cli.report.documents.scene import InitDocument
+
         made = self.starter
         return InitDocument(workspace=str(made.folder), tool_link=made.tip, objects=list(made.cubes), task=made.task)
 

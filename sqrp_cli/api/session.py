@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sqrp_cli.errors import Infeasible, InputError, Place, Problem, expected_names
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
@@ -19,9 +20,11 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.programming.task import Task, read_task
-from sqrp_cli.scoring.scorecard import Progress
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.suggestion import SuggestedStep
+    from sqrp_cli.scoring.scorecard import Progress
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ import sys
 from contextlib import suppress
 
 from sqrp_cli.cli.streams import ResultsLost, prepare_streams
-from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
+from sqrp_cli.platform.memory import collect_later, collect_no_more, keep_freed_memory
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -16,7 +16,9 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Run a command and leave with its exit code."""
-    sys.exit(run(sys.argv[1:]))
+    code = run(sys.argv[1:])
+    collect_no_more()
+    sys.exit(code)
 
 
 def run(arguments: list[str]) -> int:
@@ -43,5 +45,5 @@ def _prepare() -> None:
     # Processes share the cores already; threads of linear algebra would get in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     keep_freed_memory()
-    collect_seldom()
+    collect_later()
     prepare_streams()

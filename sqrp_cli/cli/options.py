@@ -11,6 +11,7 @@ import typer
 
 from sqrp_cli.api.arguments import LEAST_STEP, LEAST_TOLERANCE, MOST_SAMPLES
 from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
     from sqrp_cli.api.cell import OpenCell
@@ -103,6 +104,7 @@ def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:
     from sqrp_cli.api.cell import OpenCell
 
     cell = OpenCell.read(path, seed)
+    keep_all_so_far()
     _print_warnings(cell)
     return cell
 
@@ -112,6 +114,7 @@ def read_program(path: Path, seed: int = 0) -> OpenProgram:
     from sqrp_cli.api.program import OpenProgram
 
     program = OpenProgram.read(path, seed)
+    keep_all_so_far()
     _print_warnings(program.cell)
     return program
 

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache, lru_cache
-from importlib.resources import files
-from typing import TYPE_CHECKING, TypeAlias
+from functools import lru_cache
+from typing import NamedTuple, TypeAlias
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.logic.source_text import SourceText, character_name, depth, is_token, is_unseen
-
-if TYPE_CHECKING:
-    from lark import Lark, Token, Tree
+from sqrp_cli.logic.source_text import SourceText, character_name, is_unseen
 
 MAX_DEPTH = 50
 """Deepest nesting of lists."""
@@ -20,9 +17,15 @@ MAX_DEPTH = 50
 MAX_LENGTH = 1_000_000
 """Most characters of a file."""
 
+_PART = re.compile(r";[^\n]*|[()]|[^ \t\f\r\n();]+")
+"""A comment, a parenthesis or a word.
+
+A word has all but parentheses and what is skipped, which is less than what Python calls space: it shows as part of a
+wrong name.
+"""
 
 _NOT_PLAIN = re.compile(r";[^\n]*|[^\t\n\f\r -~]")
-"""Comments, and characters that are neither printable ASCII nor white space of the grammar."""
+"""Comments, and characters that are neither printable ASCII nor white space between words."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,6 @@ def read_list(source: SourceText) -> WordList:
     Raises InputError for invisible characters, unbalanced parentheses and text outside them, with line, column and
     excerpt.
     """
-    from lark.exceptions import UnexpectedInput
-
     if len(source.text) > MAX_LENGTH:
         message = f"the file has {len(source.text)} characters; at most {MAX_LENGTH} are read"
         raise InputError(Problem("pddl-too-long", message, source.place))
@@ -69,59 +70,73 @@ def read_list(source: SourceText) -> WordList:
             raise InputError(
                 source.problem("pddl-character", message, found.start(), "remove it, or put a blank or an end of line")
             )
-    try:
-        tree = _tree(source.text)
-    except UnexpectedInput:
-        raise InputError(_syntax_problem(source)) from None
-    if depth(tree) > MAX_DEPTH:
+    nested = _nested(source.text)
+    if nested is None:
+        raise InputError(_syntax_problem(source))
+    if nested.depth > MAX_DEPTH:
         raise InputError(source.problem("pddl-too-deep", f"lists are nested deeper than {MAX_DEPTH} levels", 0))
-    return _list(tree)
+    return nested.whole
+
+
+class _Nested(NamedTuple):
+    """A list with the levels of lists in it."""
+
+    whole: WordList
+    depth: int
 
 
 @lru_cache(maxsize=64)
-def _tree(text: str) -> Tree[Token]:
-    """The syntax tree of a text, cached: cells often share the texts of skills."""
-    return _parser().parse(text)
+def _nested(text: str) -> _Nested | None:
+    """The list that a text is, None if it is anything else; cached: cells often share the texts of skills.
+
+    Without recursion, so that no input exhausts the stack.
+    """
+    open_lists: list[tuple[list[Node], int]] = []
+    whole, depth = None, 0
+    for part, offset in _parts(text):
+        if whole is not None or (part != "(" and not open_lists):
+            return None
+        if part == "(":
+            open_lists.append(([], offset))
+            depth = max(depth, len(open_lists))
+        elif part != ")":
+            open_lists[-1][0].append(Word(part.lower(), offset))
+        else:
+            items, start = open_lists.pop()
+            ended = WordList(tuple(items), start)
+            if open_lists:
+                open_lists[-1][0].append(ended)
+            else:
+                whole = ended
+    return _Nested(whole, depth) if whole is not None else None
 
 
-@cache
-def _parser() -> Lark:
-    from lark import Lark
-
-    grammar = files("sqrp_cli.logic").joinpath("pddl.lark").read_text(encoding="utf-8")
-    return Lark(grammar, parser="lalr", start="list", propagate_positions=True)
-
-
-def _list(tree: Tree[Token]) -> WordList:
-    nodes = (Word(item.lower(), item.start_pos or 0) if is_token(item) else _list(item) for item in tree.children)
-    return WordList(tuple(nodes), tree.meta.start_pos)
+def _parts(text: str) -> Iterator[tuple[str, int]]:
+    """Parentheses and words, each with the offset of its first character."""
+    return ((found[0], found.start()) for found in _PART.finditer(text) if not found[0].startswith(";"))
 
 
 def _syntax_problem(source: SourceText) -> Problem:
     """The problem with the parentheses of a text that is not one list."""
-    open_lists: list[Token] = []
+    open_lists: list[int] = []  # offsets of their parentheses
     before = ""
     ended = False
-    for token in _parser().lex(source.text):
+    for part, offset in _parts(source.text):
         if ended:
-            message = f"`{token}` follows after the end of the domain; is there a `)` too many before it?"
-            return source.problem("pddl-syntax", message, _offset(token))
-        if token.type == "_LPAR":
-            open_lists.append(token)
-        elif token.type == "_RPAR" and open_lists:
+            message = f"`{part}` follows after the end of the domain; is there a `)` too many before it?"
+            return source.problem("pddl-syntax", message, offset)
+        if part == "(":
+            open_lists.append(offset)
+        elif part == ")" and open_lists:
             open_lists.pop()
             ended = not open_lists
         elif not open_lists:
-            return source.problem("pddl-syntax", f"expected `(define (domain ...`, found `{token}`", _offset(token))
-        elif before == "(" and token.startswith(":") and len(open_lists) > 2:
-            line = source.place_at(_offset(open_lists[-2])).line
-            message = f"`{token}` begins inside the list that line {line} opens; is a `)` missing before it?"
-            return source.problem("pddl-syntax", message, _offset(open_lists[-1]))
-        before = str(token)
+            return source.problem("pddl-syntax", f"expected `(define (domain ...`, found `{part}`", offset)
+        elif before == "(" and part.startswith(":") and len(open_lists) > 2:
+            line = source.place_at(open_lists[-2]).line
+            message = f"`{part}` begins inside the list that line {line} opens; is a `)` missing before it?"
+            return source.problem("pddl-syntax", message, open_lists[-1])
+        before = part
     if not open_lists:
         return source.problem("pddl-syntax", "the file is empty; expected `(define (domain ...`", 0)
-    return source.problem("pddl-syntax", "this parenthesis is never closed", _offset(open_lists[-1]))
-
-
-def _offset(token: Token) -> int:
-    return token.start_pos or 0
+    return source.problem("pddl-syntax", "this parenthesis is never closed", open_lists[-1])

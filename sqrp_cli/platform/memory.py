@@ -8,8 +8,8 @@ import gc
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """Numbers of mallopt(3)."""
 
-_NEW_OBJECTS = 20_000
-"""Number of new lists, dicts and records that triggers a garbage collection."""
+_NEW_OBJECTS, _FIRST_OBJECTS = 20_000, 200_000
+"""Number of new lists, dicts and records that triggers a garbage collection; the second while a command starts."""
 
 _LARGEST_KEPT, _KEPT = 32 * 1024 * 1024, 256 * 1024 * 1024
 """Arrays up to this size (the largest that mallopt takes) use the heap, which keeps as much free memory [bytes]."""
@@ -38,9 +38,22 @@ def collect_seldom() -> None:
     gc.set_threshold(_NEW_OBJECTS)
 
 
-def keep_all_so_far() -> None:
-    """Exclude all present objects from garbage collection, also at exit.
+def collect_later() -> None:
+    """Run no garbage collection while modules are imported and files are read, until `keep_all_so_far`."""
+    gc.set_threshold(_FIRST_OBJECTS)
 
-    For data that was read and stays: scanning it takes a tenth of the time of a short command.
+
+def keep_all_so_far() -> None:
+    """Exclude all present objects from garbage collection, and collect new ones seldom.
+
+    For data that was read and stays: scanning it takes a tenth of the time of a short command. Only the first time in
+    a process, because later ones would also keep what is no longer used.
     """
+    if gc.get_freeze_count() == 0:
+        gc.freeze()
+    collect_seldom()
+
+
+def collect_no_more() -> None:
+    """Exclude all objects from the garbage collection at exit, which would take a tenth of a second."""
     gc.freeze()

@@ -48,7 +48,10 @@ Completed = TypeVar("Completed")
 class Entry(BaseModel):
     """A mapping of a YAML file that accepts only the keys it declares."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=False, arbitrary_types_allowed=True)
+    # A validator is built when a file is read with it, and not for every entry within another one.
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, populate_by_name=False, arbitrary_types_allowed=True, defer_build=True
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -142,7 +145,7 @@ def _check_keys(data: object, keys: Mapping[str, bool]) -> None:
 class ForeignEntry(BaseModel):
     """An entry of a file that other programs write: unknown keys are ignored."""
 
-    model_config = ConfigDict(extra="ignore", frozen=True)
+    model_config = ConfigDict(extra="ignore", frozen=True, defer_build=True)
 
 
 def one_of(*keys: str) -> Discriminator:

@@ -1,0 +1,36 @@
+"""What a command loads before it begins: every module that it does not use is time that its user waits."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+TABLETOP = Path(__file__).parents[2] / "workspaces" / "tabletop"
+
+PROBE = """
+import sys
+from sqrp_cli.cli.main import run
+code = run(sys.argv[2:])
+print(code, *sorted(set(sys.argv[1].split(",")) & set(sys.modules)), file=sys.stderr)
+"""
+
+HEAVY = ("asyncio", "distributed", "mujoco", "cv2", "ompl", "sqrp_cli.report.documents.scores", "sqrp_cli.scoring")
+"""Modules that no ranking of cubes on a table needs."""
+
+READING = ("numpy", "pydantic", "rich.console", "yaml", "lark", "pinocchio", "coal")
+"""Modules that wait until a workspace is read."""
+
+
+def loaded(modules: tuple[str, ...], *arguments: str) -> str:
+    command = [sys.executable, "-c", PROBE, ",".join(modules), *arguments]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return done.stderr.splitlines()[-1]
+
+
+def test_a_ranking_loads_only_what_it_uses():
+    assert loaded(("pinocchio", *HEAVY), "rank", str(TABLETOP), "pickup g2") == "0 pinocchio"
+
+
+def test_help_is_there_before_anything_is_read():
+    assert loaded((*HEAVY, *READING), "--help") == "0"
