@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import SuggestedStep
     from sqrp_cli.report.documents.candidates import CandidateFigures, RankDocument
     from sqrp_cli.report.documents.checks import CheckDocument, CheckedCandidate
-    from sqrp_cli.report.documents.document import Document, TaskDocument
+    from sqrp_cli.report.documents.document import Document
     from sqrp_cli.report.documents.explanation import CandidateStudy, ExplainAllDocument, ExplainDocument
     from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
     from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
