@@ -151,7 +151,7 @@ class Ranking(Answer["RankDocument"]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Explanation(Answer["TaskDocument"]):
+class Explanation(Answer["ExplainDocument | ExplainAllDocument"]):
     """Some candidates over time."""
 
     session: Session
