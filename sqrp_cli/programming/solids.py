@@ -74,6 +74,30 @@ class Solid:
         return abs(turns) > 0.5 and abs(turns - round(turns)) < _CLOSED
 
 
+class Solids(tuple[Solid, ...]):
+    """s solids in the order of their indices, with the bounds of all of them as arrays."""
+
+    @cached_property
+    def parents(self) -> tuple[str, ...]:
+        """The parent of each."""
+        return tuple(solid.part.parent for solid in self)
+
+    @cached_property
+    def boxes(self) -> Array:
+        """`Solid.box` of each, shape (s, 4, 4)."""
+        return np.array([solid.box for solid in self]).reshape(-1, 4, 4)
+
+    @cached_property
+    def radii(self) -> Array:
+        """`Solid.radius` of each [m], shape (s,)."""
+        return np.array([solid.radius for solid in self])
+
+    @cached_property
+    def corners(self) -> Array:
+        """`Solid.corners` of each [m], shape (s, 8, 3)."""
+        return np.array([solid.corners for solid in self]).reshape(-1, 8, 3)
+
+
 def load_solid(part: Part, name: str | None = None) -> Solid:
     """Make the solid of a part, with the part's name or another one; meshes are read once per file and scale.
 

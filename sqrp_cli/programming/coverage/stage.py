@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import cached_property
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,9 +69,16 @@ class Stage:
         """World poses of every frame at each sample."""
         return states_of([self], [samples])
 
-    def object_poses(self, samples: Samples, X_WT: Array) -> Mapping[str, Array]:
-        """World poses of the objects at samples with these poses of the tool frame, shape (m, 4, 4); (4, 4) at rest."""
-        return {**self.X_WO, **{name: carried_poses(X_WT, self._stays(name, samples)) for name in self._carried}}
+    @cached_property
+    def resting(self) -> dict[str, Array]:
+        """World poses of the objects that the motion does not carry, and of all at its start, shape (1, 4, 4) each."""
+        starts = {name: fixed_frame(X_start) for name, X_start in self.X_WO.items()}
+        objects = {name: X_start for name, X_start in starts.items() if name not in self._carried}
+        return frame_poses({}, objects, starts, fixed_frame())
+
+    def carried(self, samples: Samples, X_WT: Array) -> dict[str, Array]:
+        """World poses of the objects that the motion carries, at samples with these poses of the tool; (m, 4, 4)."""
+        return {name: carried_poses(X_WT, self._stays(name, samples)) for name in self._carried}
 
     def _stays(self, name: str, samples: Samples) -> Iterator[Stay]:
         """The stays of an object that some primitives carry and that rests in the others."""
@@ -89,24 +97,28 @@ def states_of(stages: Sequence[Stage], samples: Sequence[Samples]) -> SceneState
     """World poses of every frame at the samples of stages in one cell, those of one stage after the other's."""
     model, counts = stages[0].model, [len(some) for some in samples]
     q = [stage.positions(some) for stage, some in zip(stages, samples, strict=True)]
-    X_WL = model.link_poses(np.concatenate(q))
+    X_WL = model.link_poses(np.concatenate(q) if len(q) > 1 else q[0])
     links = {name: X[:1] if name in model.still_links else X for name, X in X_WL.items()}
     X_WT = np.split(X_WL[model.tool_frame], np.cumsum(counts)[:-1])
-    objects = [stage.object_poses(some, X) for stage, some, X in zip(stages, samples, X_WT, strict=True)]
-    frames = frame_poses(links, _joined(objects, counts), _joined([s.X_WO for s in stages], counts), fixed_frame())
-    return SceneStates(sum(counts), frames)
+    carried = [stage.carried(some, X) for stage, some, X in zip(stages, samples, X_WT, strict=True)]
+    return SceneStates(sum(counts), frame_poses(links, _objects(stages, carried, counts), {}, fixed_frame()))
 
 
-def _joined(poses: Sequence[Mapping[str, Array]], counts: Sequence[int]) -> dict[str, Array]:
-    """Poses of frames over batches of states, one after the other; each (4, 4) where it rests for its whole batch.
+def _objects(
+    stages: Sequence[Stage], carried: Sequence[Mapping[str, Array]], counts: Sequence[int]
+) -> Mapping[str, Array]:
+    """World poses of all objects and their starts over the states of stages, one stage after the other.
 
-    Shape (m, 4, 4) each, or (1, 4, 4) for a frame that rests at one place in all of them.
+    carried: by each stage, over its states. Shape (m, 4, 4), or (1, 4, 4) for what rests at one place in all of them.
     """
 
     def join(name: str) -> Array:
-        first, *others = (batch[name] for batch in poses)
-        if first.ndim == 2 and all(X is first or np.array_equal(X, first) for X in others):
-            return fixed_frame(first)
-        return np.concatenate([np.broadcast_to(X, (m, 4, 4)) for X, m in zip((first, *others), counts, strict=True)])
+        poses = [{**stage.resting, **own}[name] for stage, own in zip(stages, carried, strict=True)]
+        if len(poses[0]) == 1 and all(np.array_equal(X, poses[0]) for X in poses):
+            return poses[0]
+        return np.concatenate([np.broadcast_to(X, (count, 4, 4)) for X, count in zip(poses, counts, strict=True)])
 
-    return {name: join(name) for name in poses[0]}
+    resting = stages[0].resting
+    in_one_world = all(stage.X_WO is stages[0].X_WO for stage in stages)
+    moved = dict.fromkeys(chain.from_iterable(carried if in_one_world else [resting, *carried]))
+    return {**resting, **{name: join(name) for name in moved}}

@@ -22,7 +22,7 @@ from sqrp_cli.programming.sensing.sight_lines import BoxViews, WatchedBoxes
 from sqrp_cli.programming.sensing.visibility.culprit import find_culprits, find_largest
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.solids import Solid, Solids
 from sqrp_cli.programming.targets import SoughtBox, Target
 
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -71,11 +71,13 @@ class Observer:
     cameras: tuple[Camera, ...]
     solids: tuple[Solid, ...]
     _projections: tuple[Projection, ...] = field(init=False)
+    _solids: Solids = field(init=False)
     _parts: Indices = field(init=False)
     _tester: HullTester = field(init=False, default_factory=HullTester)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_projections", tuple(Projection.of(camera) for camera in self.cameras))
+        object.__setattr__(self, "_solids", Solids(self.solids))
         _, parts = np.unique([solid.name for solid in self.solids], return_inverse=True)
         object.__setattr__(self, "_parts", parts)
 
@@ -119,7 +121,7 @@ class Observer:
         return [np.flatnonzero(responses == response) for response in np.unique(responses)]
 
     def _watched(self, boxes: Sequence[SoughtBox], states: SceneStates) -> WatchedBoxes:
-        return WatchedBoxes(boxes, self._projections, self.solids, states)
+        return WatchedBoxes(boxes, self._projections, self._solids, states)
 
     def limits(self, boxes: Sequence[SoughtBox], states: SceneStates, rows: Indices) -> LimitVerdicts:
         """Limits of every camera for boxes in the states `rows`: all rows of the first box, then of the next.

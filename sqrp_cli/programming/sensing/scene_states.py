@@ -4,27 +4,33 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices, check_finite, pose
+from sqrp_cli.geometry import Array, Indices, Mask, check_finite, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.skill.target_box import TargetBox
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.solids import Solids
 
 
 @dataclass(frozen=True, eq=False)
 class SolidPoses:
     """Solids with the world poses of their parents over a batch of m states."""
 
-    solids: tuple[Solid, ...]
+    solids: Solids
     """In the order of their indices."""
     X_WP: Mapping[str, Array]
     """Pose of each parent by name, shape (m, 4, 4), or (1, 4, 4) where it never moves."""
 
+    @cached_property
+    def moves(self) -> Mask:
+        """Whether each solid ever moves, shape (s,)."""
+        return np.array([len(self.X_WP[parent]) > 1 for parent in self.solids.parents], dtype=bool)
+
     def pose(self, index: int) -> Array:
         """World poses of a solid's parent, shape (m or 1, 4, 4)."""
-        return self.X_WP[self.solids[index].part.parent]
+        return self.X_WP[self.solids.parents[index]]
 
     def at(self, solid: Indices, state: Indices) -> Array:
         """World poses of the parents of solids in states, both by index and of shape (n,); shape (n, 4, 4)."""
@@ -46,6 +52,12 @@ class SceneStates:
 
     def __post_init__(self) -> None:
         """Raises ValueError if a pose is not finite."""
+        frames = list(self.X_WF.values())
+        resting = [X_WF for X_WF in frames if len(X_WF) == 1]  # together, because there may be hundreds
+        if resting and np.isfinite(np.concatenate(resting)).all():
+            frames = [X_WF for X_WF in frames if len(X_WF) != 1]
+        if all(np.isfinite(X_WF).all() for X_WF in frames):
+            return
         for name, X_WF in self.X_WF.items():
             check_finite(f"the poses of `{name}`", X_WF)
 
@@ -59,7 +71,7 @@ class SceneStates:
         poses: Array = self.X_WF[box.frame] @ box.X_FB
         return poses
 
-    def solid_poses(self, solids: tuple[Solid, ...]) -> SolidPoses:
+    def solid_poses(self, solids: Solids) -> SolidPoses:
         """World poses of solids."""
         return SolidPoses(solids, self.X_WF)
 

@@ -16,7 +16,7 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, begins_run, inver
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.limits import LimitVerdicts, check_limits
 from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses, poses_at
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.solids import Solids
 from sqrp_cli.programming.targets import SoughtBox
 
 SKIN = 1e-3
@@ -130,7 +130,7 @@ class WatchedBoxes:
     """b boxes."""
     projections: Sequence[Projection]
     """Of c cameras."""
-    solids: tuple[Solid, ...]
+    solids: Solids
     """s solids; each may hide the boxes that do not enclose it."""
     states: SceneStates
     """m states."""

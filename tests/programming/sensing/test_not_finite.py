@@ -19,7 +19,7 @@ from sqrp_cli.programming.sensing.scene_states import SceneStates, SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
-from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.programming.solids import Solids, load_solid
 from tests.programming.sensing.views import box_part, make_box, make_camera, make_detector
 
 NAN = float("nan")
@@ -85,7 +85,7 @@ def test_a_sight_line_that_is_not_finite_is_near_everything_met_by_it_and_sees_n
     """The solid is far from where the line of sight would be."""
     X_WC, X_WB = look_at((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)), pose()
     solid = load_solid(box_part("aside", (0.01, 0.01, 0.01), pose(position=(5.0, 0.0, 0.0))))
-    poses, one = SolidPoses((solid,), {"world": pose()[None]}), np.zeros(1, dtype=np.int64)
+    poses, one = SolidPoses(Solids((solid,)), {"world": pose()[None]}), np.zeros(1, dtype=np.int64)
     opaque = np.ones((1, 1), dtype=bool)
 
     def lines(X_WC: Array, X_WB: Array) -> SightLines:

@@ -35,7 +35,7 @@ def near_pairs(lines: SightLines, poses: SolidPoses, opaque: Mask) -> Pairs:
     if not len(lines.state) or not len(solids):
         return Pairs(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
     hulls = _HullBounds.of(lines)
-    moves = np.array([len(poses.pose(index)) > 1 for index in solids.tolist()])
+    moves = poses.moves[solids]
     every_hull = np.arange(len(lines.box))
     # Solids at rest are compared with each hull once, for all its lines.
     standing = _Bounds.of(poses, solids[~moves], count=1)
@@ -135,11 +135,16 @@ class _Bounds:
     def of(cls, poses: SolidPoses, solids: Indices, count: int) -> _Bounds:
         """The bounds of some of the solids in the first `count` states."""
         axes_and_center = np.empty((4, 3, len(solids), count))
-        for row, index in enumerate(solids.tolist()):
-            # One product of two matrices instead of one for every state.
-            columns_W = (poses.pose(index)[:count].reshape(-1, 4) @ poses.solids[index].box).reshape(-1, 4, 4)
-            axes_and_center[:, :, row] = columns_W[:, :3].transpose(2, 1, 0)
-        radii = np.array([[poses.solids[index].radius] for index in solids.tolist()])
+        if count == 1 and len(solids):
+            X_WP = np.concatenate([poses.pose(index)[:1] for index in solids.tolist()])
+            columns_W = X_WP @ poses.solids.boxes[solids]
+            axes_and_center[..., 0] = columns_W[:, :3].transpose(2, 1, 0)
+        else:
+            for row, index in enumerate(solids.tolist()):
+                # One product of two matrices instead of one for every state.
+                columns_W = (poses.pose(index)[:count].reshape(-1, 4) @ poses.solids.boxes[index]).reshape(-1, 4, 4)
+                axes_and_center[:, :, row] = columns_W[:, :3].transpose(2, 1, 0)
+        radii = poses.solids.radii[solids, None]
         return cls(solids=solids, centers=axes_and_center[3], radii=radii, half_axes=axes_and_center[:3])
 
 

@@ -95,17 +95,13 @@ class RayGrid:
         (low_u, low_v), (step_u, step_v) = self.low[:, hull], self.step[:, hull]
         return np.stack([(x - low_u * depth) / step_u, (y - low_v * depth) / step_v - 0.5 * depth, depth])
 
-    def may_hold(self, hull: Indices, corners: Array) -> Mask:
-        """Whether shapes may reach into the pyramid of the grid's rays, shape (n,); a no is certain.
-
-        corners: shape (3, k, n), coordinate first; they may lie behind the camera.
-        """
-        low, high = self.low[:, hull], self.low[:, hull] + self.step[:, hull] * _COUNTS
-        depth = corners[2]
-        may: Mask = (depth > 0).any(axis=0)
-        for axis in range(2):
-            may &= (corners[axis] >= low[axis] * depth).any(axis=0) & (corners[axis] <= high[axis] * depth).any(axis=0)
-        return may
+    def beside(self, hull: Indices, points_C: Array) -> list[Mask]:
+        """Whether points (k, n, 3) seen in k of the views lie beyond each side of the pyramid of rays, (k, n) each."""
+        low, high = self.low[:, hull, None], self.low[:, hull, None] + self.step[:, hull, None] * _COUNTS[:, None]
+        depth = points_C[..., 2]
+        return [points_C[..., axis] < low[axis] * depth for axis in range(2)] + [
+            points_C[..., axis] > high[axis] * depth for axis in range(2)
+        ]
 
     def inside(self, hull: Indices, v: Array, functions: Array) -> MetRays:
         """The rays at which all functions of a shape are positive.
@@ -116,14 +112,13 @@ class RayGrid:
         shape, row = ranges(*first_row((v - self.low[1, hull]) / self.step[1, hull] - 0.5))
         (left, top), (across, down) = self.low[:, hull[shape]], self.step[:, hull[shape]]
         at = top + down * (row + 0.5)
-        low, high = np.full(len(row), -np.inf), np.full(len(row), np.inf)
-        for function in functions:
-            a, b, c = function.take(shape, axis=1)
-            rest = b * at + c
-            with np.errstate(divide="ignore", invalid="ignore"):
-                bound = -rest / a
-            low, high = np.where(a > 0, np.fmax(low, bound), low), np.where(a < 0, np.fmin(high, bound), high)
-            high[(a == 0) & (rest < 0)] = -np.inf
+        a, b, c = functions.take(shape, axis=2).swapaxes(0, 1)
+        rest = b * at + c
+        with np.errstate(divide="ignore", invalid="ignore"):
+            bound = -rest / a
+        low = np.where(a > 0, bound, -np.inf).max(axis=0)
+        high = np.where(a < 0, bound, np.inf).min(axis=0)
+        high[((a == 0) & (rest < 0)).any(axis=0)] = -np.inf
         low, high = ((bound - left) / across - SHIFT[row] for bound in (low, high))
         within, column = ranges(np.ceil(np.clip(low, 0.0, COLUMNS)), np.ceil(np.clip(high, 0.0, COLUMNS)))
         return MetRays(column=column, shape=shape[within], row=row[within])

@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, begins_run, cross, inverse, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
@@ -39,6 +40,9 @@ _CHUNK = 1024
 
 _MEMORY = 2_000_000
 """Most triangles, counted for each sight line, to test together, to bound the memory."""
+
+_BEFORE = np.uint16(0b11)
+"""Bits of the regions before a box, see `_SeenBoxes.regions`."""
 
 _BOX = Triangulation.of_triangles(BOX_SIGNS, BOX_TRIANGLES)
 
@@ -89,14 +93,15 @@ def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, 
     at = hull[line]
     X_WP = poses.at(which, state[line])
     X_CP = view.X_CW[at] @ X_WP
-    maps, bounds_P = view.grid.maps(at, X_CP), np.stack([solid.corners for solid in poses.solids])[which]
+    maps, bounds_P = view.grid.maps(at, X_CP), poses.solids.corners[which]
     eyes_P, sides = inverse(X_CP)[:, :, 3].T.astype(np.float32), beyond_sides(maps, np.abs(bounds_P).max())
     depth = (bounds_P @ X_CP[:, 2, :3, None])[..., 0] + X_CP[:, 2, 3, None]
     reaching: Mask = np.any((depth <= AHEAD) | (depth >= view.nearest[at, None]), axis=1)
     if reaching.any():
         rows = np.flatnonzero(reaching)
         bounds_B = transform(view.X_BW[at[rows]] @ X_WP[rows], bounds_P[rows])
-        reaching[rows] = ~view.places(at[rows], bounds_B).all_before()
+        regions = view.regions(at[rows], bounds_B, transform(X_CP[rows], bounds_P[rows]))
+        reaching[rows] = (np.bitwise_and.reduce(regions, axis=1) & _BEFORE) == 0
 
     # One layer for each silhouette, then one for the occluders of each line.
     bends, marked, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
@@ -108,16 +113,16 @@ def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, 
         if len(doubtful):
             of = rows[doubtful]
             points_B = transform(view.X_BW[at[of]] @ X_WP[of], surface.vertices)
-            places = view.places(at[of], points_B)
-            before, beyond = _wholly_in(places.before, surface.triangles), _wholly_in(places.beyond, surface.triangles)
-            through = ~before & ~beyond
+            points_C = transform(X_CP[of], surface.vertices)
+            regions = _in_all(view.regions(at[of], points_B, points_C), surface.triangles)
+            through = regions == 0
             if surface.is_convex:  # a ray that meets its back has met its front, unless the camera is inside
                 front = turned[:-1, doubtful].T > 0
                 through &= front | ~front.any(axis=1, keepdims=True)
-            turned[:-1, doubtful] *= before.T
+            turned[:-1, doubtful] *= ((regions & _BEFORE) != 0).T
             row, triangle = np.nonzero(through)
-            corners_B = np.moveaxis(points_B[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
-            rays = view.blocked(at[of[row]], corners_B)
+            corners_C = np.moveaxis(points_C[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
+            rays = view.blocked(at[of[row]], corners_C)
             marked.append((rays.column, line[of[row[rays.shape]]], rays.row))
         bends.append(Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
     inside = Silhouette.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
@@ -185,33 +190,35 @@ class _SeenBoxes:
         turned = signs(np.repeat(sides, 2, axis=0))
         return Bends.of(_BOX, turned, beyond_sides(self.maps, 1.0), np.arange(len(self.eyes)))
 
-    def places(self, hull: Indices, points_B: Array) -> _Places:
-        """The regions of points (k, n, 3) seen in k of the views."""
-        X_CB = self.X_CB[hull]
-        depth = (points_B @ X_CB[:, 2, :3, None])[..., 0] + X_CB[:, 2, 3, None]
+    def regions(self, hull: Indices, points_B: Array, points_C: Array) -> NDArray[np.uint16]:
+        """The convex regions in which points seen in k of the views lie, one bit each, shape (k, n).
+
+        A triangle wholly in one of the first two, of the bits `_BEFORE`, blocks the rays that it meets; wholly in any
+        other region, it blocks none. points_B, points_C: in the frames of box and camera, shape (k, n, 3).
+        """
+        eyes, low, high = self.eyes[hull], self.low[hull], self.high[hull]
+        depth = points_C[..., 2]
         ahead = depth > AHEAD
         # Where the far faces lie on the axes; nothing is beyond a face that looks to the camera.
-        eyes, low, high = self.eyes[hull], self.low[hull], self.high[hull]
         low, high = np.where(eyes > low, low, -np.inf), np.where(eyes < high, high, np.inf)
-        beyond = [
-            side
-            for axis in range(3)
-            for side in (points_B[..., axis] <= low[:, axis, None], points_B[..., axis] >= high[:, axis, None])
-        ]
-        nearer = ahead & (depth < self.nearest[hull, None])
-        return _Places(before=(nearer, ahead & ~np.logical_or.reduce(beyond)), beyond=(~ahead, *beyond))
+        beyond = [points_B[..., axis] <= low[:, axis, None] for axis in range(3)]
+        beyond += [points_B[..., axis] >= high[:, axis, None] for axis in range(3)]
+        before = ahead & ~np.logical_or.reduce(beyond)
+        beside = self.grid.beside(hull, points_C)
+        masks = [ahead & (depth < self.nearest[hull, None]), before, ~ahead, *beyond, *beside]
+        regions = np.zeros(depth.shape, dtype=np.uint16)
+        for bit, mask in enumerate(masks):
+            regions |= mask.astype(np.uint16) << np.uint16(bit)
+        return regions
 
-    def blocked(self, hull: Indices, corners_B: Array) -> MetRays:
+    def blocked(self, hull: Indices, corners: Array) -> MetRays:
         """The rays that n triangles block before the far sides.
 
         By homogeneous edge functions a u + b v + c, all positive inside (M. Olano, T. Greer, 1997).
 
-        hull: in which view each triangle is looked at, shape (n,). corners_B: shape (3, 3, n), coordinate first.
+        hull: in which view each triangle is looked at, shape (n,). corners: in its optical frame, shape (3, 3, n),
+        coordinate first.
         """
-        R, t = self.X_CB[hull, :3, :3], self.X_CB[hull, :3, 3]
-        corners = np.einsum("nij,jkn->ikn", R, corners_B) + t.T[:, None]
-        touching = np.flatnonzero(self.grid.may_hold(hull, corners))
-        hull, corners = hull[touching], corners[:, :, touching]
         edges = np.stack([cross(corners[:, k].T, corners[:, (k + 1) % 3].T).T for k in range(3)])
         volume = np.einsum("in,in->n", corners[:, 2], edges[0])
         edges, volume = edges * np.where(volume < 0, -1.0, 1.0), np.abs(volume)
@@ -219,8 +226,7 @@ class _SeenBoxes:
         v = corners[1] / np.where(ahead, corners[2], 1.0)
         v = np.where(ahead, (v.min(axis=0), v.max(axis=0)), [[-np.inf], [np.inf]])
         v = np.where(volume > 0, v, 0.0)  # a triangle seen edge-on blocks nothing
-        rays = self.grid.inside(hull, v, np.concatenate([edges, self._before(hull, edges, volume)]))
-        return rays._replace(shape=touching[rays.shape])
+        return self.grid.inside(hull, v, np.concatenate([edges, self._before(hull, edges, volume)]))
 
     def _before(self, hull: Indices, edges: Array, volume: Array) -> Array:
         """Where the planes of n triangles are met before the far sides: functions a u + b v + c, positive there.
@@ -235,26 +241,10 @@ class _SeenBoxes:
         return np.concatenate([before_low, np.where(eyes < high, (high - eyes) * total - along, everywhere)])
 
 
-@dataclass(frozen=True, eq=False)
-class _Places:
-    """Convex regions of points that cameras see, one mask of shape (k, n) for each region."""
-
-    before: tuple[Mask, ...]
-    """A triangle wholly in one of these regions blocks the rays that it meets."""
-    beyond: tuple[Mask, ...]
-    """A triangle wholly in one of these regions blocks none."""
-
-    def all_before(self) -> Mask:
-        """Whether all points of a row lie in one of the regions before, shape (k,)."""
-        before: Mask = np.logical_or.reduce([mask.all(axis=1) for mask in self.before])
-        return before
-
-
-def _wholly_in(regions: tuple[Mask, ...], triangles: Indices) -> Mask:
-    """Whether all corners of triangles (F, 3) over points lie in one of the regions, (k, n) each; shape (k, F)."""
+def _in_all(regions: NDArray[np.uint16], triangles: Indices) -> NDArray[np.uint16]:
+    """The regions in which triangles (F, 3) lie wholly, from those of their corners (k, n), one bit each; (k, F)."""
     a, b, c = triangles.T
-    within: Mask = np.logical_or.reduce([mask[:, a] & mask[:, b] & mask[:, c] for mask in regions])
-    return within
+    return regions[:, a] & regions[:, b] & regions[:, c]
 
 
 def _count(rays: Mask) -> Array:

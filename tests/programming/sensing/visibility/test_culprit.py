@@ -10,7 +10,7 @@ from sqrp_cli.geometry import Array, look_at, pose, quaternion_to_matrix, transf
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.culprit import nearest_inside
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.solids import Solid, Solids
 from tests.programming.sensing.solids import solid_of
 
 POINTS = 6_000
@@ -49,7 +49,7 @@ def test_the_nearest_of_a_line_is_the_one_with_the_nearest_point_inside(seed):
             for _ in range(LINES)
         ]
     )
-    poses = SolidPoses(tuple(solids), {"world": X_WP})
+    poses = SolidPoses(Solids(solids), {"world": X_WP})
     eyes = generator.normal(scale=0.05, size=(LINES, 3))
     X_WC = np.stack([look_at(eye, (1.0, 0.0, 0.0)) for eye in eyes])
     X_WB = np.stack([pose(quaternion_to_matrix(generator.normal(size=4)), (1.0, 0.0, 0.0)) for _ in range(LINES)])

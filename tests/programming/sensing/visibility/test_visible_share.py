@@ -9,7 +9,7 @@ from sqrp_cli.geometry import BOX_SIGNS, Array, inverse, look_at, pose, quaterni
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.solids import Solid, Solids
 from sqrp_cli.shapes import BOX_TRIANGLES
 from tests.programming.sensing.solids import solid_of
 
@@ -21,7 +21,7 @@ CLOSE = 0.012
 
 
 def share(solids: list[Solid], X_WC: Array, X_WB: Array, size: Array) -> float:
-    poses = SolidPoses(tuple(solids), {"world": pose()[None]})
+    poses = SolidPoses(Solids(solids), {"world": pose()[None]})
     pairs = Pairs(np.zeros(len(solids), dtype=np.int64), np.arange(len(solids)))
     one = np.zeros(1, dtype=np.int64)
     lines = SightLines(one, one, one, X_WC[None], X_WB[None], 0.5 * size[None], np.zeros((1, 3)))
