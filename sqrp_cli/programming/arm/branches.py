@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from sqrp_cli.errors import InputError, Problem
-from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.geometry import Array, Mask, cross
 from sqrp_cli.knowledge.skill.settings import ANY, FASTEST
 from sqrp_cli.programming.arm.kinematics import RobotModel
 
@@ -58,8 +58,7 @@ def chosen_branches(model: RobotModel, q: Array, choice: BranchChoice) -> Mask:
     if not chosen:
         return wanted
     _check(model, choice)
-    for row, position in enumerate(q):
-        words = _words(model, position)
+    for row, words in enumerate(_words(model, q)):
         wanted[row] = all(words[name] == word for name, word in chosen.items())
     return wanted
 
@@ -72,44 +71,50 @@ def branch_words(model: RobotModel, q: Array) -> list[dict[str, str]]:
     senseless = _senseless(model)
     if len(senseless) == len(WORDS):
         return [{} for _ in q]
-    found = [_words(model, position) for position in q]
-    return [{name: word for name, word in words.items() if word and name not in senseless} for words in found]
+    return [
+        {name: word for name, word in words.items() if word and name not in senseless} for words in _words(model, q)
+    ]
 
 
-def _words(model: RobotModel, q: Array) -> dict[str, str]:
-    """The word of a position, shape (n,), for each name; empty between two branches."""
-    pairs = zip(WORDS.items(), _figures(model, q), strict=True)
-    return {name: (yes if figure > 0 else no) if abs(figure) > BETWEEN else "" for (name, (yes, no)), figure in pairs}
+def _words(model: RobotModel, q: Array) -> list[dict[str, str]]:
+    """The word of each of m positions, shape (m, n), for each name; empty between two branches."""
+
+    def word(figure: float, yes: str, no: str) -> str:
+        return (yes if figure > 0 else no) if abs(figure) > BETWEEN else ""
+
+    return [
+        {name: word(figure, *words) for (name, words), figure in zip(WORDS.items(), figures, strict=True)}
+        for figures in _figures(model, q).tolist()
+    ]
 
 
-def _figures(model: RobotModel, q: Array) -> tuple[float, float, float]:
-    """Three numbers, positive for elbow up, shoulder left and no flip, negative for the opposite."""
-    axes, origins = _axes(model, q), model.joint_origins(q)
-    up = np.array([0.0, 0.0, 1.0])
-    wrist = _wrist(axes, origins)
-    in_plane = np.eye(3) - np.outer(axes[1], axes[1])
-    line, to_elbow = in_plane @ (wrist - origins[1]), in_plane @ (origins[2] - origins[1])
-    across = np.cross(axes[1], line)
-    elbow = float(to_elbow @ across) * float(across @ up)
-    side = float(np.cross(wrist - origins[0], origins[1] - origins[0]) @ axes[0]) * float(np.sign(axes[0] @ up) or 1.0)
-    home = _bend(_axes(model, model.home))
-    return elbow, side, _bend(axes) * home
+def _figures(model: RobotModel, q: Array) -> Array:
+    """Three numbers of each of m positions, positive for elbow up, shoulder left and no flip; shape (m, 3)."""
+    axes, origins = model.joint_axes(q), model.joint_origins(q)
+    is_third = np.abs(_dot(axes[:, 2], axes[:, 3])) > ALONG
+    wrist = np.where(is_third[:, None], origins[:, 3], origins[:, 4])
+    first, second = axes[:, 0], axes[:, 1]
+    line, to_elbow = (
+        vector - _dot(vector, second)[:, None] * second
+        for vector in (wrist - origins[:, 1], origins[:, 2] - origins[:, 1])
+    )
+    across = cross(second, line)
+    elbow = _dot(to_elbow, across) * across[:, 2]
+    side = _dot(cross(wrist - origins[:, 0], origins[:, 1] - origins[:, 0]), first)
+    side *= np.where(first[:, 2] < 0, -1.0, 1.0)
+    home = _bend(model.joint_axes(model.home[None]))
+    return np.stack([elbow, side, _bend(axes) * home], axis=1)
 
 
-def _axes(model: RobotModel, q: Array) -> Array:
-    """Axes of the joints in the world, shape (n, 3)."""
-    axes: Array = model.jacobian(q)[3:].T
-    return axes
+def _dot(a: Array, b: Array) -> Array:
+    """Scalar products of vectors, shape (m, 3) each."""
+    dot: Array = np.einsum("mi,mi->m", a, b)
+    return dot
 
 
-def _wrist(axes: Array, origins: Array) -> Array:
-    wrist: Array = origins[3] if abs(axes[2] @ axes[3]) > ALONG else origins[4]
-    return wrist
-
-
-def _bend(axes: Array) -> float:
-    """Signed bend of the fifth joint: 0 where the axes of the fourth and the sixth are parallel."""
-    return float(np.cross(axes[3], axes[5]) @ axes[4])
+def _bend(axes: Array) -> Array:
+    """Signed bend of the fifth joint by the axes, (m, n, 3): 0 where those of the fourth and the sixth are parallel."""
+    return _dot(cross(axes[:, 3], axes[:, 5]), axes[:, 4])
 
 
 def _check(model: RobotModel, choice: BranchChoice) -> None:
@@ -124,7 +129,8 @@ def _senseless(model: RobotModel) -> Mapping[str, str]:
     """Why names have no meaning for the arm; those that have one are not in it."""
     if len(model.arm) != 6 or not model.turns.all() or not model.joints_move_alone:
         return dict.fromkeys(WORDS, "it takes an arm with six joints that turn one by one")
-    axes, origins = _axes(model, model.home), model.joint_origins(model.home)
+    home = model.home[None]
+    axes, origins = model.joint_axes(home)[0], model.joint_origins(home)[0]
     why = {}
     if abs(axes[1] @ axes[2]) < ALONG:
         why["elbow"] = "the axes of its second and third joint are not parallel"
@@ -132,6 +138,6 @@ def _senseless(model: RobotModel) -> Mapping[str, str]:
         why["shoulder"] = "its second joint is not beside the axis of the first one"
     if max(abs(axes[3] @ axes[4]), abs(axes[4] @ axes[5])) > 0.02:
         why["wrist"] = "the axes of its last three joints are not at right angles"
-    elif abs(_bend(axes)) < 1e-6:
+    elif abs(_bend(axes[None])[0]) < 1e-6:
         why["wrist"] = "its fifth joint is straight at home"
     return why

@@ -163,6 +163,14 @@ def _first_planner(use: SkillUse, scene: CollisionScene, seed: int) -> _Planner 
     return _Planner(scene, grounded, scene.model.arm_positions(use.world.joints), seed, REDUNDANCY_SAMPLES)
 
 
+def _within(ways: Sequence[Ways], masks: Sequence[Mask]) -> list[Station]:
+    """The ways in the masks; the others take endlessly long."""
+    return [
+        Station(through.q_start, through.q_end, np.where(mask, through.duration, np.inf))
+        for through, mask in zip(ways, masks, strict=True)
+    ]
+
+
 def _at_limits(model: RobotModel, world: World) -> World:
     """The world with joints that are measured to be just past a limit at that limit."""
     lower, upper = model.position_limits
@@ -201,8 +209,8 @@ class _Planner:
         ways = self._ways()
         if ways is None:
             return self._infeasible()
-        masks = self._masks(ways, branch) if branch else None
-        return self._fastest(ways, self._moves(ways), masks)
+        stations = _within(ways, self._masks(ways, branch)) if branch else ways
+        return self._fastest(ways, self._moves(ways), stations)
 
     def plan_each(self) -> Branches:
         """The fastest motion of each branch."""
@@ -211,10 +219,15 @@ class _Planner:
         if ways is None:
             return Branches(tried, (), self._infeasible().reasons)
         moves, branches = self._moves(ways), self._branches(ways)
-        planned = [(branch, self._fastest(ways, moves, self._masks(ways, branch), around=False)) for branch in branches]
+        stations = [_within(ways, self._masks(ways, branch)) for branch in branches]
+        moves.look_ahead(filter(None, (fastest_sequence(of_branch, moves.durations) for of_branch in stations)))
+        planned = [
+            (branch, self._fastest(ways, moves, of_branch, around=False))
+            for branch, of_branch in zip(branches, stations, strict=True)
+        ]
         feasible = [BranchMotion(branch, motion) for branch, motion in planned if isinstance(motion, Motion)]
         if not feasible:
-            motion = self._fastest(ways, moves, None)
+            motion = self._fastest(ways, moves, ways)
             if isinstance(motion, Infeasible):
                 return Branches(tried, (), motion.reasons)
             feasible = [BranchMotion({}, motion)]
@@ -273,16 +286,10 @@ class _Planner:
         return self._named[move.name]
 
     def _fastest(
-        self, ways: Sequence[Ways], moves: JointMoves, masks: Sequence[Mask] | None, *, around: bool = True
+        self, ways: Sequence[Ways], moves: JointMoves, stations: Sequence[Station], *, around: bool = True
     ) -> Motion | Infeasible:
-        """The fastest motion of the ways in the masks, by default of all. around: look for ways around, if need be."""
+        """The fastest motion of some of the ways; see `_within`. around: look for ways around, if need be."""
         durations = moves.durations
-        stations: Sequence[Station] = ways
-        if masks is not None:
-            stations = [
-                Station(w.q_start, w.q_end, np.where(mask, w.duration, np.inf))
-                for w, mask in zip(ways, masks, strict=True)
-            ]
         chosen = fastest_sequence(stations, durations, moves.direct_works)
         if chosen is None and around:
             chosen = fastest_sequence(stations, durations, moves.direct_works, moves.way_works)

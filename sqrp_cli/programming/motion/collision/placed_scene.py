@@ -6,8 +6,9 @@ motion within it. Other stretches are halved until a contact is found.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -59,7 +60,7 @@ class PlacedScene:
     def check_all(self, q: Array) -> tuple[Contact | None, ...]:
         """A contact, or None, at each of m joint positions, shape (m, n); of several, that of the last pair."""
         found: dict[int, Contact] = {}
-        for near in self._near(self._still(q), backwards=True, known=found):
+        for near in self._near(self._still(q), backwards=True, settled=found.__contains__):
             found[near.stretch] = near.contact
         return tuple(found.get(k) for k in range(len(q)))
 
@@ -99,22 +100,28 @@ class PlacedScene:
         None: all pairs keep their clearance everywhere. A contact: there a pair is closer than its clearance plus
         `resolution` [m]; the path keeps the clearance up to there.
         """
-        slopes = path.derivative_bounds()
-        first: Contact | None = None
-        stretches = Stretches.along(path, slopes, self.bound.radii, len(self._pairs.inner))
+        return self.check_paths([path], resolution)[0]
+
+    def check_paths(self, paths: Sequence[JointPath], resolution: float = RESOLUTION) -> list[Contact | None]:
+        """As `check_path` of each of several paths, which is faster together."""
+        if not paths:
+            return []
+        courses = [_Course(path, path.derivative_bounds()) for path in paths]
+        first: list[Contact | None] = [None] * len(paths)
+        until = np.full(len(paths), np.inf)
+        stretches = Stretches.along(courses, self.bound.radii, len(self._pairs.inner))
         while len(stretches.stretch):
-            open_ones, seen = [], -1
-            for near in self._near(stretches, resolution):
-                if first is not None and near.stretch > seen and near.contact.s >= first.s:
-                    break
-                seen = near.stretch
+            open_ones = []
+            s, of = stretches.s.tolist(), stretches.course.tolist()
+            for near in self._near(stretches, resolution, settled=lambda at, s=s, of=of: s[at] > until[of[at]]):
                 if near.bound >= resolution:
                     open_ones.append(near.combination)
-                if near.touches and (first is None or near.contact.s < first.s):
-                    first = near.contact
+                course = of[near.stretch]
+                if near.touches and near.contact.s < until[course]:
+                    first[course], until[course] = near.contact, near.contact.s
             if not open_ones:
                 break
-            stretches = stretches.halved(path, slopes, np.array(open_ones), np.inf if first is None else first.s)
+            stretches = stretches.halved(courses, np.array(open_ones), until)
         return first
 
     def _still(self, q: Array, s: Array | None = None) -> Stretches:
@@ -126,11 +133,11 @@ class PlacedScene:
         resolution: float = RESOLUTION,
         *,
         backwards: bool = False,
-        known: Container[int] = (),
+        settled: Callable[[int], bool] = lambda _: False,
     ) -> Iterator[_Near]:
         """The combinations that are not proven apart over their stretch, in order or backwards.
 
-        known: stretches for which no further combination is needed.
+        settled: whether no further combination of a stretch is needed.
         """
         X_WF = self._model.frame_poses(self._model.with_fingers(stretches.q, self._fingers))
         close, bound = self._close(stretches, X_WF, resolution)
@@ -141,7 +148,7 @@ class PlacedScene:
         placements = (bodies.placements(X_WF, stretch, body) for body in (outer, inner))
         columns = (values.tolist() for values in (close, stretch, outer, inner, bound, clearance))
         for k, at, i, j, moved, kept, X_1, X_2 in zip(*columns, *placements, strict=True):
-            if at in known:
+            if settled(at):
                 continue
             first, second = bodies.bodies[i], bodies.bodies[j]
             distance = body_distance(first, X_1, second, X_2, kept, kept + moved)
@@ -217,12 +224,45 @@ class _Near:
 
 
 @dataclass(frozen=True, eq=False)
+class _Course:
+    """A path with bounds of the slopes of its joints over each of its pieces, shape (p, n)."""
+
+    path: JointPath
+    slopes: Array
+
+    def stretches(self, radii: Array) -> tuple[Array, Array]:
+        """Middles and half lengths of stretches with at most twice `FIRST_STRETCH` of motion, shape (m,) each.
+
+        radii: sizes of the joints' motions, (n,).
+        """
+        middles, halves, breaks = [], [], self.path.breaks
+        motions = (self.slopes @ radii) * (breaks[1:] - breaks[:-1])
+        for motion, start, end in zip(motions.tolist(), breaks[:-1], breaks[1:], strict=True):
+            count = max(1, int(np.ceil(motion / (2 * FIRST_STRETCH))))
+            half = (end - start) / (2 * count)
+            middles.append(start + half * (2 * np.arange(count) + 1))
+            halves.append(np.full(count, half))
+        return np.concatenate(middles), np.concatenate(halves)
+
+    def variation(self, s: Array, half: Array) -> Array:
+        """Largest change of each joint from its position at s, within `half` of s, shape (m, n)."""
+        slopes, breaks = self.slopes, self.path.breaks
+        if len(slopes) > 1:
+            slopes = slopes[np.clip(np.searchsorted(breaks, s) - 1, 0, len(slopes) - 1)]
+        variation: Array = slopes * half[:, None]
+        return variation
+
+
+@dataclass(frozen=True, eq=False)
 class Stretches:
-    """Stretches of a path as their middles, with the pairs of bodies that are still open over each."""
+    """Stretches of some paths as their middles, with the pairs of bodies that are still open over each."""
+
+    course: Indices
+    """Which path each stretch belongs to, in ascending order, shape (m,)."""
 
     s: Array
     half: Array
-    """Middle and half length of each stretch, shape (m,)."""
+    """Middle and half length of each stretch, shape (m,); in ascending order along each path."""
 
     q: Array
     """Joint positions in the middle, shape (m, n)."""
@@ -237,58 +277,58 @@ class Stretches:
     @staticmethod
     def still(q: Array, pairs: int, s: Array | None = None) -> Stretches:
         """Joint positions (m, n) without motion, with all pairs open; s: where on a path they are, (m,)."""
-        middles = np.zeros(len(q)) if s is None else s
-        return _all_open(middles, np.zeros(len(q)), q, np.zeros_like(q), pairs)
+        still, stretch, pair = np.zeros(len(q)), *_all_open(len(q), pairs)
+        return Stretches(
+            course=np.zeros(len(q), dtype=np.intp),
+            s=still if s is None else s,
+            half=still,
+            q=q,
+            variation=np.zeros_like(q),
+            stretch=stretch,
+            pairs=pair,
+        )
 
     @staticmethod
-    def along(path: JointPath, slopes: Array, radii: Array, pairs: int) -> Stretches:
-        """The whole path, each stretch with at most twice `FIRST_STRETCH` of motion, with all pairs open.
-
-        slopes: bounds of the joints' slopes over each piece of the path, (p, n). radii: sizes of their motions, (n,).
-        """
-        middles, halves = [], []
-        motions = (slopes @ radii) * (path.breaks[1:] - path.breaks[:-1])
-        for motion, start, end in zip(motions.tolist(), path.breaks[:-1], path.breaks[1:], strict=True):
-            count = max(1, int(np.ceil(motion / (2 * FIRST_STRETCH))))
-            half = (end - start) / (2 * count)
-            middles.append(start + half * (2 * np.arange(count) + 1))
-            halves.append(np.full(count, half))
+    def along(courses: Sequence[_Course], radii: Array, pairs: int) -> Stretches:
+        """The whole of some paths, with all pairs open; see `_Course.stretches`."""
+        middles, halves = zip(*(course.stretches(radii) for course in courses), strict=True)
+        course = np.repeat(np.arange(len(courses)), [len(s) for s in middles])
         s, half = np.concatenate(middles), np.concatenate(halves)
-        return _all_open(s, half, path.positions(s), _variation(path, slopes, s, half), pairs)
+        return _stretches(courses, course, s, half, *_all_open(len(s), pairs))
 
-    def halved(self, path: JointPath, slopes: Array, open_ones: Indices, until: float) -> Stretches:
-        """Both halves of every stretch with one of the open combinations that begins before `until`."""
-        open_ones = open_ones[(self.s - self.half)[self.stretch[open_ones]] < until]
+    def halved(self, courses: Sequence[_Course], open_ones: Indices, until: Array) -> Stretches:
+        """Both halves of every stretch with one of the open combinations that begins before `until` of its path."""
+        stretch = self.stretch[open_ones]
+        open_ones = open_ones[(self.s - self.half)[stretch] < until[self.course[stretch]]]
         of_open, open_pairs = self.stretch[open_ones], self.pairs[open_ones]
         begins = np.ones(len(of_open), dtype=bool)  # of the open combinations, the first of each stretch
         begins[1:] = of_open[1:] != of_open[:-1]
         kept, stretch = of_open[begins], begins.cumsum() - 1
         quarter = self.half[kept] / 2
         s = np.stack([self.s[kept] - quarter, self.s[kept] + quarter], axis=1).ravel()
-        half = quarter.repeat(2)
         both = np.concatenate([2 * stretch, 2 * stretch + 1])
         order = both.argsort(kind="stable")
         pairs = np.concatenate([open_pairs, open_pairs])[order]
-        return Stretches(
-            s=s,
-            half=half,
-            q=path.positions(s),
-            variation=_variation(path, slopes, s, half),
-            stretch=both[order],
-            pairs=pairs,
-        )
+        return _stretches(courses, self.course[kept].repeat(2), s, quarter.repeat(2), both[order], pairs)
 
 
-def _all_open(s: Array, half: Array, q: Array, variation: Array, pairs: int) -> Stretches:
-    """Stretches, m of them, over each of which all pairs are open."""
-    m = len(s)
-    stretch, pair = np.arange(m).repeat(pairs), np.arange(m * pairs) % pairs
-    return Stretches(s=s, half=half, q=q, variation=variation, stretch=stretch, pairs=pair)
+def _stretches(
+    courses: Sequence[_Course], course: Indices, s: Array, half: Array, stretch: Indices, pairs: Indices
+) -> Stretches:
+    """Stretches of some paths by their middles and half lengths."""
+    ends = np.searchsorted(course, np.arange(len(courses) + 1)).tolist()
+    rows = [(one, slice(first, last)) for one, (first, last) in zip(courses, pairwise(ends), strict=True)]
+    return Stretches(
+        course=course,
+        s=s,
+        half=half,
+        q=np.concatenate([one.path.positions(s[row]) for one, row in rows]),
+        variation=np.concatenate([one.variation(s[row], half[row]) for one, row in rows]),
+        stretch=stretch,
+        pairs=pairs,
+    )
 
 
-def _variation(path: JointPath, slopes: Array, s: Array, half: Array) -> Array:
-    """Largest change of each joint from its position at s, within `half` of s, shape (m, n)."""
-    if len(slopes) > 1:
-        slopes = slopes[np.clip(np.searchsorted(path.breaks, s) - 1, 0, len(slopes) - 1)]
-    variation: Array = slopes * half[:, None]
-    return variation
+def _all_open(stretches: int, pairs: int) -> tuple[Indices, Indices]:
+    """Index of stretch and of pair of every combination."""
+    return np.arange(stretches).repeat(pairs), np.arange(stretches * pairs) % pairs

@@ -32,7 +32,7 @@ class Station:
 def fastest_sequence(
     stations: Sequence[Station],
     move_durations: Sequence[Array],
-    works: Callable[[int, int, int], bool],
+    works: Callable[[int, int, int], bool] = lambda *_: True,
     way_works: Callable[[int, int, int], bool] | None = None,
 ) -> tuple[int, ...] | None:
     """The branch of each station with which the whole takes the shortest time, ties by lexicographic joint values.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -62,7 +62,9 @@ class JointMoves:
         self._limits = MotionLimits(model.velocity, model.acceleration, model.jerk)
         self._moves: dict[Question, Move] = {}
         self._blocked: dict[Question, Contact] = {}
+        self._contacts: dict[tuple[int, Trajectory], Contact | None] = {}
         self._tied_is_free = cache(self._check_tied)
+        self._direct = cache(self._direct_move)
         self._through = cache(self._move_through)
         self.tries = 0
 
@@ -74,13 +76,29 @@ class JointMoves:
             for before, after, section in zip(self._ways[:-1], self._ways[1:], self._sections[1:], strict=True)
         ]
 
+    def look_ahead(self, sequences: Iterable[Sequence[int]]) -> None:
+        """Check together the moves of sequences of ways through the sections, which are likely to be asked for."""
+        wanted: dict[PlacedScene, list[tuple[int, Trajectory]]] = {}
+        for chosen in sequences:
+            for i, section in enumerate(self._sections):
+                tied = enumerate(self._ways[i].branch(chosen[i]).trajectories, section.first)
+                checks = [(k, trajectory) for k, trajectory in tied if not self._is_known_free(k)]
+                if section.move is not None:
+                    checks.append((section.first - 1, self._direct(i, chosen[i - 1], chosen[i])))
+                for check in checks:
+                    wanted.setdefault(self._scenes[check[0]], []).append(check)
+        for scene, checks in wanted.items():
+            new = [check for check in dict.fromkeys(checks) if check not in self._contacts]
+            contacts = scene.check_paths([trajectory.path for _, trajectory in new])
+            self._contacts.update(zip(new, contacts, strict=True))
+
     def direct_works(self, i: int, previous: int, chosen: int) -> bool:
         """Whether a way through section i and the direct move to it from one through the section before are free."""
         if not self._tied_is_free(i, self._ways[i].branch(chosen)):
             return False
         if self._sections[i].move is None:
             return True
-        direct = self._direct(self._sections[i].first - 1, *self._ends(i, previous, chosen))
+        direct = self._direct(i, previous, chosen)
         contact = self._contact(self._sections[i].first - 1, direct)
         if contact is None:
             self._moves[i, previous, chosen] = Move(direct)
@@ -154,7 +172,9 @@ class JointMoves:
 
     def _contact(self, index: int, trajectory: Trajectory) -> Contact | None:
         """The first contact during a primitive; notes what touches, and when."""
-        contact = self._scenes[index].check_motion(trajectory)
+        if (index, trajectory) not in self._contacts:
+            self._contacts[index, trajectory] = self._scenes[index].check_motion(trajectory)
+        contact = self._contacts[index, trajectory]
         if contact is not None:
             self._failures.note(index, self._at(index, trajectory, contact))
         return contact
@@ -185,8 +205,9 @@ class JointMoves:
         home = self._model.home
         return joint_move_duration(q0, home, limits) + joint_move_duration(home, q1, limits)
 
-    def _direct(self, index: int, q0: Array, q1: Array) -> Trajectory:
-        """The direct joint move from q0 to q1, or the one by home."""
+    def _direct_move(self, i: int, previous: int, chosen: int) -> Trajectory:
+        """The direct joint move to a way through section i from one through the section before, or the one by home."""
+        index, (q0, q1) = self._sections[i].first - 1, self._ends(i, previous, chosen)
         limits = self._move_limits(index)
         if not self._primitives[index].via_home:
             return joint_move(q0, q1, limits)
