@@ -90,7 +90,7 @@ def _words(model: RobotModel, q: Array) -> list[dict[str, str]]:
 
 def _figures(model: RobotModel, q: Array) -> Array:
     """Three numbers of each of m positions, positive for elbow up, shoulder left and no flip; shape (m, 3)."""
-    axes, origins = model.joint_axes(q), model.joint_origins(q)
+    axes, origins = model.joint_lines(q)
     is_third = np.abs(_dot(axes[:, 2], axes[:, 3])) > ALONG
     wrist = np.where(is_third[:, None], origins[:, 3], origins[:, 4])
     first, second = axes[:, 0], axes[:, 1]
@@ -102,8 +102,8 @@ def _figures(model: RobotModel, q: Array) -> Array:
     elbow = _dot(to_elbow, across) * across[:, 2]
     side = _dot(cross(wrist - origins[:, 0], origins[:, 1] - origins[:, 0]), first)
     side *= np.where(first[:, 2] < 0, -1.0, 1.0)
-    home = _bend(model.joint_axes(model.home[None]))
-    return np.stack([elbow, side, _bend(axes) * home], axis=1)
+    home, _ = model.joint_lines(model.home[None])
+    return np.stack([elbow, side, _bend(axes) * _bend(home)], axis=1)
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -129,8 +129,7 @@ def _senseless(model: RobotModel) -> Mapping[str, str]:
     """Why names have no meaning for the arm; those that have one are not in it."""
     if len(model.arm) != 6 or not model.turns.all() or not model.joints_move_alone:
         return dict.fromkeys(WORDS, "it takes an arm with six joints that turn one by one")
-    home = model.home[None]
-    axes, origins = model.joint_axes(home)[0], model.joint_origins(home)[0]
+    (axes,), (origins,) = model.joint_lines(model.home[None])
     why = {}
     if abs(axes[1] @ axes[2]) < ALONG:
         why["elbow"] = "the axes of its second and third joint are not parallel"

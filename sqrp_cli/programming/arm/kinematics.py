@@ -286,10 +286,19 @@ class RobotModel:
         """Whether no joint on the way to the tool frame follows another one."""
         return len(self._chain_tree.joints) == len(self.arm)
 
+    def joint_lines(self, q: Array) -> tuple[Array, Array]:
+        """Axes of the arm's joints, unit vectors, and their origins [m], in the world, shape (m, n, 3) each.
+
+        q: m arm positions, shape (m, n).
+        """
+        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
+        own = np.array([joint.mimic is None for joint in self._chain_tree.joints])
+        axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
+        return axes[:, own], X_WJ[:, :, :3, 3][:, own]
+
     def joint_origins(self, q: Array) -> Array:
         """World position [m] of each arm joint's origin, shape (n, 3), at arm positions of shape (n,)."""
-        X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q[None]))[0]
-        origins: Array = X_WJ[[joint.mimic is None for joint in self._chain_tree.joints], :3, 3]
+        origins: Array = self.joint_lines(q[None])[1][0]
         return origins
 
     @cached_property

@@ -134,6 +134,16 @@ def test_curved_paths_of_several_pieces_agree_with_a_fine_step(ur5: RobotModel, 
         assert not any(brute.contacts(q) for q in path.positions(before))
 
 
+def test_many_paths_together_meet_what_each_meets_alone(ur5: RobotModel, scene: CollisionScene) -> None:
+    placed, rng = scene.placed(world()), np.random.default_rng(5)
+    ends = READY + rng.normal(0.0, 0.7, (40, 2, len(READY)))
+    paths = [*(JointPath.line(*pair_of) for pair_of in ends), JointPath.line(READY, READY)]
+    together = placed.check_paths(paths)
+    assert together == [placed.check_path(path) for path in paths]
+    assert 5 < sum(contact is None for contact in together) < 35
+    assert placed.check_paths([]) == []
+
+
 def test_a_plate_far_thinner_than_any_sampling_step_is_found(ur5: RobotModel) -> None:
     """Swing the shoulder through a plate of 0.1 mm in the way of the tool; names and place are worked out by hand."""
     swing = np.array([1.2, 0, 0, 0, 0, 0])
