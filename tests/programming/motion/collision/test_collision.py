@@ -134,7 +134,7 @@ def test_curved_paths_of_several_pieces_agree_with_a_fine_step(ur5: RobotModel, 
         assert not any(brute.contacts(q) for q in path.positions(before))
 
 
-def test_many_paths_together_meet_what_each_meets_alone(ur5: RobotModel, scene: CollisionScene) -> None:
+def test_many_paths_together_meet_what_each_meets_alone(scene: CollisionScene) -> None:
     placed, rng = scene.placed(world()), np.random.default_rng(5)
     ends = READY + rng.normal(0.0, 0.7, (40, 2, len(READY)))
     paths = [*(JointPath.line(*pair_of) for pair_of in ends), JointPath.line(READY, READY)]
