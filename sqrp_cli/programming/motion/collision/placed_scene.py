@@ -112,11 +112,10 @@ class PlacedScene:
         stretches = Stretches.along(courses, self.bound.radii, len(self._pairs.inner))
         while len(stretches.stretch):
             open_ones = []
-            s, of = stretches.s.tolist(), stretches.course.tolist()
-            for near in self._near(stretches, resolution, settled=lambda at, s=s, of=of: s[at] > until[of[at]]):
+            for near in self._near(stretches, resolution, settled=stretches.beyond(until)):
                 if near.bound >= resolution:
                     open_ones.append(near.combination)
-                course = of[near.stretch]
+                course = stretches.course[near.stretch]
                 if near.touches and near.contact.s < until[course]:
                     first[course], until[course] = near.contact, near.contact.s
             if not open_ones:
@@ -295,6 +294,11 @@ class Stretches:
         course = np.repeat(np.arange(len(courses)), [len(s) for s in middles])
         s, half = np.concatenate(middles), np.concatenate(halves)
         return _stretches(courses, course, s, half, *_all_open(len(s), pairs))
+
+    def beyond(self, until: Array) -> Callable[[int], bool]:
+        """Whether a stretch comes after `until` of its path; later changes of the array count."""
+        s, course = self.s.tolist(), self.course.tolist()
+        return lambda at: bool(s[at] > until[course[at]])
 
     def halved(self, courses: Sequence[_Course], open_ones: Indices, until: Array) -> Stretches:
         """Both halves of every stretch with one of the open combinations that begins before `until` of its path."""
