@@ -26,6 +26,12 @@ SIDES = 48
 They enclose cylinders (0.2 % too wide); the faces of spheres and capsules are within 0.2 % of them.
 """
 
+_MARGIN = 0.01
+"""Share by which witnesses are drawn into a shape that prisms replace."""
+
+_WITNESSES = 32
+"""Most witnesses of a solid."""
+
 _CLOSED = 1e-3
 """Tolerance of the winding number of a closed surface around a point."""
 
@@ -58,6 +64,18 @@ class Solid:
         columns = np.eye(4)
         columns[:3, :3], columns[:3, 3] = self.half_axes.T, self.center
         return read_only(columns)
+
+    @cached_property
+    def witnesses(self) -> Array:
+        """Points of it, far apart from each other, shape (n, 3) [m]; where one of them is, it certainly is."""
+        points = self.vertices
+        if not isinstance(self.part.shape, Mesh):  # the prisms that replace round shapes may be wider
+            points = self.center + (1.0 - _MARGIN) * (points - self.center)
+        chosen, distances = [0], np.full(len(points), np.inf)
+        while len(chosen) < min(_WITNESSES, len(points)):
+            distances = np.minimum(distances, np.linalg.norm(points - points[chosen[-1]], axis=1))
+            chosen.append(int(distances.argmax()))
+        return read_only(points[chosen])
 
     @property
     def diagonal(self) -> float:

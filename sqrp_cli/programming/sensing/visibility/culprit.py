@@ -7,20 +7,20 @@ enough, the solid that hides the largest share is named.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sqrp_cli.geometry import Array, Indices, begins_run, cross, inverse, norms, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
-from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
+from sqrp_cli.programming.sensing.sight_lines import TOUCH, Pairs, SightLines
+from sqrp_cli.programming.sensing.visibility.hull_spaces import HullSpaces
+from sqrp_cli.programming.sensing.visibility.triangulation import Triangulation
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
 from sqrp_cli.programming.solids import Solid
-from sqrp_cli.shapes import BOX_TRIANGLES
 
 _PRODUCTS = 50_000
 """Pairs of ray and triangle to compare at once: about the size of the cache."""
@@ -30,9 +30,6 @@ _CORNERS = 10_000_000
 
 _CLIPPED = 100_000
 """Most triangles to clip at once, to bound the memory."""
-
-_EDGES = np.array(list(combinations(range(8), 2))).T
-"""Pairs of a box's corners, shape (2, 28)."""
 
 
 def find_culprits(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Indices:
@@ -79,24 +76,70 @@ def nearest_inside(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
 
     It may be too large where another solid of the same line is nearer.
     """
-    hulls = _HullSpaces.of(lines, poses, pairs)
-    nearest = np.full(len(pairs), np.inf)
+    hulls = HullSpaces.of(lines, poses, pairs)
+    nearest, pieces = np.full(len(pairs), np.inf), []
     for solid, rows in _by_solid(poses, pairs.solid, hulls.spaces.shape[1]):
         facets, outside = _Facets.of(solid), hulls.outside(rows, solid.vertices)
         vertex, at = np.nonzero(outside == 0)
         np.minimum.at(nearest, rows[at], norms(solid.vertices[vertex] - hulls.eyes[rows[at]]))
         a, b, c = (outside[corner] for corner in solid.triangles.T)
-        facet, at = np.nonzero((a & b & c) == 0)
-        # Spheres around the triangles spare most of the exact distances.
+        within = (a & b & c) == 0
+        if Triangulation.of(solid).is_convex:  # the eye is nearest to its front, unless inside
+            front = facets.normals @ hulls.eyes[rows].T > facets.offsets[:, None]
+            within &= front | ~front.any(axis=0)
+        facet, at = np.nonzero(within)
+        # Spheres around the triangles, and where their planes cut the hulls, spare most of the exact distances.
+        least = _least_of_lines(pairs.line, nearest)
         near = norms(facets.middles[facet] - hulls.eyes[rows[at]]) - facets.radii[facet]
-        kept = np.flatnonzero(near < _least_of_lines(pairs.line, nearest)[rows[at]])
-        facet, at = facet[kept], at[kept]
-        for chunk in np.array_split(np.arange(len(facet)), 1 + len(facet) // _CLIPPED):
-            some, row = facet[chunk], rows[at[chunk]]
-            least = _least_of_lines(pairs.line, nearest)[row]
-            distances = hulls.distances(row, facets.points[some], facets.normals[some], least)
-            np.minimum.at(nearest, row, distances)
+        kept = np.flatnonzero(near < least[rows[at]])
+        facet, row = facet[kept], rows[at[kept]]
+        near = np.maximum(near[kept], hulls.least_depths(row, facets.normals[facet], facets.offsets[facet]))
+        kept = np.flatnonzero(near < least[row])
+        facet, row = facet[kept], row[kept]
+        pieces.append(_Pieces(row, near[kept], facets.points[facet], facets.normals[facet]))
+        if sum(len(piece.row) for piece in pieces) > _CLIPPED:
+            _settle(nearest, pairs.line, hulls, pieces)
+            pieces = []
+    _settle(nearest, pairs.line, hulls, pieces)
     return nearest
+
+
+class _Pieces(NamedTuple):
+    """n triangles that may reach into the hulls of pairs."""
+
+    row: Indices
+    """Index of the pair, shape (n,)."""
+    near: Array
+    """No larger than the distance from the eye, shape (n,) [m]."""
+    points: Array
+    """Corners, in the frame of the solid's parent, shape (n, 3, 3) [m]."""
+    normals: Array
+    """As of `_Facets`, shape (n, 3)."""
+
+
+def _settle(nearest: Array, line: Indices, hulls: HullSpaces, pieces: Sequence[_Pieces]) -> None:
+    """Lower the distance of pairs, shape (pairs,), to that of the parts of triangles inside their hulls.
+
+    line: of the pairs. Only as far as needed: the nearest pair of a line may stay too large, and others too.
+    """
+    if not pieces:
+        return
+    row, near, points, normals = map(np.concatenate, zip(*pieces, strict=True))
+
+    def lower(some: Indices) -> None:
+        least = _least_of_lines(line, nearest)[row[some]]
+        np.minimum.at(nearest, row[some], hulls.distances(row[some], points[some], normals[some], least))
+
+    # Triangles that are likely to be nearest, then those of each line's rivals until the nearest has none.
+    lower(np.unique(_nearest_of_lines(line[row], near)))
+    waiting = np.ones(len(row), dtype=bool)
+    while True:
+        rival = _nearest_of_lines(line, nearest)[row] != row
+        asked = np.flatnonzero(waiting & rival & (near < _least_of_lines(line, nearest)[row]))
+        if not len(asked):
+            return
+        lower(asked)
+        waiting[asked] = False
 
 
 def _name_least(culprits: Indices, pairs: Pairs, values: Array) -> None:
@@ -113,6 +156,13 @@ def _least_of_lines(line: Indices, values: Array) -> Array:
     return least[line]
 
 
+def _nearest_of_lines(line: Indices, values: Array) -> Indices:
+    """Index of the pair with the least value of all pairs of the same line, the first of equals, shape (pairs,)."""
+    order = np.lexsort((values, line))
+    lines, first = np.unique(line[order], return_index=True)
+    return order[first][np.searchsorted(lines, line)]
+
+
 def _along_rays(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
     """Smallest factor of the ray from the eye to the box's centre at which it meets each pair's solid, shape (pairs,).
 
@@ -123,8 +173,12 @@ def _along_rays(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
     X_PW = inverse(poses.at(pairs.solid, lines.state[pairs.line]))
     ends = np.stack([lines.eyes[hull], lines.X_WB[hull, :3, 3]], axis=1)
     eye, center = transform(X_PW, ends).swapaxes(0, 1)
+    ray, solids = center - eye, poses.solids
+    away = norms(cross(solids.boxes[pairs.solid, :3, 3] - eye, ray))
+    meets_ball = away <= (solids.radii[pairs.solid] + TOUCH) * norms(ray)
     for solid, rows in _by_solid(poses, pairs.solid):
-        factors[rows] = _first_hits(eye[rows], (center - eye)[rows], _Facets.of(solid))
+        rows = rows[meets_ball[rows]]
+        factors[rows] = _first_hits(eye[rows], ray[rows], _Facets.of(solid))
     return factors
 
 
@@ -196,133 +250,9 @@ _facets: WeakKeyDictionary[Solid, _Facets] = WeakKeyDictionary()
 """Cached results for solids still in use."""
 
 
-@dataclass(frozen=True, eq=False)
-class _HullSpaces:
-    """The view hulls of n pairs as intersections of k half spaces, with the axes of each solid's parent."""
-
-    spaces: Array
-    """(n, o) of each half space: the points p with n . p <= o, the eye as origin, shape (n, k, 4)."""
-    eyes: Array
-    """Camera centres in the parent's frame, shape (n, 3)."""
-
-    @staticmethod
-    def of(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> _HullSpaces:
-        hull_of = lines.hull[pairs.line]
-        hulls, hull = np.unique(hull_of, return_inverse=True)
-        spaces = _half_spaces(lines.corners[hulls] - lines.eyes[hulls, None])[hull]
-        X_PW = inverse(poses.at(pairs.solid, lines.state[pairs.line]))
-        eyes: Array = (X_PW[:, :3, :3] @ lines.eyes[hull_of, :, None])[..., 0] + X_PW[:, :3, 3]
-        normals = spaces[..., :3] @ X_PW[:, :3, :3].swapaxes(1, 2)
-        return _HullSpaces(np.concatenate([normals, spaces[..., 3:]], axis=2), eyes)
-
-    def outside(self, rows: Indices, vertices: Array) -> NDArray[np.unsignedinteger]:
-        """The half spaces of hulls (n,) that exclude each vertex (V, 3), one bit each, shape (V, n)."""
-        normals = np.ascontiguousarray(self.spaces[rows, :, :3])
-        reach = self.spaces[rows, :, 3] + (normals @ self.eyes[rows, :, None])[..., 0]
-        outside = (vertices @ normals.reshape(-1, 3).T > reach.reshape(-1)).reshape(len(vertices), *reach.shape)
-        packed = np.packbits(outside, axis=2)
-        size = next(size for size in (1, 2, 4, 8) if size >= packed.shape[2])  # a hull has at most 6 + 28 half spaces
-        bits = np.zeros((*packed.shape[:2], size), dtype=np.uint8)
-        bits[..., : packed.shape[2]] = packed
-        return bits.view(f"u{size}")[..., 0]
-
-    def distances(self, rows: Indices, triangles: Array, normals: Array, least: Array) -> Array:
-        """Distance from the eye to the part of each triangle (n, 3, 3) inside its hull (n,), shape (n,) [m].
-
-        Infinite where no part of the triangle is both inside and nearer than `least`. normals: of the triangles, shape
-        (n, 3).
-        """
-        triangles = triangles - self.eyes[rows, None]
-        distances = _distances_to_origin(triangles, np.full(len(triangles), 3), normals)
-        near = np.flatnonzero(distances < least)
-        found = np.full(len(rows), np.inf)
-        found[near] = _clipped_distances(triangles[near], normals[near], self.spaces[rows[near]])
-        return found
-
-
 def _by_solid(poses: SolidPoses, solids: Indices, spaces: int = 0) -> Iterator[tuple[Solid, Indices]]:
     """Each solid with its pairs, as many at once as fit the memory with that number of half spaces."""
     for index in np.flatnonzero(np.bincount(solids)).tolist():
         solid, rows = poses.solids[index], np.flatnonzero(solids == index)
         for some in np.array_split(rows, 1 + len(rows) * spaces * len(solid.triangles) // _CORNERS):
             yield solid, some
-
-
-def _half_spaces(corners: Array) -> Array:
-    """Half spaces whose intersection is the hull of the eye (the origin) and a box's corners (h, 8, 3).
-
-    Rows (n, o) of shape (h, k, 4) for the points p with n . p <= o; rows of zeros, which hold everything, come last.
-    """
-    faces = [corners[:, BOX_TRIANGLES[::2, k]] for k in range(3)]
-    normals = cross(faces[1] - faces[0], faces[2] - faces[0])
-    offsets = np.einsum("hki,hki->hk", normals, faces[0])
-    behind = np.where((offsets > 0)[..., None], np.concatenate([normals, offsets[..., None]], axis=2), 0.0)
-    normals = cross(corners[:, _EDGES[0]], corners[:, _EDGES[1]])
-    heights = normals @ np.swapaxes(corners, 1, 2)
-    below, above = heights.max(axis=2) <= 1e-12, heights.min(axis=2) >= -1e-12
-    beside = np.zeros((*normals.shape[:2], 4))
-    beside[..., :3] = np.where(below[..., None], normals, np.where(above[..., None], -normals, 0.0))
-    spaces = np.concatenate([behind, beside], axis=1)
-    bounding = np.any(spaces != 0, axis=2)
-    order = np.argsort(~bounding, axis=1, kind="stable")[:, : int(bounding.sum(axis=1).max(initial=0))]
-    return np.take_along_axis(spaces, order[..., None], axis=1)
-
-
-def _clipped_distances(triangles: Array, normals: Array, spaces: Array) -> Array:
-    """Distance from the origin to the part of each triangle (n, 3, 3) inside its half spaces (n, k, 4); shape (n,).
-
-    Infinite where nothing is left. The triangles are clipped side by side (Sutherland and Hodgman 1974).
-    """
-    polygons = np.zeros((len(triangles), 3 + spaces.shape[1], 3))
-    polygons[:, :3] = triangles
-    counts, width = np.full(len(triangles), 3), 3
-    for space in np.swapaxes(spaces, 0, 1):
-        heights = (polygons[:, :width] @ space[:, :3, None])[..., 0] - space[:, 3:]
-        cut = np.flatnonzero(((heights > 0) & (np.arange(width) < counts[:, None])).any(axis=1))
-        if len(cut):
-            clipped, counts[cut] = _clipped(polygons[cut, :width], counts[cut], heights[cut])
-            width = max(width, clipped.shape[1])
-            polygons[cut, : clipped.shape[1]] = clipped
-    return _distances_to_origin(polygons[:, :width], counts, normals)
-
-
-def _clipped(polygons: Array, counts: Indices, heights: Array) -> tuple[Array, Indices]:
-    """The parts of polygons (n, p, 3) where the height is not above 0, and their numbers of points.
-
-    counts: number of points of each, shape (n,). heights: of the points, shape (n, p).
-    """
-    width = polygons.shape[1]
-    present, following = np.arange(width) < counts[:, None], _following(counts, width)
-    row = np.arange(len(polygons))[:, None]
-    after, ends = heights[row, following], polygons[row, following]
-    inside, crosses = present & (heights <= 0), present & ((heights > 0) != (after > 0))
-    share = heights / np.where(crosses, heights - after, 1.0)
-    points = np.stack([polygons, polygons + share[..., None] * (ends - polygons)], axis=2)
-    kept = np.stack([inside, crosses], axis=2).reshape(len(polygons), 2 * width)
-    counts = kept.sum(axis=1)
-    order = np.argsort(~kept, axis=1, kind="stable")[:, : max(1, int(counts.max(initial=0)))]
-    return points.reshape(len(polygons), 2 * width, 3)[row, order], counts
-
-
-def _following(counts: Indices, width: int) -> Indices:
-    """Index of the next point around polygons of `counts` points, shape (n, width)."""
-    following = np.arange(1, width + 1)
-    return np.where(following < counts[:, None], following, 0)
-
-
-def _distances_to_origin(polygons: Array, counts: Indices, normals: Array) -> Array:
-    """Distance from the origin to convex planar polygons (n, p, 3) of the first `counts` points; shape (n,)."""
-    width = polygons.shape[1]
-    present = np.arange(width) < counts[:, None]
-    sides = polygons[np.arange(len(polygons))[:, None], _following(counts, width)] - polygons
-    squares = np.maximum(np.einsum("npi,npi->np", sides, sides), 1e-300)
-    share = np.clip(-np.einsum("npi,npi->np", polygons, sides) / squares, 0.0, 1.0)
-    to_sides = np.where(present, np.linalg.norm(polygons + share[..., None] * sides, axis=2), np.inf)
-    lengths = np.maximum(np.einsum("ni,ni->n", normals, normals), 1e-300)
-    feet = normals * (np.einsum("ni,ni->n", polygons[:, 0], normals) / lengths)[:, None]
-    turns = (cross(sides, feet[:, None] - polygons) @ normals[:, :, None])[..., 0]
-    surrounded = ((turns >= 0) | ~present).all(axis=1) | ((turns <= 0) | ~present).all(axis=1)
-    surrounded &= (counts > 2) & (lengths > 1e-30)
-    to_plane = np.where(surrounded, np.linalg.norm(feet, axis=1), np.inf)
-    distances: Array = np.minimum(to_plane, to_sides.min(axis=1))
-    return distances

@@ -3,7 +3,8 @@
 The hull decides for the whole box at once; rays to its corners would miss thin occluders. `near_pairs` culls by bounds
 only: first balls around the solids against cones around the hulls, for all states at once; then boxes around the
 remaining solids against ten planes around the hull, and the hull against the boxes. Each comparison tests whether a
-solid is beyond a bound, so NaN counts as near. `HullTester` tests the remaining pairs with coal, exactly on the meshes.
+solid is beyond a bound, so NaN counts as near. `HullTester` tests the remaining pairs exactly on the meshes, with coal
+where no point of the solid is a witness.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, Ranges, ranges
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import TOUCH, Pairs, SightLines
+from sqrp_cli.programming.sensing.visibility.hull_spaces import witnessed
 from sqrp_cli.programming.solids import Solid
 from sqrp_cli.shapes import BOX_TRIANGLES
 
@@ -66,13 +68,14 @@ class HullTester:
         self._result = coal.CollisionResult()
 
     def met(self, lines: SightLines, poses: SolidPoses, pairs: Pairs, *, first_only: bool) -> Pairs:
-        """Those of the pairs whose solid reaches into its view hull; only the first of each line if `first_only`.
+        """Those of the pairs whose solid reaches into its view hull; not all of a line's if `first_only`.
 
-        A hull that is not finite counts as met.
+        A hull that is not finite counts as met. Most pairs are decided by points of the solid that lie in the hull.
         """
-        found = np.zeros(len(pairs), dtype=bool)
-        if not len(found):
+        if not len(pairs):
             return pairs
+        found = witnessed(lines, poses, pairs)
+        settled = set(pairs.line[found].tolist()) if first_only else set()
         hulls = np.concatenate([lines.corners, lines.eyes[:, None]], axis=1)
         hull_of = lines.hull.tolist()
         still: dict[tuple[int, int], bool] = {}
@@ -81,11 +84,9 @@ class HullTester:
             X_WG = poses.pose(index) @ poses.solids[index].part.X_PG
             placements[index] = (np.ascontiguousarray(X_WG[:, :3, :3]), np.ascontiguousarray(X_WG[:, :3, 3]))
         states, finite = lines.state.tolist(), lines.finite.tolist()
-        current, done, loaded = -1, False, -1
-        for row, (line, index) in enumerate(zip(pairs.line.tolist(), pairs.solid.tolist(), strict=True)):
-            if line != current:
-                current, done = line, False
-            elif done:
+        loaded, left = -1, np.flatnonzero(~found)
+        for row, line, index in zip(left.tolist(), pairs.line[left].tolist(), pairs.solid[left].tolist(), strict=True):
+            if line in settled:
                 continue
             rotations, translations = placements[index]
             hull, fixed = hull_of[line], len(translations) == 1
@@ -101,7 +102,8 @@ class HullTester:
                 if fixed:
                     still[hull, index] = hit
             found[row] = hit
-            done = hit and first_only
+            if hit and first_only:
+                settled.add(line)
         return pairs.some(found)
 
     def _meets(self, solid: Solid) -> bool:
