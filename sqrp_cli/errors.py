@@ -98,6 +98,9 @@ class Infeasible:
 
     reasons: tuple[str, ...]
 
+    tried: int = 0
+    """How many ways were tried."""
+
 
 def counted(count: int) -> str:
     """A count for a message, short even for huge numbers."""

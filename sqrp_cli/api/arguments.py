@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from reprlib import repr as short
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal, get_args
 
 from sqrp_cli.errors import InputError, Problem
 
@@ -15,7 +15,12 @@ if TYPE_CHECKING:
     from sqrp_cli.programming.coverage.robustness import Calibration
     from sqrp_cli.programming.coverage.sampling import Sampling
     from sqrp_cli.programming.ranking import Criterion
+    from sqrp_cli.programming.ways.find import WantedWay
     from sqrp_cli.starter.random_cell import Crowd
+
+WaysOption = Literal["best", "fastest"]
+WAYS: tuple[WaysOption, ...] = get_args(WaysOption)
+"""Which way of each candidate: the one that is seen best, or the fastest."""
 
 LEAST_TOLERANCE = 1e-5
 """Smallest tolerance of Q in sampling; below it rounding decides."""
@@ -121,6 +126,19 @@ def check_by(value: object) -> Criterion:
 
     check_text(value, "by", f"one of {', '.join(CRITERIA)}")
     return read_criterion(str(value), "by")
+
+
+def check_wanted(by: object, ways: object, max_time: object) -> WantedWay:
+    """Which way of each candidate is wanted. Raises InputError for values that say nothing sensible."""
+    from sqrp_cli.programming.ways.find import WantedWay
+    from sqrp_cli.programming.ways.time_limit import TimeLimit
+
+    if ways not in WAYS:
+        raise refused("ways", ways, f"one of {', '.join(f'`{way}`' for way in WAYS)}")
+    if max_time is not None and (isinstance(max_time, bool) or not isinstance(max_time, str | int | float)):
+        raise refused("max_time", max_time, "a time such as `20 s` or `1.25x`, or seconds")
+    limit = None if max_time is None else TimeLimit.read(str(max_time), "max_time")
+    return WantedWay(check_by(by), ways == "fastest", limit)
 
 
 def check_crowd(value: Crowd | None) -> None:

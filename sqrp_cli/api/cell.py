@@ -18,6 +18,7 @@ from sqrp_cli.api.arguments import (
     check_progress,
     check_sampling,
     check_text,
+    check_wanted,
     checked_path,
     optional_path,
     refused,
@@ -25,6 +26,7 @@ from sqrp_cli.api.arguments import (
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
+    from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.api.results import Check, Explanation, NewCell, Ranking, Scene, Scores
     from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -123,6 +125,9 @@ class OpenCell:
         sampling: Sampling | None = None,
         calibration: Calibration | None = None,
         after: str | Path | None = None,
+        by: Criterion = "q_eoi",
+        ways: WaysOption = "best",
+        max_time: str | float | None = None,
     ) -> Session:
         """A task in the cell, with nothing computed yet; see `rank`."""
         from sqrp_cli.api.session import Session
@@ -132,7 +137,8 @@ class OpenCell:
         check_sampling(sampling)
         check_calibration(calibration)
         before = optional_path(after, "after")
-        return Session.begin(self.cell, task, before, sampling or Adaptive(), calibration)
+        wanted = check_wanted(by, ways, max_time)
+        return Session.begin(self.cell, task, before, sampling or Adaptive(), calibration, wanted)
 
     def rank(
         self,
@@ -142,13 +148,17 @@ class OpenCell:
         sampling: Sampling | None = None,
         calibration: Calibration | None = None,
         after: str | Path | None = None,
+        ways: WaysOption = "best",
+        max_time: str | float | None = None,
         jobs: int = 1,
         progress: Progress = silent,
     ) -> Ranking:
-        """Rank the ways of doing a task, such as `pickup green`.
+        """Rank the candidates of a task, such as `pickup green`, each in its best way.
 
         by: what counts first. sampling: of the motions, adaptive by default. calibration: accuracy of the camera poses,
-        to compute its effect. after: a program; the task starts where it ends.
+        to compute its effect. after: a program; the task starts where it ends. ways: `best` of all, or `fastest`: each
+        candidate with its fastest branch, untouched by what cameras see. max_time: of a way, such as `20 s`, or `1.25x`
+        the time of the candidate's fastest way.
         """
         from sqrp_cli.api.results import Ranking
         from sqrp_cli.api.session import assess
@@ -157,7 +167,9 @@ class OpenCell:
         by = check_by(by)
         check_count(jobs, "jobs", 1)
         check_progress(progress)
-        session = self.begin(task, sampling=sampling, calibration=calibration, after=after)
+        session = self.begin(
+            task, sampling=sampling, calibration=calibration, after=after, by=by, ways=ways, max_time=max_time
+        )
         return Ranking(session, rank(list(assess(session, jobs, progress)), by), by)
 
     def explain(
@@ -167,12 +179,15 @@ class OpenCell:
         *,
         sampling: Sampling | None = None,
         after: str | Path | None = None,
+        ways: WaysOption = "best",
+        max_time: str | float | None = None,
         jobs: int = 1,
         progress: Progress = silent,
     ) -> Explanation:
         """Explain when each camera sees each literal, and what is in the way when it does not.
 
-        choose: the candidate's name, `best` for the first in the ranking, or None to compare all of them.
+        choose: the candidate's name, `best` for the first in the ranking, or None to compare all of them. ways,
+        max_time: see `rank`.
         """
         from sqrp_cli.api.results import Explanation
         from sqrp_cli.api.session import assess, check_choice, choose_candidate
@@ -182,7 +197,7 @@ class OpenCell:
         check_progress(progress)
         if choose is not None:
             check_text(choose, "choose", "the name of a candidate, `best`, or None for all")
-        session = self.begin(task, sampling=sampling, after=after)
+        session = self.begin(task, sampling=sampling, after=after, ways=ways, max_time=max_time)
         check_choice(session.task, "best" if choose is None else choose)
         ranking = rank(list(assess(session, jobs, progress)), "q_eoi")
         chosen = list(ranking) if choose is None else [choose_candidate(ranking, choose)]

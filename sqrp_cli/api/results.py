@@ -80,13 +80,15 @@ class Answer(ABC, Generic[AnyDocument]):
 class Ranking(Answer["RankDocument"]):
     """The candidates of a task, best first.
 
-    ranked: the candidates, infeasible ones last. interrupted: whether some are missing because of Ctrl-C.
+    ranked: the candidates, infeasible ones last. interrupted: whether some are missing because of Ctrl-C. all_ways:
+    whether it is shown with all Pareto-optimal ways of each candidate.
     """
 
     session: Session
     ranked: Sequence[Ranked]
     by: Criterion
     interrupted: bool = False
+    all_ways: bool = False
 
     @property
     def candidates(self) -> tuple[CandidateFigures, ...]:
@@ -146,8 +148,11 @@ class Ranking(Answer["RankDocument"]):
     def show(self) -> None:
         """Print the table of `sqrp rank`."""
         from sqrp_cli.terminal.rank_table import print_ranking
+        from sqrp_cli.terminal.ways_table import print_ways
 
         print_ranking(self.session.task.text, self.session.assignment, self.ranked, self.by)
+        if self.all_ways:
+            print_ways([one.assessment for one in self.ranked])
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,8 @@ from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import make_step
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Task, read_task
+from sqrp_cli.programming.ways.find import WantedWay
+from sqrp_cli.programming.ways.grips import first_grip
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.suggestion import SuggestedStep
@@ -51,16 +53,24 @@ class Session:
 
     @classmethod
     def begin(
-        cls, cell: Cell, task: str, before: Path | None, sampling: Sampling, calibration: Calibration | None = None
+        cls,
+        cell: Cell,
+        task: str,
+        before: Path | None,
+        sampling: Sampling,
+        calibration: Calibration | None = None,
+        wanted: WantedWay | None = None,
     ) -> Session:
         """Read the task, and load the world to start from.
 
-        before: a program; the task starts where it ends, by default in the workspace's own state. Raises InputError for
-        input that cannot be used.
+        before: a program; the task starts where it ends, by default in the workspace's own state. wanted: which way of
+        each candidate, by default the one that is seen best. Raises InputError for input that cannot be used.
         """
-        read = read_task(task, cell.workspace)
+        read, wanted = read_task(task, cell.workspace), wanted or WantedWay()
+        if wanted.fastest:
+            read = replace(read, candidates=tuple(map(first_grip, read.candidates)))
         world = cell.initial_world if before is None else _world_after(before, cell)
-        return cls(read, Assignment(cell, world, sampling, calibration))
+        return cls(read, Assignment(cell, world, sampling, calibration, wanted))
 
 
 def _world_after(path: Path, cell: Cell) -> World:
@@ -141,7 +151,7 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
     cameras = tuple(camera.name for camera in cell.observer.cameras)
     added = []
     for chosen in steps:
-        found = study(cell, chosen.assessment.candidate, chosen.world, sampling, full=True)
+        found = study(cell, chosen.assessment.way, chosen.world, sampling, full=True)
         if isinstance(found, Infeasible):
             raise ValueError(f"{chosen.assessment.candidate.name} is infeasible: {found.reasons[0]}")
         added.append(make_step(chosen.task, found, chosen.assessment, cameras))

@@ -40,6 +40,10 @@ Tolerance = Annotated[
 ]
 Jobs = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes at most; by default one per core.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn at random.")]
+MaxTime = Annotated[
+    str | None,
+    typer.Option("--max-time", metavar="T", help="How long a way may take: 20 s, or 1.25x the time of the fastest."),
+]
 After = Annotated[
     Path | None,
     typer.Option("--after", metavar="PROGRAM", help="Start from the world that this program leaves behind."),
@@ -196,6 +200,14 @@ def read_calibration(text: str | None, seed: int) -> Calibration | None:
             raise _refused(f"--calibration is `{text}`, expected up to 1 m and up to 1 rad, such as `5 mm, 0.5 deg`")
         deviations[quantity.dimension] = quantity.value
     return Calibration(deviations[LENGTH], deviations[ANGLE], seed)
+
+
+def check_max_time(text: str | None) -> None:
+    """Raises InputError for a text that is no limit of time."""
+    from sqrp_cli.programming.ways.time_limit import TimeLimit
+
+    if text is not None:
+        TimeLimit.read(text)
 
 
 def note_late(text: str) -> None:

@@ -10,7 +10,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFound, study
 from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.verdict import verdict
@@ -41,14 +41,15 @@ class Assignment:
     sampling: Sampling
     calibration: Calibration | None = None
     """Accuracy of the cameras' calibration, to compute its influence on the qualities; None to leave it out."""
-    wanted: WantedWay = WantedWay(fastest=True)  # noqa: RUF009 - it is frozen
+    wanted: WantedWay = WantedWay()  # noqa: RUF009 - it is frozen
     """Which way of each candidate."""
 
     def assess(self, candidate: Candidate) -> Assessment:
         """The figures of one candidate in the wanted way, or why it is infeasible."""
         found = find_way(self.cell, candidate, self.world, self.sampling, self.wanted)
         if isinstance(found, Infeasible):
-            return Assessment.infeasible(candidate, found.reasons, verdict=found.reasons[0])
+            ways = WaysFound(tried=found.tried, feasible=0, pareto=())
+            return Assessment.infeasible(candidate, found.reasons, verdict=found.reasons[0], ways=ways)
         study = found.study
         assessment = study.assessment(verdict(self.cell, study))
         assessment = replace(assessment, candidate=candidate, best_way=study.candidate, ways=found.ways)

@@ -25,6 +25,9 @@ def read_criterion(name: str, option: str = "--by") -> Criterion:
 _Figure = Callable[[Assessment], float | None]
 """A figure of a candidate by which it may be ranked; None where it is undefined."""
 
+_TIME_DECIMALS = 6
+"""Times equal to this many decimals of a second count as equal: the rest is rounding."""
+
 _QUALITY_STEP = 1e-3
 """Qualities are compared rounded to this (0.1 points), the accuracy of bisection."""
 
@@ -121,7 +124,8 @@ def _undominated(assessment: Assessment, others: Sequence[Assessment]) -> bool:
 
 
 def _objectives(assessment: Assessment) -> tuple[float | None, ...]:
-    return _rounded(assessment.q_avg), _rounded(assessment.q_eoi), assessment.time
+    time = None if assessment.time is None else round(assessment.time, _TIME_DECIMALS)
+    return _rounded(assessment.q_avg), _rounded(assessment.q_eoi), time
 
 
 def _dominates(first: tuple[float | None, ...], second: tuple[float | None, ...]) -> bool:

@@ -16,6 +16,7 @@ from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
 from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say
+from sqrp_cli.terminal.ways_table import faster_ways, way_of
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
@@ -51,6 +52,8 @@ def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked],
             name, all_seen = last.candidate.name, last.verdict == NOTHING_MISSING
             beginning = f"Even in the last, {name}," if all_seen else f"Last is {name}:"
             say(f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}")
+        if faster := faster_ways(feasible):
+            say(faster)
         say(_OPTIMAL, "dim")
         say(accuracy(assignment.sampling, feasible), "dim")
 
@@ -112,10 +115,20 @@ _FIGURES = (
 """The columns that every ranking has, after place and parameters."""
 
 
+_WAY = _Figure("way", way_of)
+"""The column that is there if a candidate can be done in several ways."""
+
+
 def _print_feasible(feasible: Sequence[Ranked]) -> None:
     differing = differing_parameters([ranked.assessment.candidate for ranked in feasible])
     figures = [*_FIGURES, *_fault_figures(feasible[0].assessment)]
-    columns = [Column("#"), *map(Column, differing), *(Column(figure.title, right=True) for figure in figures)]
+    if any(ranked.assessment.has_choice for ranked in feasible):
+        figures = [_WAY, *figures]
+    columns = [
+        Column("#"),
+        *map(Column, differing),
+        *(Column(figure.title, right=figure.title != "way") for figure in figures),
+    ]
     print_table(columns, [_row(ranked, differing, figures) for ranked in feasible])
     faults = feasible[0].assessment.faults
     if len(faults) > 1:

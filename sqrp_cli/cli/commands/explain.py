@@ -11,12 +11,14 @@ from sqrp_cli.cli.options import (
     Images,
     Jobs,
     Json,
+    MaxTime,
     SampleCount,
     SampleStep,
     Seed,
     TaskText,
     Tolerance,
     WorkspacePath,
+    check_max_time,
     job_count,
     open_with_warnings,
     read_sampling,
@@ -41,6 +43,10 @@ def command(
         typer.Option("--choose", metavar="best|NAME", help="Which candidate to explain; the first-ranked by default."),
     ] = None,
     all_candidates: Annotated[bool, typer.Option("--all", help="Compare all candidates side by side.")] = False,
+    ways: Annotated[
+        bool, typer.Option("--ways", help="Show the other Pareto-optimal ways of the candidate, too.")
+    ] = False,
+    max_time: MaxTime = None,
     samples: SampleCount = None,
     dt: SampleStep = None,
     tolerance: Tolerance = None,
@@ -57,6 +63,7 @@ def command(
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.terminal.console import print_problems, progress, say_raw
+    from sqrp_cli.terminal.ways_table import print_ways
 
     if all_candidates and choose is not None:
         raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
@@ -65,14 +72,19 @@ def command(
 
         check_pictures(images)
     sampling = read_sampling(samples, dt, tolerance)
+    check_max_time(max_time)
     cell = open_with_warnings(workspace, seed)
     choice = None if all_candidates else "best" if choose is None else choose
-    explanation = cell.explain(task, choice, sampling=sampling, after=after, jobs=job_count(jobs), progress=progress)
+    explanation = cell.explain(
+        task, choice, sampling=sampling, after=after, max_time=max_time, jobs=job_count(jobs), progress=progress
+    )
     print_problems((*cell_warnings(cell.cell), *intervals_outside(one.assessment for one in explanation.ranking)))
     if as_json:
         say_raw(explanation.to_json())
     else:
         explanation.show()
+        if ways:
+            print_ways([one.ranked.assessment for one in explanation.explained])
     studies = [found for _, found in explanation.explained if found is not None]
     if images is not None:
         _write_images(cell.cell, studies, images, several=all_candidates)

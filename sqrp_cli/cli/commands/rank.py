@@ -11,6 +11,7 @@ from sqrp_cli.cli.options import (
     After,
     Jobs,
     Json,
+    MaxTime,
     Report,
     SampleCount,
     SampleStep,
@@ -18,17 +19,19 @@ from sqrp_cli.cli.options import (
     TaskText,
     Tolerance,
     WorkspacePath,
+    check_max_time,
     check_report,
     job_count,
     open_with_warnings,
     read_calibration,
     read_sampling,
 )
-from sqrp_cli.errors import ExitCode
+from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.api.session import Session
     from sqrp_cli.programming.coverage.assessment import Assessment
@@ -53,6 +56,15 @@ def command(
     choose: Annotated[
         str, typer.Option("--choose", metavar="best|NAME", help="Which candidate goes into the program.")
     ] = "best",
+    ways: Annotated[
+        str,
+        typer.Option(
+            "--ways",
+            metavar="best|all|fastest",
+            help="Show each candidate by its best way, all that are Pareto-optimal, or take the fastest, seen or not.",
+        ),
+    ] = "best",
+    max_time: MaxTime = None,
     after: After = None,
     calibration: Annotated[
         str | None,
@@ -63,7 +75,7 @@ def command(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> ExitCode:
-    """Rank the ways of doing a task.
+    """Rank the candidates of a task, each in its best way.
 
     The best are those in which the cameras see what matters. The chosen one can be written as a program.
     """
@@ -77,8 +89,17 @@ def command(
     criterion = read_criterion(by)
     sampling = read_sampling(samples, dt, tolerance)
     drawn = read_calibration(calibration, seed)
+    check_max_time(max_time)
     cell, before = _checked_files(workspace, seed, after, program, report)
-    session = cell.begin(task, sampling=sampling, calibration=drawn, after=before)
+    session = cell.begin(
+        task,
+        sampling=sampling,
+        calibration=drawn,
+        after=before,
+        by=criterion,
+        ways="best" if ways == "all" else _ways(ways),
+        max_time=max_time,
+    )
     print_problems(cell_warnings(session.cell))
     check_choice(session.task, choose)
     assessments, interrupted = _assess(session, job_count(jobs))
@@ -90,7 +111,7 @@ def command(
         interrupted = not _page_is_written(session, ranked, criterion, report, context.obj, job_count(jobs))
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choose, program)
-    ranking = Ranking(session, ranked, criterion, interrupted)
+    ranking = Ranking(session, ranked, criterion, interrupted, all_ways=ways == "all")
     if as_json:
         say_raw(ranking.to_json())
     else:
@@ -98,6 +119,16 @@ def command(
     if message:
         note(message)
     return code
+
+
+def _ways(text: str) -> WaysOption:
+    """The value of `--ways`, other than `all`. Raises InputError for another one."""
+    from sqrp_cli.api.arguments import WAYS
+
+    for way in WAYS:
+        if way == text:
+            return way
+    raise InputError(Problem("bad-option", f"--ways is `{text}`; {expected_names(text, (*WAYS, 'all'))}"))
 
 
 def _checked_files(

@@ -73,7 +73,7 @@ class Assessment(Figures):
     recalibrated: tuple[Qualities, ...] = ()
     """The qualities for random camera poses, if requested."""
     ways: WaysFound | None = None
-    """The ways in which it can be done; None where they were not asked for."""
+    """The ways in which it can be done; None where its motion was not asked for."""
     best_way: Candidate | None = None
     """The way behind the figures, if the candidate leaves something free."""
 
@@ -83,9 +83,16 @@ class Assessment(Figures):
         return self.best_way or self.candidate
 
     @classmethod
-    def infeasible(cls, candidate: Candidate, reasons: tuple[str, ...], verdict: str = "") -> Assessment:
+    def infeasible(
+        cls, candidate: Candidate, reasons: tuple[str, ...], verdict: str = "", ways: WaysFound | None = None
+    ) -> Assessment:
         """The assessment of a candidate that cannot be done."""
-        return cls(candidate, feasible=False, reasons=reasons, verdict=verdict, **vars(NO_FIGURES))
+        return cls(candidate, feasible=False, reasons=reasons, verdict=verdict, ways=ways, **vars(NO_FIGURES))
+
+    @property
+    def has_choice(self) -> bool:
+        """Whether there is more than one way of doing it."""
+        return self.ways is not None and self.ways.tried > 1
 
     @property
     def delay_worst(self) -> float | None:

@@ -96,11 +96,11 @@ def find_way(
     if (obstacle := impossible_start(cell, candidate, world)) is not None:
         return obstacle
     planned = (_fastest if wanted.fastest else _planned)(cell, candidate, world)
-    if isinstance(planned.scenes, Infeasible):
-        return planned.scenes
-    allowed = planned.scenes if wanted.limit is None else wanted.limit.within(planned.scenes)
+    allowed = planned.scenes
+    if wanted.limit is not None and not isinstance(allowed, Infeasible):
+        allowed = wanted.limit.within(allowed)
     if isinstance(allowed, Infeasible):
-        return allowed
+        return replace(allowed, tried=planned.tried)
     bounded = isinstance(sampling, Adaptive) and wanted.by in ("q_eoi", "q_avg", "time") and len(allowed) > 1
     prospects = _prospects(cell, allowed) if bounded else [Prospect(scene, 1.0, 1.0) for scene in allowed]
     studies = list(_studied(cell, prospects, sampling, wanted.by, prune=bounded))

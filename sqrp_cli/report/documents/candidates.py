@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.programming.coverage.assessment import WaysFound
 from sqrp_cli.programming.coverage.quality import Figures
 from sqrp_cli.programming.coverage.robustness import DRAWS
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
@@ -46,6 +47,8 @@ class CandidateFigures(Figures, CandidatePlace):
     """Whether no other candidate is at least as good in q_avg, q_eoi and time, and better in one."""
     verdict: str
     """Where it is blind, why, and what would help."""
+    ways: WaysFound | None
+    """The ways in which it can be done; its own figures are those of the first."""
 
     @classmethod
     def of(cls, ranked: Ranked) -> CandidateFigures:

@@ -1,0 +1,65 @@
+"""The ways of candidates: the column of the ranked table, and the table of all that are Pareto-optimal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sqrp_cli.programming.coverage.assessment import Assessment, WayFigures
+from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.ways.words import way_in_words
+from sqrp_cli.terminal.console import Column, Share, print_table, say
+
+MOST_NAMED = 3
+"""Most candidates that the line about faster ways names."""
+
+
+def way_of(assessment: Assessment) -> str:
+    """The way behind the figures of a candidate, in a few words."""
+    candidate = assessment.candidate
+    return way_in_words(candidate.skill, candidate.parameters, assessment.way.parameters)
+
+
+def faster_ways(feasible: Sequence[Ranked]) -> str:
+    """A line about faster ways that see less; empty if there are none."""
+    found = [(one.assessment.candidate.name, _fastest(one.assessment)) for one in feasible]
+    faster = [f"{name} in {way.time:.1f} s ({_qualities(way)})" for name, way in found if way is not None]
+    more = f", and {len(faster) - MOST_NAMED} more" if len(faster) > MOST_NAMED else ""
+    named = ", ".join(faster[:MOST_NAMED])
+    return f"Faster ways see less: {named}{more}; --ways all shows them." if faster else ""
+
+
+def print_ways(assessments: Sequence[Assessment]) -> None:
+    """A table of the Pareto-optimal ways of each candidate that has several."""
+    for assessment in assessments:
+        if assessment.ways is not None and assessment.ways.pareto:
+            found, name = assessment.ways, assessment.candidate.name
+            say(f"\n{name}: {found.feasible} of {found.tried} ways can be done; Pareto-optimal are")
+            rows = [
+                (_words(assessment, way), Share(way.q_eoi), Share(way.q_avg), f"{way.time:.2f}", _seconds(way))
+                for way in found.pareto
+            ]
+            titles = ("Q_eoi [%]", "Q_avg [%]", "time\n[s]", "at\nworst")
+            print_table([Column("way"), *(Column(title, right=True) for title in titles)], rows)
+
+
+def _fastest(assessment: Assessment) -> WayFigures | None:
+    """The fastest Pareto-optimal way of a candidate, if that is another than its best."""
+    if assessment.ways is None or len(assessment.ways.pareto) < 2:
+        return None
+    first, *others = assessment.ways.pareto
+    fastest = min(others, key=lambda way: way.time)
+    return fastest if fastest.time < first.time else None
+
+
+def _words(assessment: Assessment, way: WayFigures) -> str:
+    candidate = assessment.candidate
+    return way_in_words(candidate.skill, candidate.parameters, way.parameters)
+
+
+def _qualities(way: WayFigures) -> str:
+    named = (("Q_eoi", way.q_eoi), ("Q_avg", way.q_avg))
+    return ", ".join(f"{name} {100 * quality:.1f} %" for name, quality in named if quality is not None)
+
+
+def _seconds(way: WayFigures) -> str:
+    return "-" if way.delay_worst is None else f"{way.delay_worst:.2f}"
