@@ -14,8 +14,8 @@ from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Sphere
 ROUND = 0
 """The number of turns of what looks the same in every turn; `math.gcd` takes it as divisible by all."""
 
-TURNS_OF_ROUND = 8
-"""So many of the endlessly many turns of something round are tried: every 45 degrees."""
+TURNS_OF_ROUND = 4
+"""So many of the endlessly many turns of something round are tried: every 90 degrees."""
 
 SAME_SIZE = 1e-6
 """Lengths that differ by no more than this are equal [m], and so are directions [rad]."""
