@@ -14,6 +14,7 @@ from sqrp_cli.programming.coverage.look import Look, look_at
 from sqrp_cli.programming.coverage.sampling import within_pieces
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.timeline import Timeline
+from sqrp_cli.programming.ranking import compared_quality
 from sqrp_cli.programming.sensing.observer import Observer
 
 LOOKS_AT_MOVE, LOOKS_AT_OTHERS = 17, 5
