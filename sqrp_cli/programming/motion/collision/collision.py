@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import dist
+from itertools import chain
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from sqrp_cli.geometry import Array, Indices, pose
+from sqrp_cli.geometry import Array, Indices, norms, pose, transform
 from sqrp_cli.knowledge.robot.joint_tree import Mount
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -24,7 +24,7 @@ from sqrp_cli.programming.motion.collision.collision_body import (
     placement_at,
 )
 from sqrp_cli.programming.motion.collision.motion_bound import LowBodies, MotionBound
-from sqrp_cli.programming.motion.collision.placed_bodies import BodyPairs, PlacedBodies
+from sqrp_cli.programming.motion.collision.placed_bodies import BodyArrays, BodyPairs, PlacedBodies
 from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
 from sqrp_cli.programming.solids import load_solid
 
@@ -63,6 +63,8 @@ class CollisionScene:
             for j, b in enumerate(self.bodies[:i])
             if depth[a.name] != depth[b.name] and pair(a.name, b.name) not in skipped
         )
+        every = [*self.bodies, *chain.from_iterable(self.object_bodies.values())]
+        self._arrays, self._rows = BodyArrays.of(every), {body: row for row, body in enumerate(every)}
         self._low = LowBodies(model, self.bound, self.bodies)
         self._clearance = {obj.name: CLEARANCE + (padding if obj.fixed else 0.0) for obj in objects}
         self._placed: WeakKeyDictionary[World, PlacedScene] = WeakKeyDictionary()
@@ -85,36 +87,57 @@ class CollisionScene:
 
     def _place(self, world: World) -> PlacedScene:
         """See `placed`."""
-        mounts, depth = self.model.tree.mounts, self.bound.depth
-        places = [(body, depth[body.name], mounts[body.name]) for body in self.bodies]
-        clearance = [CLEARANCE] * len(places)
+        mounts, depths = self.model.tree.mounts, self.bound.depth
+        bodies, carriers = list(self.bodies), [mounts[body.name] for body in self.bodies]
+        clearance = [CLEARANCE] * len(bodies)
         for name, X_WO in world.X_WO.items():
-            for body in self.object_bodies[name] if name != world.held else ():
-                places.append((body, 0, Mount(-1, X_WO)))
-                clearance.append(self._clearance[name])
-        moving = [i for i, body in enumerate(self.bodies) if depth[body.name] > 0]
-        resting = range(len(self.bodies), len(places))
+            if name != world.held:
+                of_object = self.object_bodies[name]
+                bodies += of_object
+                carriers += [Mount(-1, X_WO)] * len(of_object)
+                clearance += [self._clearance[name]] * len(of_object)
+        depth = [depths[body.name] for body in self.bodies] + [0] * (len(bodies) - len(self.bodies))
+        moving = np.flatnonzero(depth).tolist()
+        resting = range(len(self.bodies), len(bodies))
         pairs = [np.array(self.self_pairs, dtype=np.intp).reshape(-1, 2), _crossed(resting, moving)]
         if world.held is not None and world.X_TO is not None:
-            partners = [i for i, (body, *_) in enumerate(places) if body.name not in self.model.hand_links]
-            carried = mounts[self.model.tool_frame].with_offset(world.X_TO)
+            partners = [i for i, body in enumerate(bodies) if body.name not in self.model.hand_links]
             held = self.object_bodies[world.held]
-            pairs.append(_crossed(range(len(places), len(places) + len(held)), partners)[:, ::-1])
-            places += [(body, depth[self.model.tool_frame], carried) for body in held]
+            pairs.append(_crossed(range(len(bodies), len(bodies) + len(held)), partners)[:, ::-1])
+            bodies += held
+            carriers += [mounts[self.model.tool_frame].with_offset(world.X_TO)] * len(held)
+            depth += [depths[self.model.tool_frame]] * len(held)
         inner, outer = np.concatenate(pairs).T.copy()
-        bodies, fingers = PlacedBodies.of(places), self.model.finger_positions(world.joints)
-        body_pairs = BodyPairs.of(inner, outer, np.array(clearance)[inner], bodies, self._low)
-        return PlacedScene(self.model, self.bound, self._low, bodies, body_pairs, fingers)
+        placed = PlacedBodies.of(self._arrays, [self._rows[body] for body in bodies], depth, carriers)
+        body_pairs = BodyPairs.of(inner, outer, np.array(clearance)[inner], placed, self._low)
+        fingers = self.model.finger_positions(world.joints)
+        return PlacedScene(self.model, self.bound, self._low, placed, body_pairs, fingers)
 
     def supports(self, name: str, X_WO: Array, world: World) -> frozenset[str]:
         """Names of the objects that carry object `name` at `X_WO`: those it touches, but not once raised a little."""
         raised = pose(position=(0.0, 0.0, 3 * CLEARANCE)) @ X_WO
-        others = [(other, X_WB) for other, X_WB in world.X_WO.items() if other not in (name, world.held)]
         return frozenset(
             other
-            for other, X_WB in others
+            for other, X_WB in self._others_near(name, X_WO, world)
             if self._touch(name, X_WO, other, X_WB) and not self._touch(name, raised, other, X_WB)
         )
+
+    def _others_near(self, name: str, X_WO: Array, world: World) -> list[tuple[str, Array]]:
+        """The objects around an object at `X_WO` that could touch it, with their poses, by the spheres around bodies."""
+        others = [
+            (other, X_WB, body)
+            for other, X_WB in world.X_WO.items()
+            if other not in (name, world.held)
+            for body in self.object_bodies[other]
+        ]
+        rows = [self._rows[body] for _, _, body in others]
+        X_WB = np.array([X_WB for _, X_WB, _ in others]).reshape(-1, 4, 4)
+        centers = transform(X_WB, self._arrays.center[rows, None])[:, 0]
+        near = np.zeros(len(others), dtype=bool)
+        for body in self.object_bodies[name]:
+            apart = norms(centers - transform(X_WO, body.center[None]))
+            near |= apart < self._arrays.radius[rows] + body.radius + CLEARANCE
+        return list({other: (other, X) for (other, X, _), is_near in zip(others, near, strict=True) if is_near}.values())
 
     def _touch(self, first: str, X_WA: Array, second: str, X_WB: Array) -> bool:
         return any(
@@ -122,14 +145,7 @@ class CollisionScene:
             is not None
             for a in self.object_bodies[first]
             for b in self.object_bodies[second]
-            if _may_touch(a, X_WA, b, X_WB)
         )
-
-
-def _may_touch(a: Body, X_WA: Array, b: Body, X_WB: Array) -> bool:
-    """Whether the spheres around two bodies come within the clearance."""
-    apart = dist(X_WA[:3, :3] @ a.center + X_WA[:3, 3], X_WB[:3, :3] @ b.center + X_WB[:3, 3])
-    return apart < a.radius + b.radius + CLEARANCE
 
 
 def _crossed(first: Sequence[int], second: Sequence[int]) -> Indices:

@@ -14,6 +14,38 @@ from sqrp_cli.programming.motion.collision.motion_bound import LowBodies
 
 
 @dataclass(frozen=True, eq=False)
+class BodyArrays:
+    """S bodies, with their bounds in the frames of their parents P as arrays; the fields are those of `Body`."""
+
+    bodies: tuple[Body, ...]
+    X_PG: Array
+    center: Array
+    radius: Array
+    centers: Array
+    radii: Array
+    X_PB: Array
+    half: Array
+
+    @staticmethod
+    def of(bodies: Sequence[Body]) -> BodyArrays:
+        """The arrays of some bodies."""
+
+        def rows(values: Iterable[Array | float], *shape: int) -> Array:
+            return np.array(list(values)).reshape(len(bodies), *shape)
+
+        return BodyArrays(
+            bodies=tuple(bodies),
+            X_PG=rows((body.X_PG for body in bodies), 4, 4),
+            center=rows((body.center for body in bodies), 3),
+            radius=rows(body.radius for body in bodies),
+            centers=rows((body.centers for body in bodies), SPHERES, 3),
+            radii=rows((body.radii for body in bodies), SPHERES),
+            X_PB=rows((body.X_PB for body in bodies), 4, 4),
+            half=rows((body.half for body in bodies), 3),
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class PlacedBodies:
     """S bodies, each fixed in a frame F: that of a joint, or the world."""
 
@@ -44,25 +76,21 @@ class PlacedBodies:
     """Those that the arm moves, by index."""
 
     @staticmethod
-    def of(places: Sequence[tuple[Body, int, Mount]]) -> PlacedBodies:
-        """places: each body with the number of the arm's joints that move it, and its mount."""
-        bodies, depth, mounts = zip(*places, strict=True) if places else ((), (), ())
-
-        def rows(values: Iterable[Array], *shape: int) -> Array:
-            return np.array(list(values)).reshape(len(bodies), *shape)
-
-        X_FP = rows((mount.X_JL for mount in mounts), 4, 4)
+    def of(arrays: BodyArrays, rows: Sequence[int], depth: Sequence[int], mounts: Sequence[Mount]) -> PlacedBodies:
+        """Some of the bodies, by row, with the number of the arm's joints that move each, and its mount."""
+        X_FP = np.array([mount.X_JL for mount in mounts]).reshape(-1, 4, 4)
+        chosen = np.array(rows, dtype=np.intp)
         return PlacedBodies(
-            bodies=bodies,
+            bodies=tuple(arrays.bodies[row] for row in rows),
             frame=np.array([mount.joint for mount in mounts], dtype=np.intp),
             depth=np.array(depth, dtype=np.intp),
-            X_FG=X_FP @ rows((body.X_PG for body in bodies), 4, 4),
-            center=transform(X_FP, rows((body.center for body in bodies), 1, 3))[:, 0],
-            radius=rows(body.radius for body in bodies),
-            centers=transform(X_FP, rows((body.centers for body in bodies), SPHERES, 3)),
-            radii=rows((body.radii for body in bodies), SPHERES),
-            X_FB=X_FP @ rows((body.X_PB for body in bodies), 4, 4),
-            half=rows((body.half for body in bodies), 3),
+            X_FG=X_FP @ arrays.X_PG[chosen],
+            center=transform(X_FP, arrays.center[chosen, None])[:, 0],
+            radius=arrays.radius[chosen],
+            centers=transform(X_FP, arrays.centers[chosen]),
+            radii=arrays.radii[chosen],
+            X_FB=X_FP @ arrays.X_PB[chosen],
+            half=arrays.half[chosen],
             moving=np.flatnonzero(depth),
         )
 

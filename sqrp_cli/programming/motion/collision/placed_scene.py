@@ -110,7 +110,7 @@ class PlacedScene:
         first: list[Contact | None] = [None] * len(paths)
         until = np.full(len(paths), np.inf)
         stretches = Stretches.along(courses, self.bound.radii, len(self._pairs.inner))
-        while len(stretches.stretch):
+        while len(stretches.s):
             open_ones = []
             for near in self._near(stretches, resolution, settled=stretches.beyond(until)):
                 if near.bound >= resolution:
@@ -142,7 +142,7 @@ class PlacedScene:
         close, bound = self._close(stretches, X_WF, resolution)
         if backwards:
             close, bound = close[::-1], bound[::-1]
-        bodies, stretch, pairs = self._bodies, stretches.stretch[close], stretches.pairs[close]
+        bodies, (stretch, pairs) = self._bodies, stretches.split(close)
         inner, outer, clearance = self._pairs.inner[pairs], self._pairs.outer[pairs], self._pairs.clearance[pairs]
         placements = (bodies.placements(X_WF, stretch, body) for body in (outer, inner))
         columns = (values.tolist() for values in (close, stretch, outer, inner, bound, clearance))
@@ -166,31 +166,47 @@ class PlacedScene:
 
         X_WF: frames in the middle of the stretches, (m, N + 1, 4, 4).
         """
-        bodies, stretch, pairs = self._bodies, stretches.stretch, stretches.pairs
-        inner, outer = self._pairs.inner[pairs], self._pairs.outer[pairs]
+        bodies, pairs = self._bodies, self._pairs
         centers, moving = bodies.world_centers(X_WF), bodies.moving
         spheres = centers[:, moving], bodies.radius[moving], bodies.depth[moving]
         motion = self.bound.between(X_WF, stretches.variation, *spheres)
-        bound = motion[stretch, self._pairs.mover[pairs], bodies.depth[inner]]
-        between = centers[stretch, inner] - centers[stretch, outer]
-        reach = self._pairs.reach[pairs] + bound
+        close, bound = self._spheres_meet(stretches, centers, motion)
+        stretch, near = stretches.split(close)
+        gap = bodies.gap(X_WF, stretch, pairs.boxed[near], pairs.covered[near])
+        kept = np.flatnonzero(gap < bound + pairs.clearance[near])
+        kept = kept[~self._stay_off(stretches, X_WF, close[kept], resolution)]
+        return close[kept], bound[kept]
+
+    def _spheres_meet(self, stretches: Stretches, centers: Array, motion: Array) -> tuple[Indices, Array]:
+        """The open combinations whose spheres could meet, (k,), and bounds of their motion [m], (k,).
+
+        centers: of the spheres, (m, S, 3). motion: as of `MotionBound.between`, for those that move.
+        """
+        inner, outer, mover, reach = self._pairs.inner, self._pairs.outer, self._pairs.mover, self._pairs.reach
+        depth = self._bodies.depth[inner]
+        if stretches.open is None:
+            between = centers.take(inner, axis=1) - centers.take(outer, axis=1)
+            bound = motion[:, mover, depth].ravel()
+            combinations, reach = np.arange(len(bound)), np.tile(reach, len(centers))
+        else:
+            combinations, (at, pair) = stretches.open, stretches.split(stretches.open)
+            between = centers[at, inner[pair]] - centers[at, outer[pair]]
+            bound, reach = motion[at, mover[pair], depth[pair]], reach[pair]
+        reach = reach + bound
+        between = between.reshape(-1, 3)
         close = np.flatnonzero(np.einsum("ki,ki->k", between, between) < reach * reach)
-        near = pairs[close]
-        gap = bodies.gap(X_WF, stretch[close], self._pairs.boxed[near], self._pairs.covered[near])
-        close = close[gap < bound[close] + self._pairs.clearance[near]]
-        close = close[~self._stay_off(stretches, X_WF, close, resolution)]
-        return close, bound[close]
+        return combinations[close], bound[close]
 
     def _stay_off(self, stretches: Stretches, X_WF: Array, chosen: Indices, resolution: float) -> Mask:
         """Whether a low body provably stays clear of a resting one over its whole stretch, for chosen combinations.
 
         It stays so far away that no part of the stretch can count as a contact.
         """
-        pairs = stretches.pairs[chosen]
+        stretch, pairs = stretches.split(chosen)
         low = np.flatnonzero(self._pairs.low[pairs] >= 0)
         stays = np.zeros(len(chosen), dtype=bool)
         if len(low) >= WORTH_PROVING:
-            pairs, at = pairs[low], stretches.stretch[chosen[low]]
+            pairs, at = pairs[low], stretch[low]
             box = self._pairs.inner[pairs]
             stays[low] = self._low.stay_off(
                 X_WF=X_WF[at],
@@ -208,7 +224,7 @@ class _Near:
     """A combination of stretch and pair that is not proven apart."""
 
     combination: int
-    """Its index."""
+    """Its number; see `Stretches`."""
 
     stretch: int
 
@@ -269,22 +285,24 @@ class Stretches:
     variation: Array
     """Largest change of each joint from there within the stretch, shape (m, n)."""
 
-    stretch: Indices
-    pairs: Indices
-    """Index of stretch and of pair of every open combination, shape (k,), ordered by stretch."""
+    pairs: int
+    """How many pairs there are. The combination of stretch k with pair p has the number k * pairs + p."""
+
+    open: Indices | None
+    """The open combinations in ascending order; None if all are."""
 
     @staticmethod
     def still(q: Array, pairs: int, s: Array | None = None) -> Stretches:
         """Joint positions (m, n) without motion, with all pairs open; s: where on a path they are, (m,)."""
-        still, stretch, pair = np.zeros(len(q)), *_all_open(len(q), pairs)
+        still = np.zeros(len(q))
         return Stretches(
             course=np.zeros(len(q), dtype=np.intp),
             s=still if s is None else s,
             half=still,
             q=q,
             variation=np.zeros_like(q),
-            stretch=stretch,
-            pairs=pair,
+            pairs=pairs,
+            open=None,
         )
 
     @staticmethod
@@ -292,8 +310,12 @@ class Stretches:
         """The whole of some paths, with all pairs open; see `_Course.stretches`."""
         middles, halves = zip(*(course.stretches(radii) for course in courses), strict=True)
         course = np.repeat(np.arange(len(courses)), [len(s) for s in middles])
-        s, half = np.concatenate(middles), np.concatenate(halves)
-        return _stretches(courses, course, s, half, *_all_open(len(s), pairs))
+        return _stretches(courses, course, np.concatenate(middles), np.concatenate(halves), pairs, None)
+
+    def split(self, combinations: Indices) -> tuple[Indices, Indices]:
+        """Stretch and pair of each combination."""
+        stretch, pair = np.divmod(combinations, max(self.pairs, 1))
+        return stretch, pair
 
     def beyond(self, until: Array) -> Callable[[int], bool]:
         """Whether a stretch comes after `until` of its path; later changes of the array count."""
@@ -302,22 +324,18 @@ class Stretches:
 
     def halved(self, courses: Sequence[_Course], open_ones: Indices, until: Array) -> Stretches:
         """Both halves of every stretch with one of the open combinations that begins before `until` of its path."""
-        stretch = self.stretch[open_ones]
-        open_ones = open_ones[(self.s - self.half)[stretch] < until[self.course[stretch]]]
-        of_open, open_pairs = self.stretch[open_ones], self.pairs[open_ones]
-        begins = np.ones(len(of_open), dtype=bool)  # of the open combinations, the first of each stretch
-        begins[1:] = of_open[1:] != of_open[:-1]
-        kept, stretch = of_open[begins], begins.cumsum() - 1
+        stretch, pair = self.split(open_ones)
+        early = (self.s - self.half)[stretch] < until[self.course[stretch]]
+        kept, stretch = np.unique(stretch[early], return_inverse=True)
         quarter = self.half[kept] / 2
         s = np.stack([self.s[kept] - quarter, self.s[kept] + quarter], axis=1).ravel()
-        both = np.concatenate([2 * stretch, 2 * stretch + 1])
-        order = both.argsort(kind="stable")
-        pairs = np.concatenate([open_pairs, open_pairs])[order]
-        return _stretches(courses, self.course[kept].repeat(2), s, quarter.repeat(2), both[order], pairs)
+        first = 2 * stretch * self.pairs + pair[early]
+        both = np.sort(np.concatenate([first, first + self.pairs]))
+        return _stretches(courses, self.course[kept].repeat(2), s, quarter.repeat(2), self.pairs, both)
 
 
 def _stretches(
-    courses: Sequence[_Course], course: Indices, s: Array, half: Array, stretch: Indices, pairs: Indices
+    courses: Sequence[_Course], course: Indices, s: Array, half: Array, pairs: int, open_ones: Indices | None
 ) -> Stretches:
     """Stretches of some paths by their middles and half lengths."""
     ends = np.searchsorted(course, np.arange(len(courses) + 1)).tolist()
@@ -328,11 +346,6 @@ def _stretches(
         half=half,
         q=np.concatenate([one.path.positions(s[row]) for one, row in rows]),
         variation=np.concatenate([one.variation(s[row], half[row]) for one, row in rows]),
-        stretch=stretch,
         pairs=pairs,
+        open=open_ones,
     )
-
-
-def _all_open(stretches: int, pairs: int) -> tuple[Indices, Indices]:
-    """Index of stretch and of pair of every combination."""
-    return np.arange(stretches).repeat(pairs), np.arange(stretches * pairs) % pairs
