@@ -123,7 +123,7 @@ class CollisionScene:
         )
 
     def _others_near(self, name: str, X_WO: Array, world: World) -> list[tuple[str, Array]]:
-        """The objects around an object at `X_WO` that could touch it, with their poses, by the spheres around bodies."""
+        """The objects whose spheres meet those of an object at `X_WO`, with their poses."""
         others = [
             (other, X_WB, body)
             for other, X_WB in world.X_WO.items()
@@ -137,7 +137,7 @@ class CollisionScene:
         for body in self.object_bodies[name]:
             apart = norms(centers - transform(X_WO, body.center[None]))
             near |= apart < self._arrays.radius[rows] + body.radius + CLEARANCE
-        return list({other: (other, X) for (other, X, _), is_near in zip(others, near, strict=True) if is_near}.values())
+        return list({others[k][0]: others[k][:2] for k in np.flatnonzero(near).tolist()}.values())
 
     def _touch(self, first: str, X_WA: Array, second: str, X_WB: Array) -> bool:
         return any(
