@@ -72,7 +72,9 @@ def _look_at(observer: Observer, looks: Sequence[Look]) -> Iterator[Observation]
     frames = dict(states.X_WF)
     targets = [_as_one(targets, rows, frames, states.count) for targets in alike.values()]
     states = SceneStates(states.count, frames)
-    found = coverage_only(observer, targets, states, Observation.unknown(required), faults)
+    # About as many as there are candidates: each look asks for one target after the other, as it would alone.
+    together = len(targets) // max(1, max(len(look.targets) for look in looks))
+    found = coverage_only(observer, targets, states, Observation.unknown(required), faults, max(1, together))
     yield from map(found.part, rows, columns)
 
 

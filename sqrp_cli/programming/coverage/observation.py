@@ -157,11 +157,13 @@ def coverage_only(
     states: SceneStates,
     agreed: Observation,
     faults: Mapping[str, tuple[int, ...]],
+    together: int = 1,
 ) -> Observation:
     """Coverage of what `agreed` requires and does not know, without the verdicts of every camera.
 
     A target is not observed where the state and every fault that needs it are already known uncovered. For few samples,
-    several targets are still observed together. faults: the columns of each one's atoms, indices into `targets`.
+    several targets are still observed together, and always as many as `together`. faults: the columns of each one's
+    atoms, indices into `targets`.
     """
     required, known = agreed.required, agreed.known.copy()
     covered, response = agreed.covered.copy(), agreed.response.copy()
@@ -170,7 +172,7 @@ def coverage_only(
     fault_open = {fault: ~lost[:, list(columns)].any(axis=1) for fault, columns in faults.items()}
     faults_of = [[fault for fault, columns in faults.items() if column in columns] for column in range(len(targets))]
     order = sorted(range(len(targets)), key=lambda index: _moving_boxes(targets[index], states))
-    together = max(1, _TOGETHER // max(1, len(required)))
+    together = max(together, _TOGETHER // max(1, len(required)))
     for columns in (order[start : start + together] for start in range(0, len(order), together)):
         rows = {}
         for column in columns:

@@ -172,7 +172,7 @@ def explain_stretch(cell: Cell, study: Study, rows: NDArray[np.int64]) -> BlindS
     uncovered = timeline.observation.required[chosen] & ~timeline.observation.covered[chosen]
     columns = np.flatnonzero(uncovered.any(axis=0)).tolist()
     targets = [study.targets[column] for column in columns]
-    matrices = cell.observer.verdicts(targets, states)
+    matrices = cell.observer.verdicts(targets, states, shares=False)
     lost = np.stack(
         [
             uncovered[:, column] & (sees_all(boxes).sum(axis=1) < target.cameras)

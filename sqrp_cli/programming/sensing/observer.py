@@ -171,16 +171,18 @@ class Observer:
         views = BoxViews(box[at], camera, state[at])
         least = np.array([entry.limits.min_visible for entry in boxes])[views.box]
         lines, poses = watched.sight_lines(views), watched.solid_poses
-        met = self._tester.met(lines, poses, near_pairs(lines, poses, watched.opaque), first_only=False)
-        seen = visible_shares(lines, poses, met if shares else met.of_lines(least < 1))
+        near, whole = near_pairs(lines, poses, watched.opaque), least >= 1
+        met = self._tester.met(lines, poses, near.of_lines(whole), first_only=False)
+        partly = near.of_lines(~whole)
+        seen = visible_shares(lines, poses, partly.joined(met) if shares else partly)
         if shares:
             visible[camera, at] = 1.0
             visible[camera[seen.line], at[seen.line]] = seen.share
-        hidden, whole = np.zeros(len(at), dtype=bool), least >= 1
+        hidden = np.zeros(len(at), dtype=bool)
         hidden[met.line] = True
-        hidden[seen.line] &= (seen.share < least[seen.line]) | whole[seen.line]
-        first = find_culprits(lines, poses, met.of_lines(hidden & whole))
-        largest = find_largest(lines, poses, met.of_lines(hidden & ~whole), self._parts)
+        hidden[seen.line] |= ~whole[seen.line] & (seen.share < least[seen.line])
+        first = find_culprits(lines, poses, met)
+        largest = find_largest(lines, poses, partly.of_lines(hidden), self._parts)
         culprits = np.where(whole, first, largest)
         cause[camera[hidden], at[hidden]], by[camera[hidden], at[hidden]] = Cause.HIDDEN, culprits[hidden]
 

@@ -45,6 +45,12 @@ class Pairs:
         """Some of the pairs, by mask or by index."""
         return Pairs(self.line[which], self.solid[which])
 
+    def joined(self, other: Pairs) -> Pairs:
+        """These pairs and those of other lines."""
+        line, solid = np.concatenate([self.line, other.line]), np.concatenate([self.solid, other.solid])
+        order = np.argsort(line, kind="stable")
+        return Pairs(line[order], solid[order])
+
     def of_lines(self, wanted: Mask) -> Pairs:
         """The pairs of those sight lines (v,) that are wanted."""
         return self.some(wanted[self.line])
