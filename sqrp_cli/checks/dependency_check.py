@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.programming.coverage.sampling import Adaptive
-from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.grounding import formulas_outside
 from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.suggestion import SuggestedStep, Suggester, Suggestion
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.ways.find import some_motion
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -24,7 +24,7 @@ class Feasibility:
     reasons: tuple[str, ...] = ()
     """Why not, most useful first."""
     time: float | None = None
-    """Duration of its motion [s]; None if infeasible."""
+    """Duration of its motion, with the first grip that works, in the fastest branch [s]; None if infeasible."""
     suggestion: Suggestion
     """How to establish its precondition."""
     ways_around: tuple[str, ...] = ()
@@ -36,7 +36,7 @@ class Feasibility:
 def check_candidate(candidate: Candidate, suggester: Suggester) -> Feasibility:
     """Check one candidate in the suggester's world: its precondition, and whether the robot can make its motion."""
     suggestion = suggester.suggest(candidate)
-    motion = feasible_motion(suggester.cell, candidate, suggester.world)
+    motion = some_motion(suggester.cell, candidate, suggester.world)
     if isinstance(motion, Infeasible):
         return Feasibility(candidate=candidate, feasible=False, reasons=motion.reasons, suggestion=suggestion)
     return Feasibility(

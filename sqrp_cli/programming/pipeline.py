@@ -18,8 +18,8 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import WantedWay, find_way
 
-WORTH_A_PROCESS = 8
-"""Least number of candidates per further process; fewer are not worth its start."""
+WORTH_A_PROCESS, WORTH_WITH_WAYS = 8, 2
+"""Least number of candidates per further process, and of those of which all ways are tried; fewer are not worth it."""
 
 
 class Explained(NamedTuple):
@@ -76,7 +76,8 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
 
     jobs: number of processes at most.
     """
-    assessments = in_processes(assignment.assess, candidates, min(jobs, len(candidates) // WORTH_A_PROCESS))
+    least = WORTH_A_PROCESS if assignment.wanted.fastest else WORTH_WITH_WAYS
+    assessments = in_processes(assignment.assess, candidates, min(jobs, len(candidates) // least))
     for candidate, assessment in zip(candidates, assessments, strict=True):
         # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
         way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)

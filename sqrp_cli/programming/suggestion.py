@@ -147,8 +147,8 @@ class Suggester:
     def _world_after(self, assessment: Assessment, world: World) -> World | None:
         if not assessment.feasible:
             return None
-        motion = feasible_motion(self.cell, assessment.candidate, world)
-        return None if isinstance(motion, Infeasible) else world_after(assessment.candidate, motion, world)
+        motion = feasible_motion(self.cell, assessment.way, world)
+        return None if isinstance(motion, Infeasible) else world_after(assessment.way, motion, world)
 
     def _task(self, step: PlanStep) -> Task:
         """The task of a step, with all its candidates."""

@@ -17,6 +17,7 @@ from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.report.sentences import accuracy
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
+from sqrp_cli.terminal.ways_table import way_of
 
 MOST_SIGNS = 50
 """Signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time."""
@@ -66,6 +67,8 @@ def print_study(cell: Cell, ranked: Ranked, study: Study | None, sampling: Sampl
     for label, quality in (("Q_eoi", assessment.q_eoi), ("Q_avg", assessment.q_avg)):
         figures.append(f"{label} {'-' if quality is None else f'{100 * quality:.1f} %'}")
     place = f"rank {ranked.rank}" + (", Pareto-optimal" if ranked.pareto else "")
+    if assessment.has_choice:
+        figures.insert(0, f"way {way_of(assessment)}")
     say(joined([(assessment.candidate.name, "bold"), f": {place}, {', '.join(figures)}\n"]))
     for row in _Chart(study, study.motion.time).rows(cell):
         say(row)

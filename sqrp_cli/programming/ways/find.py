@@ -18,8 +18,8 @@ from sqrp_cli.programming.coverage.assessment import (
     rehearsal,
 )
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
-from sqrp_cli.programming.feasibility import impossible_start, skill_use
-from sqrp_cli.programming.motion.plan_motion import plan_branches, plan_motion
+from sqrp_cli.programming.feasibility import feasible_motion, impossible_start, skill_use
+from sqrp_cli.programming.motion.plan_motion import Motion, plan_branches, plan_motion
 from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, rank
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip, grips
@@ -73,6 +73,15 @@ def find_way(
     ranked = rank([study.assessment("") for study in studies], wanted.by)
     chosen = next(study for study in studies if study.candidate is ranked[0].assessment.candidate)
     return BestWay(chosen, WaysFound(tried=planned.tried, feasible=len(allowed), pareto=_optimal(ranked)))
+
+
+def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
+    """The fastest motion of a candidate with the first grip that has one; else why the first has none."""
+    first = feasible_motion(cell, first_grip(candidate), world)
+    if isinstance(first, Motion):
+        return first
+    motions = (feasible_motion(cell, grip, world) for grip in grips(cell, candidate, world)[1:])
+    return next((motion for motion in motions if isinstance(motion, Motion)), first)
 
 
 @dataclass(frozen=True, eq=False)

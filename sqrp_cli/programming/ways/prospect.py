@@ -23,7 +23,7 @@ LOOKS_AT_MOVE, LOOKS_AT_OTHERS = 17, 5
 ROUNDS = 3
 """How often the time between two instants is halved if the state is covered at one of them only."""
 
-UNSEEN_EVENTS = 0.005
+UNSEEN_EVENTS = 0.01
 """By how much Q may exceed the most favourable figure of a look, which misses short events."""
 
 WORTH_POINTS, WORTH_TIME = 0.02, 0.05
