@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,6 +26,7 @@ from sqrp_cli.api.arguments import (
 from sqrp_cli.errors import InputError, Problem
 
 if TYPE_CHECKING:
+    from sqrp_cli.api.advice import TaskAdvice
     from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.api.results import Check, Explanation, NewCell, Ranking, Scene, Scores
     from sqrp_cli.api.session import Session
@@ -207,6 +208,47 @@ class OpenCell:
                 explained.append(session.assignment.explain(ranked))
                 advance(1)
         return Explanation(session, task, ranking, explained, several=choose is None)
+
+    def advise(
+        self,
+        task: str,
+        *,
+        want: str | None = None,
+        choose: str = "best",
+        kinds: Sequence[str] | None = None,
+        ways: str = "best",
+        sampling: Sampling | None = None,
+        after: str | Path | None = None,
+        jobs: int = 1,
+        progress: Progress = silent,
+    ) -> TaskAdvice:
+        """Find the least changes that let the cameras see enough: of the motion, of objects, of cameras.
+
+        want: a wish such as `q_eoi 100 %, time 20 s`, by default the thresholds of the task in the workspace, else
+        Q_eoi 100 %. choose: the candidate's name, or `best` for the first in the ranking. kinds: what may change, all
+        by default. ways: `fastest` leaves the motion as it is.
+        """
+        from sqrp_cli.api.advice import find_advice
+        from sqrp_cli.programming.advice.change import read_kinds
+
+        check_count(jobs, "jobs", 1)
+        check_progress(progress)
+        check_text(choose, "choose", "the name of a candidate, or `best`")
+        if want is not None:
+            check_text(want, "want", "a wish such as `q_eoi 100 %, time 20 s`")
+        if ways not in ("best", "fastest"):
+            raise refused("ways", ways, "`best` or `fastest`")
+        session = self.begin(task, sampling=sampling, after=after)
+        return find_advice(
+            session,
+            self.path,
+            want=want,
+            choose=choose,
+            kinds=read_kinds(kinds),
+            fixed=ways == "fastest",
+            jobs=jobs,
+            progress=progress,
+        )
 
     def check(
         self,

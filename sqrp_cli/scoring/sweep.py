@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_file import edited
+from sqrp_cli.knowledge.text.yaml_edit import edited, patch
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
 from sqrp_cli.scoring.scorecard import Progress, Scorecard, score_cells
@@ -104,11 +102,7 @@ class Sweep:
     @property
     def patch(self) -> str:
         """A unified diff from the workspace file to the best variant; empty if nothing is better."""
-        contents = (self.document.content, self.best.variant.content)
-        before, after = ([*io.StringIO(content.decode(), newline="\n")] for content in contents)  # lines of `patch`
-        name = from_here(self.document.path)
-        lines = difflib.unified_diff(before, after, name, name)
-        return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
+        return patch(self.document, self.best.variant.content, from_here(self.document.path))
 
 
 class Variants(NamedTuple):

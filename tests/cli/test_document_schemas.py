@@ -47,6 +47,8 @@ COMMANDS = [
     ("explain", TABLETOP, "pickup g2", "--samples", "3"),
     ("explain", TABLETOP, "pickup object=g2,g6", "--samples", "3", "--all"),
     ("explain", TABLETOP, "pickup g6"),
+    ("advise", TABLETOP, "pickup g3", "--kinds", "way,aim", "--ways", "fastest"),
+    ("advise", TABLETOP, "pickup g3", "--kinds", "aim", "--ways", "fastest", "--want", "time 5 s"),
     ("rules",),
     ("rules", "wrong-unit"),
     ("show", TABLETOP),
@@ -109,5 +111,5 @@ def strict(schema: dict) -> dict:
 
 def test_the_documents_are_those_of_the_commands_that_print_json():
     assert set(DOCUMENTS) == {
-        "rank", "explain", "check", "program", "run", "audit", "score", "diff", "show", "init", "rules"
+        "rank", "explain", "advise", "check", "program", "run", "audit", "score", "diff", "show", "init", "rules"
     }  # fmt: skip

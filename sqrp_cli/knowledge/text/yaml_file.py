@@ -1,4 +1,4 @@
-"""Reading YAML files safely, with the position of every key and value, and editing single values in the text.
+"""Reading YAML files safely, with the position of every key and value.
 
 Scalars follow the core schema of YAML 1.2: `1e-3` is a number, `on` and `no` are text, octal and sexagesimal numbers do
 not exist. Keys are always text. Numbers must be finite.
@@ -7,7 +7,7 @@ not exist. Keys are always text. Numbers must be finite.
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.input_file import decoded, read_input
 from sqrp_cli.knowledge.text.source import (
     KeyPath,
@@ -95,56 +95,6 @@ def parse_yaml(
         if not keys or _top_key(keys).search(text):
             raise
         raise InputError(*map(_unquoted, error.problems)) from None
-
-
-def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
-    """The content of a document with new values, by dotted path (`cameras.cam1.pose.position.0`), as YAML text.
-
-    Raises InputError for a path without a value of its own in the file: it is missing, is a list or a mapping, or
-    belongs to an anchor that is also used elsewhere.
-    """
-    text = document.content.decode("utf-8-sig")
-    known = document.leaves
-    for path in values:
-        if path not in known:
-            message = f"the file has no value `{path}`; {expected_names(path, known)}"
-            raise InputError(Problem("unknown-value", message, Place(document.path)))
-    root = yaml.compose(text, yaml.SafeLoader)
-    assert root is not None  # noqa: S101 - it has values
-    spans = sorted(((*_span(root, path.split(".")), value) for path, value in values.items()), reverse=True)
-    for start, end, value in spans:
-        text = text[:start] + value + text[end:]
-    content = text.encode()
-    leaves = parse_yaml(document.path, content).leaves
-    others = [path for path in (*known, *leaves) if path not in values and known.get(path) != leaves.get(path)]
-    if others:
-        message = (
-            f"changing `{', '.join(values)}` would also change `{min(others)}`, which is the same text in the file"
-        )
-        mend = "write the value out in both places"
-        raise InputError(Problem("shared-value", message, Place(document.path), mend=mend))
-    return content
-
-
-def _span(node: yaml.Node, path: list[str]) -> tuple[int, int]:
-    """Where the text of a value begins and ends."""
-    for key in path:
-        if isinstance(node, yaml.SequenceNode):
-            node = node.value[int(key)]
-        else:
-            node = next(value for name, value in _pairs(node) if name == key)
-    return node.start_mark.index, node.end_mark.index
-
-
-def _pairs(node: yaml.Node) -> list[tuple[str, yaml.Node]]:
-    """Keys and values of a mapping, its own before merged ones."""
-    own, merged = [], []
-    for key, value in node.value:
-        if key.value == "<<" and key.style is None:
-            merged += _pairs(value)
-        else:
-            own.append((str(key.value), value))
-    return [*own, *merged]
 
 
 def _top_key(keys: Collection[str]) -> re.Pattern[str]:

@@ -18,6 +18,7 @@ from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.skill.skill import SkillFile
 from sqrp_cli.knowledge.text.entries import Entry
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
+from sqrp_cli.report.documents.advice import AdviceDocument
 from sqrp_cli.report.documents.candidates import RankDocument
 from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
@@ -44,6 +45,7 @@ _RECORD_NAMES: Mapping[str, str] = {
 DOCUMENTS: Mapping[str, Any] = {
     "rank": RankDocument,
     "explain": ExplainDocument | ExplainAllDocument,
+    "advise": AdviceDocument,
     "check": CheckDocument,
     "program": ProgramDocument,
     "run": RunDocument | SweepDocument,

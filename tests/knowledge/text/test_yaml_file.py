@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.text.source import SourceDocument
-from sqrp_cli.knowledge.text.yaml_file import edited, parse_yaml, read_yaml
+from sqrp_cli.knowledge.text.yaml_edit import edited
+from sqrp_cli.knowledge.text.yaml_file import parse_yaml, read_yaml
 
 Read = Callable[[str], SourceDocument]
 

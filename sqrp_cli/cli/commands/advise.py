@@ -1,0 +1,129 @@
+"""`sqrp advise`: the least change of a motion or a cell that meets a wish."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sqrp_cli.cli.options import (
+    After,
+    Jobs,
+    Json,
+    SampleCount,
+    SampleStep,
+    Seed,
+    TaskText,
+    Tolerance,
+    WorkspacePath,
+    answer,
+    job_count,
+    open_with_warnings,
+    read_sampling,
+)
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.platform.files import check_not_read, check_writable, write_atomically
+
+if TYPE_CHECKING:
+    from sqrp_cli.api.advice import TaskAdvice
+
+NAME = "advise"
+
+MARK = "# A change that `sqrp advise` found"
+"""How a patch begins; `patch` and `git apply` skip it. Only files that begin so are overwritten."""
+
+
+def command(
+    workspace: WorkspacePath,
+    task: TaskText,
+    want: Annotated[
+        str | None,
+        typer.Option(
+            "--want",
+            metavar="WISH",
+            help='Such as "q_eoi 100 %, time 20 s"; by default the thresholds of the task in the workspace.',
+        ),
+    ] = None,
+    choose: Annotated[
+        str,
+        typer.Option("--choose", metavar="best|NAME", help="Which candidate; the first-ranked by default."),
+    ] = "best",
+    kinds: Annotated[
+        str | None,
+        typer.Option("--kinds", metavar="KIND,...", help="Only these: way, path, object, aim, position, lens, camera."),
+    ] = None,
+    ways: Annotated[
+        str,
+        typer.Option("--ways", metavar="best|fastest", help="fastest: the motion stays the fastest one."),
+    ] = "best",
+    apply: Annotated[
+        int | None,
+        typer.Option("--apply", metavar="N", min=1, help="Write the N-th change into the workspace; comments stay."),
+    ] = None,
+    patch: Annotated[
+        Path | None,
+        typer.Option("--patch", metavar="FILE", help="Write the first change, or that of --apply, as a patch instead."),
+    ] = None,
+    samples: SampleCount = None,
+    dt: SampleStep = None,
+    tolerance: Tolerance = None,
+    after: After = None,
+    jobs: Jobs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> ExitCode:
+    """Find the least change that lets the cameras see enough.
+
+    The motion comes first, then what it handles, cameras last: their aim, position, lens, and another camera.
+    """
+    from sqrp_cli.checks.cell_warnings import cell_warnings
+    from sqrp_cli.terminal.console import note, print_problems, progress
+
+    sampling = read_sampling(samples, dt, tolerance)
+    if patch is not None:
+        _check_patch(patch)
+    cell = open_with_warnings(workspace, seed)
+    check_not_read([patch], [after, *(file.path for file in cell.workspace.files.values())])
+    print_problems(cell_warnings(cell.cell))
+    found = cell.advise(
+        task,
+        want=want,
+        choose=choose,
+        kinds=None if kinds is None else [kind.strip() for kind in kinds.split(",")],
+        ways=ways,
+        sampling=sampling,
+        after=after,
+        jobs=job_count(jobs),
+        progress=progress,
+    )
+    message = "" if found.interrupted else _write(found, apply, patch)
+    answer(found, as_json=as_json)
+    if message:
+        note(message)
+    if found.interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.OK if found.found else ExitCode.NONE_FEASIBLE
+
+
+def _write(found: TaskAdvice, number: int | None, patch: Path | None) -> str:
+    """Write a change as it was asked for; returns what was done."""
+    if not found.advice or (number is None and patch is None):
+        return ""
+    found.patched(number or 1)  # refuses a number that none has
+    if patch is not None:
+        write_atomically(patch, f"{MARK}\n{found.document.advice[(number or 1) - 1].patch}")
+        return f"change {number or 1} is in {patch}"
+    found.apply(number or 1)
+    return f"change {number} is in {found.path} now"
+
+
+def _check_patch(path: Path) -> None:
+    """Raises InputError for a file that cannot be written, or that exists and is no patch of this command."""
+    check_writable(path)
+    if path.is_file():
+        with path.open("rb") as file:
+            own = file.read(len(MARK)) == MARK.encode()
+        if not own:
+            message = "this file is there already and is no patch of `sqrp advise`; it was left as it is"
+            raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name: --patch FILE"))

@@ -1,0 +1,141 @@
+"""Editing a YAML file as text: single values, whole entries and new ones; the rest stays, comments too."""
+
+from __future__ import annotations
+
+import difflib
+import io
+from collections.abc import Mapping
+
+import yaml
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.knowledge.text.yaml_file import parse_yaml
+
+
+def edited(document: SourceDocument, values: Mapping[str, str]) -> bytes:
+    """The content of a document with new values, by dotted path (`cameras.cam1.pose.position.0`), as YAML text.
+
+    Raises InputError for a path without a value of its own in the file: it is missing, is a list or a mapping, or
+    belongs to an anchor that is also used elsewhere.
+    """
+    text = document.content.decode("utf-8-sig")
+    known = document.leaves
+    for path in values:
+        if path not in known:
+            message = f"the file has no value `{path}`; {expected_names(path, known)}"
+            raise InputError(Problem("unknown-value", message, Place(document.path)))
+    root = _root(text)
+    nodes = {path: _node(root, tuple(path.split("."))) for path in values}
+    spans = sorted(((n.start_mark.index, n.end_mark.index, values[path]) for path, n in nodes.items()), reverse=True)
+    for start, end, value in spans:
+        text = text[:start] + value + text[end:]
+    content = text.encode()
+    leaves = parse_yaml(document.path, content).leaves
+    others = [path for path in (*known, *leaves) if path not in values and known.get(path) != leaves.get(path)]
+    if others:
+        message = (
+            f"changing `{', '.join(values)}` would also change `{min(others)}`, which is the same text in the file"
+        )
+        mend = "write the value out in both places"
+        raise InputError(Problem("shared-value", message, Place(document.path), mend=mend))
+    return content
+
+
+def _pairs(node: yaml.Node) -> list[tuple[str, yaml.Node]]:
+    """Keys and values of a mapping, its own before merged ones."""
+    own, merged = [], []
+    for key, value in node.value:
+        if key.value == "<<" and key.style is None:
+            merged += _pairs(value)
+        else:
+            own.append((str(key.value), value))
+    return [*own, *merged]
+
+
+def respelled(document: SourceDocument, path: KeyPath, key: str, value: str) -> bytes:
+    """The content of a document with an entry of a mapping, key and value, written anew; both as YAML text in a line.
+
+    Raises InputError where that would change anything else.
+    """
+    text = document.content.decode("utf-8-sig")
+    node = _node(_root(text), path[:-1])
+    name, old = next((name, value) for name, value in node.value if str(name.value) == str(path[-1]))
+    text = text[: name.start_mark.index] + f"{key}: {value}" + text[_end(old) :]
+    return _checked(document, text, path)
+
+
+def appended(document: SourceDocument, path: KeyPath, item: str) -> bytes:
+    """The content of a document with an item after the last one of a mapping or list; item: as YAML text in a line.
+
+    An item of a mapping has its key. A mapping or list that is missing is added at the end of the file; only at the top
+    of a file may one be missing. Raises InputError where that would change anything else.
+    """
+    text = document.content.decode("utf-8-sig")
+    listed = ":" not in item.partition("{")[0]
+    if path not in document.values:
+        text = text.rstrip("\n") + f"\n\n{path[-1]}:\n  {'- ' if listed else ''}{item}\n"
+        return _checked(document, text, path)
+    node = _node(_root(text), path)
+    if _in_one_line(node) or not node.value:
+        end = text.rindex("]" if listed else "}", node.start_mark.index, node.end_mark.index)
+        before = text[:end].rstrip()
+        text = before + (", " if node.value else "") + item + text[end:]
+        return _checked(document, text, path)
+    first = node.value[0] if listed else node.value[0][0]
+    end = _end(node)
+    line = text.find("\n", end)
+    line = len(text) if line < 0 else line
+    column = node.start_mark.column if listed else first.start_mark.column
+    new = f"\n{' ' * column}{'- ' if listed else ''}{item}"
+    return _checked(document, text[:line] + new + text[line:], path)
+
+
+def patch(document: SourceDocument, content: bytes, name: str) -> str:
+    """A unified diff from a document to a new content, with the file's name; empty if nothing differs."""
+    before, after = ([*io.StringIO(text.decode(), newline="\n")] for text in (document.content, content))
+    lines = difflib.unified_diff(before, after, name, name)
+    return "".join(line if line.endswith("\n") else f"{line}\n\\ No newline at end of file\n" for line in lines)
+
+
+def _checked(document: SourceDocument, text: str, path: KeyPath) -> bytes:
+    """The text as bytes. Raises InputError if a value outside of `path` differs, as where an anchor is used twice."""
+    content = text.encode()
+    known, leaves = document.leaves, parse_yaml(document.path, content).leaves
+    within = dotted(path[:-1] if path in document.values else path)
+    others = [
+        name for name in (*known, *leaves) if not f"{name}.".startswith(within) and known.get(name) != leaves.get(name)
+    ]
+    if others:
+        message = f"changing `{dotted(path)}` would also change `{min(others)}`, which is the same text in the file"
+        mend = "write the value out in both places"
+        raise InputError(Problem("shared-value", message, Place(document.path), mend=mend))
+    return content
+
+
+def _root(text: str) -> yaml.Node:
+    root = yaml.compose(text, yaml.SafeLoader)
+    assert root is not None  # noqa: S101 - it has values
+    return root
+
+
+def _node(node: yaml.Node, path: KeyPath) -> yaml.Node:
+    for key in path:
+        if isinstance(node, yaml.SequenceNode):
+            node = node.value[int(key)]
+        else:
+            node = next(value for name, value in _pairs(node) if name == str(key))
+    return node
+
+
+def _end(node: yaml.Node) -> int:
+    """Where the text of a value ends; a block ends with its last value, before comments that follow."""
+    if _in_one_line(node) or not node.value:
+        return int(node.end_mark.index)
+    last = node.value[-1]
+    return _end(last[1] if isinstance(node, yaml.MappingNode) else last)
+
+
+def _in_one_line(node: yaml.Node) -> bool:
+    """Whether its text ends where the parser says: it is a scalar, or in brackets."""
+    return not isinstance(node, yaml.CollectionNode) or bool(node.flow_style)

@@ -1,0 +1,173 @@
+"""The text of a workspace file with one camera, object or task changed; comments and layout stay."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
+from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, PIXELS, Dimension, read_quantity
+from sqrp_cli.knowledge.text.yaml_edit import appended, edited, respelled
+from sqrp_cli.knowledge.text.yaml_file import parse_yaml
+from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+
+_SAME = 1e-9
+"""Numbers that differ by less are the same."""
+
+
+def stated_look_at(workspace: Workspace, camera: str) -> tuple[Array, Array] | None:
+    """The point that a camera looks at and its upward direction, (3,) each, if the workspace states it so."""
+    path = f"cameras.{camera}.pose"
+    point = [read_quantity(workspace.values.get(f"{path}.look_at.{axis}")) for axis in range(3)]
+    up = [read_quantity(workspace.values.get(f"{path}.up.{axis}")) for axis in range(3)]
+    places = np.array([entry.value for entry in point if entry is not None])
+    if len(places) < 3:
+        return None
+    stated = [entry.value for entry in up if entry is not None]
+    return places, np.array(stated if len(stated) == 3 else [0.0, 0.0, 1.0])
+
+
+def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_at: Array) -> bytes:
+    """The file with a camera at another pose or with another lens.
+
+    before: as the file has it. look_at: the point in the middle of its image, (3,), for a pose that states one. Raises
+    InputError where the file does not say it itself, as with a lens in a calibration file.
+    """
+    path: KeyPath = ("cameras", camera.name)
+    entry = _at(document, path)
+    content = document.content
+    if not np.array_equal(before.X_FC, camera.X_FC):
+        if "pose" not in entry:
+            raise _elsewhere(document, path, "hand_eye")
+        content = _with_pose(document, (*path, "pose"), camera.X_FC, look_at, body=entry.get("convention") == "body")
+    if not np.array_equal(before.matrix, camera.matrix):
+        if "image" not in entry:
+            raise _elsewhere(document, path, "calibration")
+        content = _with_lens(parse_yaml(document.path, content), path, camera)
+    return content
+
+
+def _elsewhere(document: SourceDocument, path: KeyPath, key: str) -> InputError:
+    """The refusal to change what another file says."""
+    message = f"`{dotted((*path, key))}` names another file, which says it"
+    instead = "`pose`" if key == "hand_eye" else "`image`"
+    return InputError(
+        Problem("bad-option", message, document.value_place((*path, key)), mend=f"state `{dotted(path)}` by {instead}")
+    )
+
+
+def with_further_camera(document: SourceDocument, camera: Camera, like: str, look_at: Array) -> bytes:
+    """The file with one more camera, with image and sensing of another one of that name."""
+    entry = {**_at(document, ("cameras", like))}
+    entry.pop("hand_eye", None)
+    entry.pop("convention", None)
+    entry.pop("frame", None)
+    entry["pose"] = {"position": _places(camera.X_FC[:3, 3]), "look_at": _places(look_at)}
+    ordered = {"pose": entry.pop("pose"), **entry}
+    return appended(document, ("cameras",), f"{camera.name}: {_flow(ordered)}")
+
+
+def with_object(document: SourceDocument, name: str, X_WO: Array) -> bytes:
+    """The file with an object elsewhere, in the same orientation about x and y."""
+    return _with_pose(document, ("objects", name, "pose"), X_WO, None, body=False)
+
+
+def with_task(document: SourceDocument, task: str, thresholds: dict[str, float], instead_of: str | None) -> bytes:
+    """The file with a further task, or with another text of a task that it lists."""
+    if instead_of is not None:
+        for index, entry in enumerate(document.data.get("tasks") or []):
+            if isinstance(entry, dict) and entry.get("task") == instead_of:
+                return edited(document, {f"tasks.{index}.task": _flow(task)})
+    return appended(document, ("tasks",), _flow({"task": task, **thresholds}))
+
+
+def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None, *, body: bool) -> bytes:
+    stated = _at(document, path)
+    R = (inverse(camera_axes_as_body(np.eye(4))) if body else np.eye(4))[:3, :3]
+    X_stated = X @ pose(R)
+    wanted: dict[str, list[float]] = {"position": _places(X[:3, 3])}
+    if "look_at" in stated and look_at is not None:
+        wanted["look_at"] = _places(look_at)
+    elif "quaternion" in stated:
+        wanted["quaternion"] = _rounded(matrix_to_quaternion(X_stated[:3, :3]), 9)
+    elif "rpy" in stated or not np.allclose(X_stated[:3, :3], np.eye(3), atol=_SAME):
+        wanted["rpy"] = _rounded(matrix_to_rpy(X_stated[:3, :3]), 9)
+    if all(key in stated for key in wanted):
+        return edited(document, _leaves(document, path, wanted))
+    kept = {key: value for key, value in stated.items() if key not in wanted}
+    return respelled(document, path, str(path[-1]), _flow({**wanted, **kept}))
+
+
+def _with_lens(document: SourceDocument, path: KeyPath, camera: Camera) -> bytes:
+    """With the camera's field of view or focal lengths."""
+    image = _at(document, path)["image"]
+    focal = float(camera.matrix[0, 0])
+    if "fx" in image:
+        wanted = {"fx": focal} | ({"fy": float(camera.matrix[1, 1])} if "fy" in image else {})
+        values = {name: _number(image[name], value, PIXELS) for name, value in wanted.items()}
+    else:
+        angle = 2.0 * np.arctan(0.5 * camera.width / focal)
+        values = {"horizontal_fov": _number(image["horizontal_fov"], float(angle), ANGLE)}
+    return edited(document, {f"{dotted(path)}.image.{name}": text for name, text in values.items()})
+
+
+def _leaves(document: SourceDocument, path: KeyPath, wanted: dict[str, list[float]]) -> dict[str, str]:
+    """The numbers that differ from the stated ones, as text in the unit of each, by dotted path."""
+    found = {}
+    for key, numbers in wanted.items():
+        stated = _at(document, (*path, key))
+        dimension = LENGTH if key in ("position", "look_at") else ANGLE
+        for axis, number in enumerate(numbers):
+            text = _number(stated[axis], number, dimension)
+            old = read_quantity(stated[axis])
+            if old is None or abs(old.value - number) > _SAME:
+                found[f"{dotted(path)}.{key}.{axis}"] = text
+    return found
+
+
+def _number(stated: object, value: float, dimension: Dimension) -> str:
+    """A number as YAML text, in the unit of what is stated now; unchanged where it says the same."""
+    old = read_quantity(stated)
+    if old is not None and abs(old.value - value) <= _SAME * max(1.0, abs(value)):
+        return str(stated)
+    unit = str(stated).strip().lstrip("+-.0123456789eE").strip() if isinstance(stated, str) else ""
+    factor = dimension.units.get(unit, 1.0)
+    return f"{value / factor:.9g}" + (f" {unit}" if unit else "")
+
+
+def _at(document: SourceDocument, path: KeyPath) -> Any:  # noqa: ANN401 # a mapping or list of a YAML file
+    value: Any = document.data
+    for key in path:
+        value = value[key]
+    if isinstance(value, dict | list):
+        return value
+    raise InputError(Problem("unknown-value", f"`{dotted(path)}` states no pose", Place(document.path)))
+
+
+def _places(point: Array) -> list[float]:
+    return _rounded(point, 6)
+
+
+def _rounded(values: Iterable[float], digits: int) -> list[float]:
+    return [round(float(value), digits) + 0.0 for value in values]
+
+
+def _flow(value: object) -> str:
+    """A value of a YAML file in one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(part)}" for key, part in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:.9g}"
+    text = str(value)
+    plain = text and not set(text) & set("{}[],:#&*!|>'\"%@`") and text[0] not in "-? "
+    return text if not isinstance(value, str) or plain else '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

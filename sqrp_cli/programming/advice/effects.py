@@ -1,0 +1,78 @@
+"""What a change gains and costs: the figures of every task of a workspace, before and after."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.programming.advice.change import CandidateEffect, Change, Effect
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.timeline import observe
+from sqrp_cli.programming.task import Candidate
+
+
+@dataclass(frozen=True, eq=False)
+class TaskWays:
+    """A task with the ways in which its candidates are done."""
+
+    text: str
+    ways: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Effects:
+    """The tasks that a change may affect."""
+
+    cell: Cell
+    world: World
+    sampling: Sampling
+    tasks: tuple[TaskWays, ...]
+
+    def of(self, change: Change) -> tuple[Effect, ...]:
+        """What a change does to each task."""
+        return tuple(
+            Effect(task=task.text, candidates=tuple(self._effect(way, found, change) for way, found in studied))
+            for task, studied in zip(self.tasks, self._studied, strict=True)
+        )
+
+    @cached_property
+    def _studied(self) -> list[list[tuple[Candidate, Study | Infeasible]]]:
+        return [
+            [(way, study(self.cell, way, self.world, self.sampling, full=False)) for way in task.ways]
+            for task in self.tasks
+        ]
+
+    def _effect(self, way: Candidate, found: Study | Infeasible, change: Change) -> CandidateEffect:
+        """Cameras are changed in the same motion; else it is planned again."""
+        if change.camera is None:
+            after = study(self.cell, way, change.in_world(self.world), self.sampling, full=False)
+        elif isinstance(found, Study):
+            after = seen_by(change.in_cell(self.cell), found, self.sampling)
+        else:
+            after = found
+        return CandidateEffect(before=assessed(way, found), after=assessed(way, after))
+
+
+def assessed(way: Candidate, found: Study | Infeasible) -> Assessment:
+    """The figures of a way, or why it cannot be done."""
+    return found.assessment("") if isinstance(found, Study) else Assessment.infeasible(way, found.reasons)
+
+
+def seen_by(cell: Cell, found: Study, sampling: Sampling) -> Study:
+    """The same motion seen by the cameras of another cell."""
+    now = found.timeline
+    timeline = observe(
+        found.stage,
+        cell.observer,
+        found.targets,
+        sampling,
+        faults=now.faults,
+        T=now.T,
+        T_eoi=now.T_eoi,
+        full=False,
+    )
+    return replace(found, timeline=timeline)

@@ -1,0 +1,136 @@
+"""The least vector for which a test holds: growing shells, a descent over directions and lengths, and a fine grid."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Mask
+
+Test = Callable[[Array], Mask]
+"""Which vectors (p, d) may do, shape (p,): quick, and never false for one that does."""
+
+Decide = Callable[[Array], bool]
+"""Whether a vector (d,) does."""
+
+FINE = 16
+"""The fine grid has at most so many steps to every side."""
+
+COARSE = 6
+"""Steps of the grid of each shell to every side."""
+
+_TOGETHER = 512
+"""Vectors to test at once."""
+
+_DECIDED = 6
+"""Vectors of one batch that pass the test and are decided, at most; failures sharpen the test."""
+
+_ROUNDS = 10
+"""Of the descent."""
+
+_DIRECTIONS = 30
+"""Directions around the best one that each round of the descent looks at."""
+
+_SHORTER = np.array([1.0, 0.995, 0.985, 0.97, 0.95, 0.92, 0.88, 0.8])
+"""Lengths that each round looks at, as shares of the best."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """A search for the least vector."""
+
+    test: Test
+    decide: Decide
+    dimension: int
+    step: float
+    """Of the grid."""
+    reach: float
+    """Longest vector that a coarse search looks at."""
+    seed: int
+    """Of the directions of the descent."""
+
+    def anywhere(self) -> Array | None:
+        """A vector (d,) that does, as short as a coarse search and a descent from what it finds can make it."""
+        return self._least(shells(self.dimension, self.step, self.reach))
+
+    def within(self, length: float) -> Array | None:
+        """A vector that does, where any point of the grid up to a length does, and at most as long as such points.
+
+        The grid is coarser than asked for beyond `FINE` of its steps.
+        """
+        return self._least(_ball(self.dimension, self.step, length))
+
+    def _least(self, batches: Iterator[Array]) -> Array | None:
+        found = self._first(batches)
+        return None if found is None else self._descended(found)
+
+    def _first(self, batches: Iterator[Array]) -> Array | None:
+        """The first vector of the batches that does."""
+        for batch in batches:
+            for start in range(0, len(batch), _TOGETHER):
+                found = self._first_of(batch[start : start + _TOGETHER])
+                if found is not None:
+                    return found
+        return None
+
+    def _first_of(self, vectors: Array) -> Array | None:
+        left = vectors
+        for _ in range(_DECIDED):
+            left = left[self.test(left)]
+            if not len(left):
+                return None
+            if self.decide(left[0]):
+                first: Array = left[0]
+                return first
+            left = left[1:]
+        return None
+
+    def _descended(self, found: Array) -> Array:
+        """A local least vector that does, from one that does."""
+        rng = np.random.default_rng(self.seed)
+        spread = 0.5
+        for _ in range(_ROUNDS):
+            length = np.linalg.norm(found)
+            turned = found / length + spread * rng.normal(size=(_DIRECTIONS, self.dimension)) / np.sqrt(self.dimension)
+            turned = np.concatenate([found[None] / length, turned / np.linalg.norm(turned, axis=1)[:, None]])
+            lengths = length * np.append(_SHORTER[1:], _SHORTER[1] + 0.004)
+            tried = (lengths[:, None, None] * turned).reshape(-1, self.dimension)
+            order = np.argsort(np.linalg.norm(tried, axis=1), kind="stable")
+            nearer = self._first_of(tried[order])
+            if nearer is not None:
+                found = nearer
+            else:
+                spread *= 0.5
+        return found
+
+
+def shells(dimension: int, step: float, reach: float) -> Iterator[Array]:
+    """Vectors (p, d) on grids around zero, nearer ones first: the farther out, the coarser."""
+    inner = step
+    while inner < reach:
+        outer = min(2.0 * inner, reach)
+        points = _grid(dimension, COARSE) * (2.0 * inner / COARSE)
+        lengths = np.linalg.norm(points, axis=1)
+        yield points[(lengths > inner * (1 + 1e-9)) & (lengths <= outer * (1 + 1e-9))]
+        inner = outer
+
+
+def _ball(dimension: int, step: float, radius: float) -> Iterator[Array]:
+    """The grid within a radius, without zero, nearest first; coarser where it would have too many points."""
+    step = max(step, radius / FINE)
+    points = _grid(dimension, FINE) * step
+    lengths = np.linalg.norm(points, axis=1)
+    yield points[(lengths > 0) & (lengths <= radius * (1 + 1e-9))]
+
+
+@cache
+def _grid(dimension: int, most: int) -> Array:
+    """Whole-numbered vectors up to a length, shortest first; equal ones in the order of their coordinates."""
+    points = np.array(list(product(range(-most, most + 1), repeat=dimension)), dtype=float)
+    lengths = np.linalg.norm(points, axis=1)
+    near: Array = points[lengths <= most * (1 + 1e-9)]
+    return near[np.argsort(np.linalg.norm(near, axis=1), kind="stable")]

@@ -1,0 +1,258 @@
+"""Cheap looks at fixed samples of a motion: whether a wish can be met with one camera elsewhere.
+
+A look never says that a wish is met, only that it cannot be: at a sample something is not seen that the wish needs.
+What passes is decided by the exact timeline of the same motion; its uncovered samples make the next looks sharper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study, fault_intervals
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.coverage.timeline import Timeline
+from sqrp_cli.programming.sensing.moved_camera import MovedCamera
+from sqrp_cli.programming.sensing.observer import sees_all
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+
+MOST_SAMPLES = 64
+"""Samples of the first look; counterexamples come on top."""
+
+_FIRST, _GROWTH = 1, 3
+"""Views of each pose that are tested for occlusion at once: few at first, then so many times more."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Samples of a candidate's motion that a wish is about, with what each camera sees in them now."""
+
+    cell: Cell
+    study: Study
+    wish: Wish
+    samples: Samples
+    """m of them."""
+
+    @classmethod
+    def of(cls, cell: Cell, study: Study, wish: Wish) -> Scene:
+        """The samples of a study that the wish is about, thinned."""
+        timeline = study.timeline
+        rows = _thinned(timeline.samples, np.flatnonzero(_wished(study, timeline.samples, wish)))
+        return cls(cell, study, wish, Samples(timeline.samples.piece[rows], timeline.samples.t[rows]))
+
+    def with_failures(self, timeline: Timeline) -> Scene:
+        """With the samples, too, at which another timeline of the same motion is not covered."""
+        lost = _wished(self.study, timeline.samples, self.wish) & ~timeline.covered
+        rows = _thinned(timeline.samples, np.flatnonzero(lost), MOST_SAMPLES // 4)
+        piece, t = timeline.samples.piece[rows], timeline.samples.t[rows]
+        known = set(zip(self.samples.piece.tolist(), self.samples.t.tolist(), strict=True))
+        new = np.array([pair not in known for pair in zip(piece.tolist(), t.tolist(), strict=True)], dtype=bool)
+        added = Samples(piece[new], t[new])
+        samples = self.samples.joined(added, self.samples.merge_order(added))
+        return Scene(self.cell, self.study, self.wish, samples)
+
+    @cached_property
+    def states(self) -> SceneStates:
+        """Where everything is in the samples."""
+        return self.study.stage.states(self.samples)
+
+    @cached_property
+    def required(self) -> Mask:
+        """Whether a state holds the target's atom, shape (m, a)."""
+        atoms = [{literal.atom for literal in piece.literals} for piece in self.study.stage.pieces]
+        held = [[target.atom in of_piece for target in self.study.targets] for of_piece in atoms]
+        return np.array(held, dtype=bool)[self.samples.piece]
+
+    @cached_property
+    def sees(self) -> Mask:
+        """Whether each camera sees each target, shape (m, a, c)."""
+        matrix = self.cell.observer.verdicts(self.study.targets, self.states, shares=False)
+        return np.stack([sees_all(boxes) for boxes in matrix], axis=1)
+
+    @cached_property
+    def needed(self) -> Indices:
+        """Cameras that must see each target, shape (a,)."""
+        return np.array([target.cameras for target in self.study.targets])
+
+    def covered(self, sees: Mask) -> Mask:
+        """Whether all required targets are covered, shape (m,), if cameras see as in `sees`, shape (m, a, c)."""
+        covered: Mask = ((sees.sum(axis=2) >= self.needed) | ~self.required).all(axis=1)
+        return covered
+
+    def possible(self, covered: Mask) -> Mask:
+        """Whether the wish may be met if these samples are covered, shape (p, m); shape (p,).
+
+        Between a covered and an uncovered sample all may be covered, so figures are bounds. Times are not looked at.
+        """
+        good = np.ones(len(covered), dtype=bool)
+        for least, T, steps in self._qualities:
+            either = covered[:, 1:] | covered[:, :-1]
+            good &= either @ steps >= (least - 1e-9) * T
+            if least >= 1.0:
+                weighty = np.zeros(len(self.samples), dtype=bool)
+                weighty[1:] |= steps > 0
+                weighty[:-1] |= steps > 0
+                good &= covered[:, weighty].all(axis=1)
+        for inside, unknown in self._fault_rows:
+            blind = self._blind_for(covered[:, inside] | unknown[inside], self.samples.t[inside])
+            good &= blind <= (self.wish.delay or 0.0) + 1e-9
+        return good
+
+    @cached_property
+    def _qualities(self) -> list[tuple[float, float, Array]]:
+        """For each quality of the wish: its least value, the time that counts, and the step after each sample."""
+        steps = np.where(np.diff(self.samples.piece) == 0, np.diff(self.samples.t), 0.0)
+        timeline, pieces = self.study.timeline, self.study.stage.pieces
+        interesting = np.array([piece.of_interest for piece in pieces])[self.samples.piece][:-1]
+        found = []
+        if self.wish.q_eoi is not None:
+            found.append((self.wish.q_eoi, timeline.T_eoi, np.where(interesting, steps, 0.0)))
+        if self.wish.q_avg is not None:
+            found.append((self.wish.q_avg, timeline.T, steps))
+        return found
+
+    @cached_property
+    def _fault_rows(self) -> list[tuple[Mask, Mask]]:
+        """For each fault, if the wish is about delays: the samples in which it may happen, shape (m,).
+
+        And those whose state needs other literals, too, so that nothing follows from it about the fault.
+        """
+        if self.wish.delay is None:
+            return []
+        study = self.study
+        rows = []
+        for fault, columns in study.timeline.faults.items():
+            others = [column for column in range(len(study.targets)) if column not in columns]
+            inside = _inside(study, fault, self.samples)
+            unknown: Mask = np.any(self.required[:, others], axis=1)
+            rows += [(inside, unknown)] if inside.any() else []
+        return rows
+
+    @staticmethod
+    def _blind_for(covered: Mask, t: Array) -> Array:
+        """A bound from below of the longest time without cover, shape (p,); covered: shape (p, r), t: shape (r,)."""
+        longest, since = np.zeros(len(covered)), np.full(len(covered), np.nan)
+        for column, now in enumerate(t.tolist()):
+            since = np.where(covered[:, column], np.nan, np.where(np.isnan(since), now, since))
+            longest = np.fmax(longest, now - since)
+        return longest
+
+
+class Look:
+    """What one camera must see in a scene, because the others do not, and which of its poses can."""
+
+    def __init__(self, scene: Scene, camera: Camera, index: int | None) -> None:
+        """index: of the camera among those of the cell; None if it would be a further one."""
+        others = scene.sees if index is None else np.delete(scene.sees, index, axis=2)
+        count = others.sum(axis=2)
+        wanted = scene.required & (count == scene.needed - 1)
+        self._scene = scene
+        self._hopeless: Mask = (scene.required & (count < scene.needed - 1)).any(axis=1)
+        row, column = np.nonzero(wanted & ~self._hopeless[:, None])
+        targets = scene.study.targets
+        boxes = [box for target in targets for box in target.boxes]
+        first = np.cumsum([0, *(len(target.boxes) for target in targets)])
+        pairs = [
+            (r, b) for r, c in zip(row.tolist(), column.tolist(), strict=True) for b in range(first[c], first[c + 1])
+        ]
+        self.row: Indices = np.array([r for r, _ in pairs], dtype=np.int64)
+        """The sample of each of the n boxes that the camera must see, shape (n,)."""
+        box = np.array([b for _, b in pairs], dtype=np.int64)
+        solids, states = scene.cell.observer.solids, scene.states
+        self._order = np.array(_spread(len(pairs)), dtype=np.int64)
+        self._failures = np.zeros(len(pairs), dtype=np.int64)
+        self.camera = (
+            MovedCamera(Projection.of(camera), boxes, solids, states, box=box, state=self.row) if pairs else None
+        )
+
+    @property
+    def hopeful(self) -> bool:
+        """Whether any pose of the camera may meet the wish."""
+        return bool(self._scene.possible(~self._hopeless[None])[0])
+
+    def passes(self, X_FC: Array) -> Mask:
+        """Which of p poses of the camera, shape (p, 4, 4), may meet the wish."""
+        if self.camera is None:
+            return np.full(len(X_FC), self.hopeful)
+        sees = self.camera.within(X_FC)
+        open_ones = np.flatnonzero(self._scene.possible(self._covered(sees)))
+        done, count = 0, _FIRST
+        while len(open_ones) and done < len(self._order):
+            chosen = self._order[done : done + count]
+            self._test(self.camera, X_FC, open_ones, chosen, sees)
+            open_ones = open_ones[self._scene.possible(self._covered(sees[open_ones]))]
+            done, count = done + count, _GROWTH * count
+        self._order = self._order[np.argsort(-self._failures[self._order], kind="stable")]
+        passed = np.zeros(len(X_FC), dtype=bool)
+        passed[open_ones] = True
+        return passed
+
+    def quality(self, X_FC: Array) -> Array:
+        """Share of the samples that are covered, for each of p poses (p, 4, 4), to compare poses that do not pass."""
+        if self.camera is None:
+            return np.full(len(X_FC), float(np.mean(~self._hopeless)))
+        sees = self.camera.within(X_FC)
+        self._test(self.camera, X_FC, np.arange(len(X_FC)), self._order, sees)
+        quality: Array = self._covered(sees).mean(axis=1)
+        return quality
+
+    def _test(self, camera: MovedCamera, X_FC: Array, poses: Indices, chosen: Indices, sees: Mask) -> None:
+        """Test some views of some poses for occlusion; those that fail often come first from now on."""
+        at, which = np.nonzero(sees[np.ix_(poses, chosen)])
+        pose, look = poses[at], chosen[which]
+        visible = camera.unhidden(X_FC[pose], look)
+        sees[pose[~visible], look[~visible]] = False
+        self._failures += np.bincount(look[~visible], minlength=len(self._failures))
+
+    def _covered(self, sees: Mask) -> Mask:
+        """Whether each sample is covered, shape (p, m)."""
+        covered = np.tile(~self._hopeless, (len(sees), 1))
+        begins = np.flatnonzero(np.diff(self.row, prepend=-1))
+        covered[:, self.row[begins]] &= np.logical_and.reduceat(sees, begins, axis=1)
+        return covered
+
+
+def _wished(study: Study, samples: Samples, wish: Wish) -> Mask:
+    """Which samples a wish is about."""
+    pieces = study.stage.pieces
+    wished = np.zeros(len(samples), dtype=bool)
+    if wish.q_avg is not None:
+        wished |= np.array([bool(piece.literals) for piece in pieces])[samples.piece]
+    if wish.q_eoi is not None:
+        wished |= np.array([piece.of_interest for piece in pieces])[samples.piece]
+    if wish.delay is not None:
+        for fault in study.timeline.faults:
+            wished |= _inside(study, fault, samples)
+    return wished
+
+
+def _inside(study: Study, fault: str, samples: Samples) -> Mask:
+    inside = np.zeros(len(samples), dtype=bool)
+    for stretch in fault_intervals(study.formulas, fault):
+        inside |= (samples.t >= stretch.start) & (samples.t <= stretch.end)
+    return inside
+
+
+def _thinned(samples: Samples, rows: Indices, most: int = MOST_SAMPLES) -> Indices:
+    """So many of the rows at most, evenly in time, with the ends of every piece."""
+    if len(rows) <= most:
+        return rows
+    piece, t = samples.piece[rows], samples.t[rows]
+    ends = np.flatnonzero((np.diff(piece, prepend=-1) != 0) | (np.diff(piece, append=-1) != 0))
+    even = np.searchsorted(t, np.linspace(t[0], t[-1], most), side="right") - 1
+    thinned: Indices = rows[np.unique(np.concatenate([ends, even]))]
+    return thinned
+
+
+def _spread(count: int) -> Sequence[int]:
+    """Numbers below `count` in an order that spreads early ones over all: by their bits, reversed."""
+    width = max(1, (count - 1).bit_length())
+    return sorted(range(count), key=lambda number: int(f"{number:0{width}b}"[::-1], 2))

@@ -1,0 +1,68 @@
+"""Where a camera or an object may stand: clear of everything solid and of the robot's sweep, and not below a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Mask, box_corners, pose, transform
+from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.shapes import Part, Sphere
+
+CAMERA_RADIUS = 0.03
+"""Radius of the ball around a camera's centre that must be clear of everything [m]."""
+
+
+class CameraRoom:
+    """Where cameras that are fixed in the world may be."""
+
+    def __init__(self, cell: Cell, states: Sequence[SceneStates]) -> None:
+        """states: of the motions during which the cameras must not be in the way."""
+        self._solids = cell.observer.solids
+        self._states = states
+        self._ball = load_solid(Part("camera", WORLD, Sphere(CAMERA_RADIUS), pose())).geometry
+        self._tops = sorted(_tops(cell.workspace.objects))
+
+    def free(self, eyes: Array, present: Array | None = None) -> Mask:
+        """Whether a camera may be at each of p places (p, 3); present: where it is now, (3,), above the same tables."""
+        height = np.inf if present is None else float(present[2])
+        lowest = max((top for top in self._tops if top <= height), default=-np.inf)
+        free: Mask = eyes[:, 2] >= lowest
+        for index in range(len(self._solids)):
+            for states in self._states:
+                rows = np.flatnonzero(free)
+                free[rows] = ~self._touched(index, states, eyes[rows])
+        return free
+
+    def _touched(self, index: int, states: SceneStates, eyes: Array) -> Mask:
+        """Whether the ball at each place touches a solid in any state, (p,)."""
+        solid = self._solids[index]
+        X_WP = states.X_WF[solid.part.parent]
+        axes = X_WP[:, :3, :3] @ solid.half_axes.T  # columns
+        half = np.linalg.norm(solid.half_axes, axis=1)
+        center = X_WP[:, :3, :3] @ solid.center + X_WP[:, :3, 3]
+        gap = np.abs(np.einsum("pmi,mij->pmj", eyes[:, None] - center, axes / half)) - half
+        touched = np.zeros(len(eyes), dtype=bool)
+        for place, state in np.argwhere((gap <= CAMERA_RADIUS).all(axis=2)).tolist():
+            if not touched[place]:
+                X_WG = placement_at(X_WP[state] @ solid.part.X_PG)
+                ball = placement_at(pose(position=eyes[place]))
+                inside = solid.contains((eyes[place] - X_WP[state, :3, 3]) @ X_WP[state, :3, :3])
+                touched[place] = inside or distance_within(self._ball, ball, solid.geometry, X_WG, 0.0) is not None
+        return touched
+
+
+def _tops(objects: Mapping[str, SceneObject]) -> list[float]:
+    """Heights of the tops of fixed objects that carry others [m]."""
+    carriers = [objects[name] for name in {obj.on for obj in objects.values() if obj.on is not None}]
+    return [
+        float(transform(obj.X_WO, box_corners(obj.size))[:, 2].max())
+        for obj in carriers
+        if obj.fixed and obj.X_WO is not None
+    ]

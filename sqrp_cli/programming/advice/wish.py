@@ -1,0 +1,116 @@
+"""What a candidate is to reach: the wish of an advice, and by how much figures miss it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.knowledge.text.units import SHARE, TIME, expected_quantity, read_quantity
+from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
+from sqrp_cli.programming.coverage.assessment import Assessment
+
+QUALITIES = ("q_eoi", "q_avg")
+TIMES = ("time", "delay")
+NAMES = (*QUALITIES, *TIMES)
+"""The figures that a wish may be about."""
+
+SHOWN = {"q_eoi": "Q_eoi", "q_avg": "Q_avg", "time": "time", "delay": "delay"}
+"""What texts call them."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """Least qualities and longest times; None where anything will do."""
+
+    q_eoi: float | None = None
+    """Least Q_eoi, in 0..1."""
+    q_avg: float | None = None
+    """Least Q_avg, in 0..1."""
+    time: float | None = None
+    """Longest duration of the motion [s]."""
+    delay: float | None = None
+    """Longest time until a fault is noticed [s]."""
+
+    def __str__(self) -> str:
+        parts = [f"{SHOWN[name]} {100 * value:.4g} %" for name, value in self._stated(QUALITIES)]
+        return ", ".join([*parts, *(f"{SHOWN[name]} {value:.4g} s" for name, value in self._stated(TIMES))])
+
+    def missed(self, found: Assessment) -> tuple[str, ...]:
+        """One short text for each part that a candidate does not meet, such as `Q_eoi is 0.0 %, not 100 %`."""
+        if not found.feasible:
+            return (f"it cannot be done: {found.reasons[0]}",)
+        return tuple(self._missed(found))
+
+    def met(self, found: Assessment) -> bool:
+        """Whether a candidate meets all of it."""
+        return not self.missed(found)
+
+    def shortfall(self, found: Assessment) -> float:
+        """By how much a candidate misses it: qualities and shares of times, added up; infinite if infeasible."""
+        if not found.feasible:
+            return float("inf")
+        missing = 0.0
+        for name, least in self._stated(QUALITIES):
+            missing += max(0.0, least - (figure(found, name) or 0.0))
+        for name, most in self._stated(TIMES):
+            missing += max(0.0, (figure(found, name) or 0.0) / most - 1.0)
+        return missing
+
+    def _stated(self, names: tuple[str, ...]) -> Iterator[tuple[str, float]]:
+        yield from ((name, value) for name in names if (value := getattr(self, name)) is not None)
+
+    def _missed(self, found: Assessment) -> Iterator[str]:
+        for name, least in self._stated(QUALITIES):
+            quality = figure(found, name)
+            if quality is None:
+                yield f"{SHOWN[name]} is undefined"
+            elif quality < least:
+                yield f"{SHOWN[name]} is {100 * quality:.1f} %, not {100 * least:.4g} %"
+        for name, most in self._stated(TIMES):
+            time = figure(found, name)
+            if time is not None and time > most:
+                yield f"{SHOWN[name]} is {time:.2f} s, not {most:.4g} s"
+
+
+def figure(found: Assessment, name: str) -> float | None:
+    """The figure of a candidate that a wish calls `name`."""
+    value: float | None = found.delay_worst if name == "delay" else getattr(found, name)
+    return value
+
+
+def read_wish(text: str) -> Wish:
+    """A wish such as `q_eoi 100 %, time 20 s`; a plain quality is in 0..1.
+
+    Raises InputError for anything else.
+    """
+    found: dict[str, float] = {}
+    for part in text.split(","):
+        name, _, value = part.strip().replace("=", " ").partition(" ")
+        if name.lower() not in NAMES:
+            raise _refused(text, expected_names(name, NAMES) if name else "one part is empty")
+        dimension = SHARE if name.lower() in QUALITIES else TIME
+        quantity = read_quantity(value.strip())
+        if quantity is None or quantity.dimension not in (None, dimension) or quantity.value < 0:
+            raise _refused(text, f"expected {expected_quantity(dimension)} after `{name}`")
+        if dimension is SHARE and quantity.value > 1:
+            raise _refused(text, f"`{name}` is at most 100 %, which is 1 without a unit")
+        if dimension is TIME and quantity.value == 0:
+            raise _refused(text, f"`{name}` takes more than 0 s")
+        if name.lower() in found:
+            raise _refused(text, f"`{name}` is wished for twice")
+        found[name.lower()] = quantity.value
+    return Wish(**found)
+
+
+def wish_of(expected: ExpectedTask | None) -> Wish:
+    """The thresholds of a task that a workspace lists; Q_eoi 100 % where there are none."""
+    if expected is None:
+        return Wish(q_eoi=1.0)
+    wish = Wish(q_eoi=expected.min_q_eoi, q_avg=expected.min_q_avg, time=expected.max_time, delay=expected.max_delay)
+    return wish if str(wish) else Wish(q_eoi=1.0)
+
+
+def _refused(text: str, why: str) -> InputError:
+    mend = 'write parts such as "q_eoi 100 %, time 20 s"'
+    return InputError(Problem("bad-option", f"the wish is `{text}`: {why}", mend=mend))

@@ -1,0 +1,235 @@
+"""`advise`: the least changes that meet a wish."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.programming.advice.change import Kind
+from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.advice.change import Advice, Change, Effect, Miss
+    from sqrp_cli.programming.advice.wish import Wish
+    from sqrp_cli.programming.coverage.assessment import Assessment
+
+
+@dataclass(frozen=True, kw_only=True)
+class WishedFigures(Record):
+    """What is to be met; null where anything will do."""
+
+    q_eoi: float | None
+    """Least Q_eoi in 0..1."""
+    q_avg: float | None
+    """Least Q_avg in 0..1."""
+    time: float | None
+    """Longest duration of the motion [s]."""
+    delay: float | None
+    """Longest time until a fault is noticed [s]."""
+
+    @classmethod
+    def of(cls, wish: Wish) -> WishedFigures:
+        """The wish as a record."""
+        return cls(q_eoi=wish.q_eoi, q_avg=wish.q_avg, time=wish.time, delay=wish.delay)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdvisedFigures(Record):
+    """The figures of a candidate that a wish may be about; null where undefined, and all of an infeasible one."""
+
+    q_eoi: float | None
+    """Q_eoi in 0..1; null where there is no event of interest."""
+    q_avg: float | None
+    """Q_avg in 0..1; null where no formula applies."""
+    time: float | None
+    """Duration of the whole motion [s]."""
+    delay_worst: float | None
+    """The longest time that any fault may remain unnoticed [s]; null without faults."""
+
+    @classmethod
+    def of(cls, found: Assessment | None) -> AdvisedFigures:
+        """The figures of a candidate; None: there is none that can be done."""
+        if found is None:
+            return cls(q_eoi=None, q_avg=None, time=None, delay_worst=None)
+        return cls(q_eoi=found.q_eoi, q_avg=found.q_avg, time=found.time, delay_worst=found.delay_worst)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeMargin(Record):
+    """How much less and more of a change, in the same direction, still meets the wish, in its unit."""
+
+    less: float
+    """By how much it may be smaller."""
+    more: float
+    """By how much it may be larger; not looked at beyond 0.3 m or 30 degrees."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangedCandidate(Record):
+    """A candidate whose figures change."""
+
+    candidate: str
+    """Its name."""
+    before: AdvisedFigures
+    """Without the change."""
+    after: AdvisedFigures
+    """With it."""
+    worse: tuple[str, ...]
+    """The figures that get worse by as much as rankings tell apart; `feasible` if it can no longer be done."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TaskEffect(Record):
+    """What a change does to a task of the workspace."""
+
+    task: str
+    """As the workspace lists it, or as it was asked for."""
+    first_before: str | None
+    """Name of the candidate that is first without the change; null if none can be done."""
+    first_after: str | None
+    """The same with the change."""
+    candidates: tuple[ChangedCandidate, ...]
+    """Those whose figures change, in the order of the task."""
+
+    @classmethod
+    def of(cls, effect: Effect) -> TaskEffect:
+        """An effect as a record."""
+        before, after = effect.first_before, effect.first_after
+        return cls(
+            task=effect.task,
+            first_before=None if before is None else before.candidate.name,
+            first_after=None if after is None else after.candidate.name,
+            candidates=tuple(
+                ChangedCandidate(
+                    candidate=one.before.candidate.name,
+                    before=AdvisedFigures.of(one.before),
+                    after=AdvisedFigures.of(one.after),
+                    worse=one.worse,
+                )
+                for one in effect.candidates
+                if one.changed
+            ),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChangeFound(AdvisedFigures):
+    """A change, with the figures of the candidate with it."""
+
+    kind: Kind
+    """What is changed."""
+    target: str
+    """The candidate, object or camera that changes."""
+    change: tuple[float, ...] | Mapping[str, float | str]
+    """Metres along x, y, z in the frame of the camera or the world; angles to the right and up in the image, or of the
+    field of view [rad]; the parameters of a way."""
+    size: float
+    """How large the change is, in `unit`."""
+    unit: str
+    """m or rad; empty where there is nothing to measure."""
+
+    @classmethod
+    def of_change(cls, change: Change, found: Assessment) -> ChangeFound:
+        """A change with what was found."""
+        values = change.values if change.parameters is None else dict(change.parameters)
+        return cls(
+            kind=change.kind,
+            target=change.target,
+            change=values,
+            size=change.size,
+            unit=change.unit,
+            **vars(AdvisedFigures.of(found)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdviceFound(ChangeFound):
+    """A change that meets the wish."""
+
+    margin: ChangeMargin | None
+    """Null where there is nothing to measure."""
+    worse: tuple[str, ...]
+    """The tasks of the workspace in which a candidate gets worse in a figure."""
+    tasks: tuple[TaskEffect, ...]
+    """Every task of the workspace, before and after."""
+    patch: str
+    """A unified diff of the workspace file; empty where nothing in the file says it."""
+    unwritten: str | None = field(default=None, metadata=LEFT_OUT)
+    """Why there is no patch."""
+
+    @classmethod
+    def of_advice(cls, advice: Advice, patch: str, unwritten: str | None) -> AdviceFound:
+        """An advice as a record."""
+        margin = advice.margin
+        return completed(
+            cls,
+            ChangeFound.of_change(advice.change, advice.found),
+            margin=None if margin is None else ChangeMargin(less=margin.less, more=margin.more),
+            worse=advice.worse,
+            tasks=tuple(map(TaskEffect.of, advice.effects)),
+            patch=patch,
+            unwritten=unwritten,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class NearestChange(ChangeFound):
+    """A change that does not meet the wish but comes near."""
+
+    missing: tuple[str, ...]
+    """What is missing, in a few words each."""
+    limit: str
+    """Which limit stands in the way."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindOutcome(Record):
+    """What came of a kind of change."""
+
+    kind: Kind
+    """What would be changed."""
+    found: int
+    """How many changes meet the wish, one for each target at most."""
+    why: str | None
+    """Why there is none."""
+    nearest: NearestChange | None
+    """What comes nearest, where something was tried."""
+
+    @classmethod
+    def of_miss(cls, miss: Miss, wish: Wish) -> KindOutcome:
+        """A kind without an answer."""
+        return cls(kind=miss.kind, found=0, why=miss.why, nearest=nearest_of(miss, wish))
+
+
+def nearest_of(miss: Miss, wish: Wish) -> NearestChange | None:
+    """What came nearest of a kind, as a record."""
+    if miss.nearest is None or miss.found is None:
+        return None
+    found = ChangeFound.of_change(miss.nearest, miss.found)
+    return completed(NearestChange, found, missing=wish.missed(miss.found), limit=miss.limit)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AdviceDocument(TaskDocument):
+    """What `sqrp advise` finds."""
+
+    want: WishedFigures
+    """What is to be met."""
+    candidate: str
+    """Name of the candidate that the advice is about."""
+    way: Mapping[str, float | str]
+    """Parameters of the way from which changes of objects and cameras start."""
+    met: bool
+    """Whether it meets the wish without any change."""
+    before: AdvisedFigures
+    """The candidate without any change."""
+    advice: Sequence[AdviceFound]
+    """What meets the wish: the motion first, cameras last, of each kind the least change first."""
+    kinds: Sequence[KindOutcome]
+    """What came of each kind."""
+    nearest: NearestChange | None
+    """If nothing meets the wish: what comes nearest."""
+    interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
+    """True if Ctrl-C came before all kinds were searched."""

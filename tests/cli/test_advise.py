@@ -1,0 +1,229 @@
+"""`sqrp advise`: its document, what it writes, and its exit codes; checked with `rank`, `score` and a brute force."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.geometry import look_at
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import study
+from sqrp_cli.programming.coverage.quality import interest_quality
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.coverage.timeline import observe
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.task import read_task
+
+ROOT = Path(__file__).parents[2]
+TABLETOP = ROOT / "workspaces" / "tabletop"
+TASK = "pickup g1"
+
+
+@pytest.fixture
+def own(tmp_path) -> Path:
+    """A copy of the tabletop with all that it names."""
+    for folder in ("workspaces", "skills"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    return tmp_path / "workspaces" / "tabletop"
+
+
+@pytest.fixture(scope="module")
+def advised(sqrp):
+    """The advice about g1 with its motion fixed."""
+    outcome = sqrp("advise", TABLETOP, TASK, "--ways", "fastest", "--kinds", "way,aim,position", "--json", "--jobs", 1)
+    assert outcome.code == 0
+    return outcome.document
+
+
+def test_the_document_says_what_was_asked_and_what_meets_it(advised, sqrp):
+    assert list(advised)[:7] == ["schema", "workspace", "task", "want", "candidate", "way", "met"]
+    assert (advised["workspace"], advised["task"]) == ("tabletop", TASK)
+    assert advised["want"] == {"q_eoi": 1.0, "q_avg": None, "time": None, "delay": None}
+    ranked = sqrp("rank", TABLETOP, TASK, "--json").document["candidates"][0]
+    assert {name: advised["before"][name] for name in ("q_eoi", "q_avg", "time")} == {
+        name: ranked[name] for name in ("q_eoi", "q_avg", "time")
+    }
+    assert advised["before"]["delay_worst"] == max(fault["delay_worst"] for fault in ranked["faults"].values())
+    for one in advised["advice"]:
+        assert one["q_eoi"] == 1.0
+        assert one["time"] == advised["before"]["time"]
+        assert one["margin"]["more"] > 0
+        assert set(one["worse"]) <= {task["task"] for task in one["tasks"]}
+    assert advised["nearest"] is None
+    kinds = {kind["kind"]: kind for kind in advised["kinds"]}
+    assert kinds["way"]["why"] == "not tried: the way is fixed"
+
+
+def test_sizes_are_those_of_the_changes_and_the_least_come_first(advised):
+    for kind in ("aim", "position"):
+        found = [one for one in advised["advice"] if one["kind"] == kind]
+        assert found
+        sizes = [one["size"] for one in found]
+        assert sizes == sorted(sizes)
+        for one in found:
+            assert one["unit"] == {"aim": "rad", "position": "m"}[kind]
+            assert np.linalg.norm(one["change"]) == pytest.approx(one["size"], rel=1e-6)
+
+
+def test_cam1_moves_at_most_as_far_as_the_best_of_many_random_offsets(advised):
+    cam1 = next(one for one in advised["advice"] if (one["kind"], one["target"]) == ("position", "cam1"))
+    assert cam1["size"] <= 0.157
+
+
+def test_what_it_costs_is_what_rank_says_of_the_changed_workspace(advised, sqrp, own):
+    """Every figure of every changed candidate, from the workspace with the patch."""
+    number = next(n for n, one in enumerate(advised["advice"]) if one["worse"])
+    one = advised["advice"][number]
+    apply_patch(own, one["patch"])
+    effect = next(task for task in one["tasks"] if task["task"] == "pickup green")
+    ranked = sqrp("rank", own, "pickup green", "--json").document
+    now = {name(candidate): candidate for candidate in ranked["candidates"] if candidate["feasible"]}
+    assert effect["candidates"]
+    for changed in effect["candidates"]:
+        for figure in ("q_eoi", "q_avg", "time"):
+            assert changed["after"][figure] == pytest.approx(now[changed["candidate"]][figure], abs=1e-9)
+    assert next(iter(now)) == effect["first_after"]
+
+
+def name(candidate: dict) -> str:
+    return candidate["parameters"]["object"]
+
+
+def apply_patch(own: Path, patch: str) -> None:
+    """Apply a patch with our own few lines, so that nothing of the package is in the way."""
+    file = own / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+    lines = [line for line in patch.splitlines()[2:] if line[0] in "+-"]
+    old = "\n".join(line[1:] for line in lines if line[0] == "-")
+    new = "\n".join(line[1:] for line in lines if line[0] == "+")
+    assert text.count(old) == 1
+    file.write_text(text.replace(old, new), encoding="utf-8")
+
+
+def test_what_is_applied_meets_the_wish_and_keeps_comments(sqrp, own):
+    command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1)
+    outcome = sqrp(*command, "--apply", 1)
+    assert outcome.code == 0
+    assert "change 1 is in" in outcome.err
+    text = (own / "workspace.yaml").read_text(encoding="utf-8")
+    comments = [line.partition("#")[2] for line in (TABLETOP / "workspace.yaml").read_text().splitlines()]
+    assert [line.partition("#")[2] for line in text.splitlines()] == comments
+    assert sqrp("rank", own, TASK, "--json").document["candidates"][0]["q_eoi"] == 1.0
+    again = sqrp(*command)
+    assert again.code == 0
+    assert "nothing has to change" in again.out
+
+
+def test_a_patch_is_written_and_only_patches_are_overwritten(sqrp, own, tmp_path):
+    patch = tmp_path / "advice.patch"
+    command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--patch", patch)
+    before = (own / "workspace.yaml").read_bytes()
+    assert sqrp(*command).code == 0
+    assert patch.read_text().startswith("# A change that `sqrp advise` found\n--- ")
+    assert (own / "workspace.yaml").read_bytes() == before
+    patch.write_text("mine")
+    refused = sqrp(*command)
+    assert refused.code == 2
+    assert patch.read_text() == "mine"
+
+
+def test_where_nothing_helps_it_says_what_comes_nearest_and_which_limit_is_in_the_way(sqrp, own):
+    file = own / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+    start, end = text.index("  cam3:"), text.index("skills:")
+    file.write_text(text[:start] + text[end:], encoding="utf-8")
+    command = ("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1)
+    outcome = sqrp(*command)
+    assert outcome.code == 1
+    assert "Nothing meets the wish." in outcome.out
+    assert max(map(len, outcome.out.splitlines())) <= 80
+    document = sqrp(*command, "--json").document
+    assert document["advice"] == []
+    nearest = document["nearest"]
+    assert nearest["kind"] == "aim"
+    assert nearest["q_eoi"] < 1
+    assert nearest["missing"] == [f"Q_eoi is {100 * nearest['q_eoi']:.1f} %, not 100 %"]
+    assert "g1" in nearest["limit"]
+    assert document["kinds"][0]["nearest"] == nearest
+
+
+def test_a_wish_that_no_camera_is_fast_enough_for(sqrp):
+    outcome = sqrp("advise", TABLETOP, TASK, "--want", "delay 0.1 s", "--ways", "fastest", "--kinds", "aim,position")
+    assert outcome.code == 1
+    assert "take 0.15 s, not 0.1 s" in " ".join(outcome.out.split())
+
+
+def test_a_wish_about_time_is_nothing_for_cameras(sqrp):
+    outcome = sqrp("advise", TABLETOP, TASK, "--want", "time 10 s", "--ways", "fastest", "--kinds", "aim,position")
+    assert outcome.code == 1
+    assert "no camera makes the motion faster" in outcome.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "word"),
+    [
+        (("--want", "beauty 100 %"), "q_eoi"),
+        (("--want", "q_eoi 3"), "100 %"),
+        (("--choose", "nobody"), "nobody"),
+        (("--kinds", "aims"), "aim"),
+        (("--ways", "slowest"), "fastest"),
+        (("--apply", "0"), "--apply"),
+        (("--patch", "/nowhere/at/all.patch"), "/nowhere"),
+    ],
+)
+def test_bad_input_is_refused(sqrp, arguments, word):
+    outcome = sqrp("advise", TABLETOP, TASK, *arguments)
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert word in outcome.err
+
+
+def test_a_number_that_no_change_has_is_refused_and_nothing_is_written(sqrp, own):
+    before = (own / "workspace.yaml").read_bytes()
+    outcome = sqrp("advise", own, TASK, "--ways", "fastest", "--kinds", "aim", "--jobs", 1, "--apply", 99)
+    assert outcome.code == 2
+    assert "expected 1 to" in outcome.err
+    assert (own / "workspace.yaml").read_bytes() == before
+
+
+@pytest.mark.parametrize("kinds", ["aim"])
+def test_the_number_of_processes_changes_nothing(sqrp, kinds):
+    command = ("advise", TABLETOP, TASK, "--ways", "fastest", "--kinds", kinds, "--json")
+    assert sqrp(*command, "--jobs", 1).out == sqrp(*command, "--jobs", 2).out
+
+
+@pytest.mark.slow
+def test_no_point_of_a_fine_grid_is_nearer(advised):
+    """Brute force: the exact timeline with cam1 at every point of a 1 cm grid, its aim kept."""
+    cam1 = next(one for one in advised["advice"] if (one["kind"], one["target"]) == ("position", "cam1"))
+    cell = Cell.load(load_workspace(TABLETOP))
+    found = study(cell, read_task(TASK, cell.workspace).candidates[0], cell.initial_world, Adaptive(), full=False)
+    camera = cell.workspace.cameras["cam1"]
+    others = [other for other in cell.observer.cameras if other.name != "cam1"]
+    nearer = []
+    for step in product(range(-16, 17), repeat=3):
+        offset = 0.01 * np.array(step, dtype=float)
+        if 0 < np.linalg.norm(offset) <= 0.95 * cam1["size"]:
+            X_FC = look_at(camera.X_FC[:3, 3] + offset, (-0.31, -0.027, 0.245))
+            observer = Observer((replace(camera, X_FC=X_FC), *others), cell.observer.solids)
+            now = found.timeline
+            timeline = observe(
+                found.stage,
+                observer,
+                found.targets,
+                Adaptive(),
+                faults={},
+                T=now.T,
+                T_eoi=now.T_eoi,
+                full=False,
+            )
+            if interest_quality(timeline) == 1.0:
+                nearer.append(offset.tolist())
+    assert not nearer, json.dumps(nearer)

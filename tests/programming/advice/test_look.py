@@ -1,0 +1,93 @@
+"""Looks rule out nothing that the exact timeline accepts, and see what the observer sees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.geometry import displacement
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.programming.advice.change import Change
+from sqrp_cli.programming.advice.effects import seen_by
+from sqrp_cli.programming.advice.look import Look, Scene
+from sqrp_cli.programming.advice.wish import read_wish
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Study, study
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.sensing.moved_camera import MovedCamera
+from sqrp_cli.programming.sensing.observer import Observer, sees_all
+from sqrp_cli.programming.task import read_task
+
+SAMPLING = Adaptive()
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop) -> Cell:
+    return Cell.load(tabletop)
+
+
+@pytest.fixture(scope="module")
+def studied(cell) -> Study:
+    found = study(cell, read_task("pickup g4", cell.workspace).candidates[0], cell.initial_world, SAMPLING, full=True)
+    assert isinstance(found, Study)
+    return found
+
+
+def moved(camera, rng, count: int) -> np.ndarray:
+    """Poses near that of a camera, and some farther away."""
+    sizes = rng.choice([0.01, 0.05, 0.2], count)
+    return np.array([camera.X_FC @ displacement(s * rng.normal(size=3), 0.5 * s * rng.normal(size=3)) for s in sizes])
+
+
+@pytest.mark.parametrize("camera", ["cam2", "cam5", "cam6"])
+@pytest.mark.parametrize(
+    "wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s", "q_eoi 100 %", "q_eoi 60 %, q_avg 80 %, delay 2 s"]
+)
+def test_what_meets_a_wish_passes_the_look(cell, studied, camera, wish):
+    index = list(cell.workspace.cameras).index(camera)
+    entry = cell.workspace.cameras[camera]
+    wanted = read_wish(wish)
+    look = Look(Scene.of(cell, studied, wanted), entry, index)
+    poses = moved(entry, np.random.default_rng(len(wish)), 20)
+    passes = look.passes(poses)
+    for X_FC, passed in zip(poses, passes, strict=True):
+        change = Change(kind="position", target=camera, size=0.0, unit="m", camera=replace(entry, X_FC=X_FC))
+        met = wanted.met(seen_by(change.in_cell(cell), studied, SAMPLING).assessment(""))
+        assert passed or not met
+
+
+@pytest.mark.parametrize("wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s"])
+def test_some_poses_pass_and_some_do_not(cell, studied, wish):
+    entry = cell.workspace.cameras["cam2"]
+    look = Look(Scene.of(cell, studied, read_wish(wish)), entry, 1)
+    passes = look.passes(moved(entry, np.random.default_rng(0), 100))
+    assert 0 < passes.sum() < 100
+
+
+def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
+    wish = read_wish("q_eoi 100 %")
+    scene = Scene.of(cell, studied, wish)
+    few = replace(scene, samples=type(scene.samples)(scene.samples.piece[:1], scene.samples.t[:1]))
+    sharper = few.with_failures(studied.timeline)
+    assert len(sharper.samples) > 1
+    assert np.all(np.diff(sharper.samples.piece) >= 0)
+    assert not sharper.covered(sharper.sees).all()
+
+
+@pytest.mark.parametrize("camera", ["cam1", "cam2", "cam6"])
+def test_a_moved_camera_sees_what_the_observer_sees_from_there(cell, studied, camera):
+    entry, rng = cell.workspace.cameras[camera], np.random.default_rng(3)
+    scene = Scene.of(cell, studied, read_wish("q_avg 100 %"))
+    boxes = [box for target in studied.targets for box in target.boxes]
+    box, state = (axis.reshape(-1) for axis in np.indices((len(boxes), len(scene.samples))))
+    one = MovedCamera(Projection.of(entry), boxes, cell.observer.solids, scene.states, box=box, state=state)
+    poses = moved(entry, rng, 6)
+    sees = one.within(poses)
+    pose, look = np.nonzero(sees)
+    sees[pose, look] = one.unhidden(poses[pose], look)
+    observer = Observer(tuple(replace(entry, X_FC=X_FC) for X_FC in poses), cell.observer.solids)
+    matrix = observer.verdicts(studied.targets, scene.states)
+    expected = np.concatenate([sees_all([verdicts]) for entry in matrix for verdicts in entry])
+    np.testing.assert_array_equal(sees, expected.T)
