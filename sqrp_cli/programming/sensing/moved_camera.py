@@ -14,7 +14,7 @@ from sqrp_cli.programming.sensing.scene_states import SceneStates
 from sqrp_cli.programming.sensing.sight_lines import SightLines, WatchedBoxes, shrink
 from sqrp_cli.programming.sensing.visibility.occlusion import HullTester, near_pairs
 from sqrp_cli.programming.sensing.visibility.visible_share import visible_shares
-from sqrp_cli.programming.solids import Solid
+from sqrp_cli.programming.solids import Solid, Solids
 from sqrp_cli.programming.targets import SoughtBox
 
 
@@ -35,7 +35,7 @@ class MovedCamera:
         self._projection, self._boxes = projection, boxes
         self._box, self._state = box, state
         self._X_WF = states.X_WF[projection.camera.frame]
-        self._watched = WatchedBoxes(boxes, (projection,), solids, states)
+        self._watched = WatchedBoxes(boxes, (projection,), Solids(solids), states)
         self._tester = HullTester()
         poses = [states.box_poses(entry) for entry in boxes]
         still = np.array([len(X_WB) == 1 for X_WB in poses], dtype=bool) & (len(self._X_WF) == 1)
