@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +19,7 @@ from sqrp_cli.knowledge.workspace.edits import (
     with_camera,
     with_further_camera,
     with_object,
+    with_task,
 )
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -29,8 +30,10 @@ from sqrp_cli.programming.advice.change import KINDS, Advice, Change, Kind, Miss
 from sqrp_cli.programming.advice.effects import Effects, TaskWays
 from sqrp_cli.programming.advice.wish import Wish, read_wish, wish_of
 from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.pipeline import assess_all
 from sqrp_cli.programming.ranking import rank
-from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.task import in_words, read_task
+from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.report.documents.advice import (
     AdviceDocument,
     AdviceFound,
@@ -43,6 +46,7 @@ from sqrp_cli.scoring.sweep import from_here
 
 if TYPE_CHECKING:
     from sqrp_cli.api.session import Session
+    from sqrp_cli.knowledge.skill.settings import MotionValue
     from sqrp_cli.programming.task import Candidate
     from sqrp_cli.scoring.scorecard import Progress
 
@@ -55,10 +59,12 @@ class TaskAdvice(Answer[AdviceDocument]):
     path: Path
     """Of the workspace, as it was given."""
     wish: Wish
+    expected: bool
+    """Whether the workspace lists the task."""
     way: Candidate
     """That changes of objects and cameras start from."""
     before: Assessment
-    """Without any change."""
+    """In its fastest way, without any change."""
     answers: Sequence[tuple[Advice, ...] | Miss]
     """Of each kind that was searched."""
     interrupted: bool = False
@@ -120,7 +126,7 @@ class TaskAdvice(Answer[AdviceDocument]):
             count = len(self.advice)
             expected = f"expected 1 to {count}" if count else "there is none"
             raise InputError(Problem("bad-option", f"there is no advice {number}; {expected}"))
-        return changed_file(self._file, self.session.workspace, self.advice[number - 1].change)
+        return self._changed(self.advice[number - 1].change)
 
     def apply(self, number: int = 1) -> None:
         """Write an advice into the workspace file, by its number from 1; comments stay.
@@ -145,10 +151,24 @@ class TaskAdvice(Answer[AdviceDocument]):
 
     def _patch(self, change: Change) -> tuple[str, str | None]:
         try:
-            content = changed_file(self._file, self.session.workspace, change)
+            content = self._changed(change)
         except InputError as error:
             return "", error.problems[0].message
         return patch(self._file, content, from_here(self._file.path)), None
+
+    def _changed(self, change: Change) -> bytes:
+        """The workspace file with a change. Raises InputError for what it does not say itself."""
+        if change.parameters is None:
+            return changed_file(self._file, self.session.workspace, change)
+        task = self.session.task.text if self.expected else None
+        return with_task(self._file, self._task(change.parameters), self.wish.thresholds, instead_of=task)
+
+    def _task(self, parameters: Mapping[str, MotionValue]) -> str:
+        """The text of a task that says a way."""
+        candidate = self.before.candidate
+        asked = candidate.parameters
+        said = in_words(candidate.skill, {n: value for n, value in parameters.items() if asked.get(n) != value})
+        return " ".join([candidate.task, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())])
 
     def _outcome(self, answer: tuple[Advice, ...] | Miss) -> KindOutcome:
         if isinstance(answer, Miss):
@@ -165,8 +185,8 @@ def changed_file(document: SourceDocument, workspace: Workspace, change: Change)
     """A workspace file with a change. Raises InputError for one that the file does not state."""
     if change.X_WO is not None:
         return with_object(document, change.target, change.X_WO)
-    if change.camera is None or change.aim is None:
-        raise InputError(Problem("bad-option", "a way is no part of the workspace: name it in the task"))
+    assert change.camera is not None  # noqa: S101 - else it is about an object
+    assert change.aim is not None  # noqa: S101 - it goes with the camera
     present = workspace.cameras.get(change.camera.name)
     if present is not None:
         return with_camera(document, present, change.camera, change.aim.point)
@@ -180,46 +200,50 @@ def find_advice(
     want: str | None,
     choose: str,
     kinds: Sequence[Kind] = KINDS,
-    fixed: bool,
     jobs: int,
     progress: Progress,
 ) -> TaskAdvice:
     """The least changes that meet a wish; at Ctrl-C what was found so far.
 
-    fixed: whether the motion stays as it is. Raises InputError for a wish or a choice that cannot be read.
+    Raises InputError for a wish or a choice that cannot be read.
     """
     from sqrp_cli.api.session import assess
 
     check_choice(session.task, choose)
-    workspace = session.workspace
+    workspace, assignment = session.workspace, session.assignment
     expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
     wish = wish_of(expected) if want is None else read_wish(want)
-    ranking = rank(list(assess(session, jobs, progress)), "q_eoi")
-    chosen = choose_candidate(ranking, choose).assessment
-    assignment = session.assignment
-    tasks = {task.task: read_task(task.task, workspace).candidates for task in workspace.tasks}
-    if session.task.text not in tasks:
-        tasks[session.task.text] = (chosen.candidate,)
-    question = Question(
-        cell=session.cell,
-        world=assignment.world,
-        sampling=assignment.sampling,
-        way=chosen.candidate,
-        wish=wish,
-        aims=_aims(workspace),
-        effects=Effects(
-            session.cell,
-            assignment.world,
-            assignment.sampling,
-            tuple(TaskWays(text, candidates) for text, candidates in tasks.items()),
-        ),
-        kinds=kinds,
-        fixed=fixed,
-        jobs=jobs,
+    assessments = list(assess(session, jobs, progress))
+    best = choose_candidate(rank(assessments, "q_eoi"), choose).assessment
+    adviser = Adviser(
+        Question(
+            task=session.task.text,
+            cell=session.cell,
+            world=assignment.world,
+            sampling=assignment.sampling,
+            fastest=first_grip(best.candidate),
+            best=best,
+            wish=wish,
+            aims=_aims(workspace),
+            effects=Effects(
+                session.cell,
+                assignment.world,
+                assignment.sampling,
+                lambda: _listed(session, assessments, best, jobs),
+            ),
+            kinds=kinds,
+            fixed=assignment.wanted.fastest,
+            jobs=jobs,
+        )
     )
-    adviser = Adviser(question)
     found = TaskAdvice(
-        session=session, path=path, wish=wish, way=question.way, before=adviser.before, answers=(), interrupted=False
+        session=session,
+        path=path,
+        wish=wish,
+        expected=expected is not None,
+        way=adviser.way,
+        before=replace(adviser.before, candidate=best.candidate),
+        answers=(),
     )
     if found.met:
         return found
@@ -232,6 +256,34 @@ def find_advice(
     except KeyboardInterrupt:
         return replace(found, answers=answers, interrupted=True)
     return replace(found, answers=answers)
+
+
+def _listed(session: Session, assessments: Sequence[Assessment], chosen: Assessment, jobs: int) -> tuple[TaskWays, ...]:
+    """Every task of the workspace, and the one that was asked for, with the ways in which candidates are done.
+
+    assessments: of the task that was asked for. chosen: the one that advice is about, which alone counts of a task that
+    the workspace does not list.
+    """
+    workspace, assignment = session.workspace, session.assignment
+    known = {_key(one.candidate): one.way for one in assessments}
+    found = []
+    for listed in workspace.tasks:
+        candidates = read_task(listed.task, workspace).candidates
+        if assignment.wanted.fastest:
+            ways = tuple(map(first_grip, candidates))
+        else:
+            missing = [one for one in candidates if _key(one) not in known]
+            known |= {_key(one.candidate): one.way for one in assess_all(assignment, missing, jobs)}
+            ways = tuple(replace(known[_key(one)], name=one.name) for one in candidates)
+        found.append(TaskWays(listed.task, ways))
+    if all(task.text != session.task.text for task in found):
+        found.append(TaskWays(session.task.text, (chosen.way,)))
+    return tuple(found)
+
+
+def _key(candidate: Candidate) -> str:
+    """What tells candidates apart."""
+    return repr((candidate.skill.name, sorted(candidate.binding.items()), sorted(candidate.values.items())))
 
 
 def _aims(workspace: Workspace) -> dict[str, Aim]:

@@ -216,7 +216,7 @@ class OpenCell:
         want: str | None = None,
         choose: str = "best",
         kinds: Sequence[str] | None = None,
-        ways: str = "best",
+        ways: WaysOption = "best",
         sampling: Sampling | None = None,
         after: str | Path | None = None,
         jobs: int = 1,
@@ -236,16 +236,13 @@ class OpenCell:
         check_text(choose, "choose", "the name of a candidate, or `best`")
         if want is not None:
             check_text(want, "want", "a wish such as `q_eoi 100 %, time 20 s`")
-        if ways not in ("best", "fastest"):
-            raise refused("ways", ways, "`best` or `fastest`")
-        session = self.begin(task, sampling=sampling, after=after)
+        session = self.begin(task, sampling=sampling, after=after, ways=ways)
         return find_advice(
             session,
             self.path,
             want=want,
             choose=choose,
             kinds=read_kinds(kinds),
-            fixed=ways == "fastest",
             jobs=jobs,
             progress=progress,
         )

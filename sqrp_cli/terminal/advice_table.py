@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from math import degrees
+from collections.abc import Iterator
 
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.report.documents.advice import (
@@ -11,11 +10,11 @@ from sqrp_cli.report.documents.advice import (
     AdviceFound,
     AdvisedFigures,
     ChangedCandidate,
-    ChangeFound,
     KindOutcome,
     NearestChange,
 )
-from sqrp_cli.terminal.console import Column, Share, Styled, joined, plain, print_table, say, say_command
+from sqrp_cli.report.sentences import shown_size
+from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, say_command
 
 KIND_WORDS = {
     "way": "another way",
@@ -28,13 +27,13 @@ KIND_WORDS = {
 }
 """What kinds are called."""
 
-_FIGURES = ("Q_eoi [%]", "Q_avg [%]", "time\n[s]", "seen\nafter", "up to")
+_FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "up to")
 
 
 def print_advice(found: AdviceDocument, wish: Wish) -> None:
     """The table with a row for each change that meets the wish, why other kinds do not, and what to do."""
     say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {wish}\n"]))
-    say(f"Now it has {_figures(found.before)}.")
+    say(f"In its fastest way it has {_figures(found.before)}.")
     if found.met:
         say("\nThat is met already: nothing has to change.")
         return
@@ -65,67 +64,38 @@ def _conclude(found: AdviceDocument) -> None:
         if nearest is None:
             say("Nothing that was tried meets the wish.")
             return
-        say(f"Nothing meets the wish. To {in_words(nearest)} comes nearest: {'; '.join(nearest.missing)}.")
+        say(f"Nothing meets the wish. To {nearest.words} comes nearest: {'; '.join(nearest.missing)}.")
         return
-    number = next((number for number, one in enumerate(found.advice, 1) if not one.worse), 1)
+    motion = ("way", "path")
+    number = next((n for n, one in enumerate(found.advice, 1) if one.kind in motion or not one.worse), 1)
     one = found.advice[number - 1]
-    cost = "nothing gets worse" if not one.worse else "what it costs is said above"
-    words = in_words(one)
+    cost = "no task gets worse" if not one.worse else "what it costs is said above"
+    words = one.words
     say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one)}, and {cost}.")
     if one.patch:
         say_command("To have it, add", f"--apply {number}")
 
 
-def _row(number: int, one: AdviceFound) -> list[Styled | Share]:
+def _row(number: int, one: AdviceFound) -> list[Styled]:
     delay = "-" if one.delay_worst is None else f"{one.delay_worst:.2f}"
     time = "-" if one.time is None else f"{one.time:.2f}"
     room = "-" if one.margin is None else shown_size(one.size + one.margin.more, one.unit)
-    return [str(number), in_words(one), Share(one.q_eoi), Share(one.q_avg), time, delay, room]
+    return [str(number), one.words, _percent(one.q_eoi), _percent(one.q_avg), time, delay, room]
+
+
+def _percent(quality: float | None) -> str:
+    return "-" if quality is None else f"{100 * quality:.1f}"
 
 
 def _print_nearest(outcome: KindOutcome) -> None:
     nearest = outcome.nearest
     if nearest is not None:
-        say(plain(f"      nearest: {in_words(nearest)}, then {_missing(nearest)}", "dim"), indent=6)
+        say(plain(f"      nearest: {nearest.words}, then {_missing(nearest)}", "dim"), indent=6)
 
 
 def _missing(nearest: NearestChange) -> str:
     limit = f" ({nearest.limit})" if nearest.limit else ""
     return "; ".join(nearest.missing) + limit
-
-
-def in_words(found: ChangeFound) -> str:
-    """A change as an instruction, such as `move cam1 10.9 cm, mostly -z`."""
-    size, values = shown_size(found.size, found.unit), found.change
-    if not isinstance(values, Sequence):
-        return f"do {found.target} with " + " ".join(f"{name}={value}" for name, value in values.items())
-    match found.kind:
-        case "aim":
-            return f"turn {found.target} {size}, {_mostly(values, ('right', 'up'), ('left', 'down'))}"
-        case "lens":
-            return f"{'widen' if values[0] > 0 else 'narrow'} the view of {found.target} by {size}"
-        case "camera":
-            return f"add a camera {found.target}"
-        case _:
-            return f"move {found.target} {size}, {_mostly(values, ('+x', '+y', '+z'), ('-x', '-y', '-z'))}"
-
-
-def shown_size(size: float, unit: str) -> str:
-    """A size as people say it: centimetres or degrees."""
-    match unit:
-        case "m":
-            return f"{100 * size:.1f} cm" if size < 1 else f"{size:.2f} m"
-        case "rad":
-            return f"{degrees(size):.1f} deg"
-        case _:
-            return ""
-
-
-def _mostly(values: Sequence[float], forward: Sequence[str], back: Sequence[str]) -> str:
-    axis = max(range(len(values)), key=lambda index: abs(values[index]))
-    length = sum(value * value for value in values) ** 0.5
-    word = (forward if values[axis] > 0 else back)[axis]
-    return word if abs(values[axis]) > 0.98 * length else f"mostly {word}"
 
 
 def _figures(found: AdvisedFigures) -> str:

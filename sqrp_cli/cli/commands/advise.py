@@ -22,11 +22,12 @@ from sqrp_cli.cli.options import (
     open_with_warnings,
     read_sampling,
 )
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.errors import ExitCode, InputError, Place, Problem, expected_names
 from sqrp_cli.platform.files import check_not_read, check_writable, write_atomically
 
 if TYPE_CHECKING:
     from sqrp_cli.api.advice import TaskAdvice
+    from sqrp_cli.api.arguments import WaysOption
 
 NAME = "advise"
 
@@ -55,7 +56,7 @@ def command(
     ] = None,
     ways: Annotated[
         str,
-        typer.Option("--ways", metavar="best|fastest", help="fastest: the motion stays the fastest one."),
+        typer.Option("--ways", metavar="best|fastest", help="fastest: the motion stays the fastest one as it is."),
     ] = "best",
     apply: Annotated[
         int | None,
@@ -91,7 +92,7 @@ def command(
         want=want,
         choose=choose,
         kinds=None if kinds is None else [kind.strip() for kind in kinds.split(",")],
-        ways=ways,
+        ways=_ways(ways),
         sampling=sampling,
         after=after,
         jobs=job_count(jobs),
@@ -104,6 +105,16 @@ def command(
     if found.interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.OK if found.found else ExitCode.NONE_FEASIBLE
+
+
+def _ways(text: str) -> WaysOption:
+    """The value of `--ways`. Raises InputError for another one."""
+    from sqrp_cli.api.arguments import WAYS
+
+    for ways in WAYS:
+        if ways == text:
+            return ways
+    raise InputError(Problem("bad-option", f"--ways is `{text}`; {expected_names(text, WAYS)}"))
 
 
 def _write(found: TaskAdvice, number: int | None, patch: Path | None) -> str:

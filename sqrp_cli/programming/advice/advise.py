@@ -12,19 +12,30 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.advice.camera_moves import CameraMove, Position, Turn
 from sqrp_cli.programming.advice.camera_search import Base, CameraSearch, Met, Near
-from sqrp_cli.programming.advice.change import KINDS, Advice, Kind, Margin, Miss
-from sqrp_cli.programming.advice.effects import Effects
+from sqrp_cli.programming.advice.change import (
+    KINDS,
+    Advice,
+    CandidateEffect,
+    Change,
+    Effect,
+    Kind,
+    Margin,
+    Miss,
+)
+from sqrp_cli.programming.advice.effects import Effects, assessed
 from sqrp_cli.programming.advice.room import CameraRoom
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.ways.words import way_in_words
 
 Moves = Callable[[CameraSearch], Sequence[CameraMove]]
 """The ways to change a camera that count as one kind."""
@@ -37,11 +48,15 @@ Result = TypeVar("Result")
 class Question:
     """What is to be met, and what may be changed."""
 
+    task: str
+    """As it was asked for."""
     cell: Cell
     world: World
     sampling: Sampling
-    way: Candidate
-    """The candidate in the way that is taken now."""
+    fastest: Candidate
+    """The candidate in its fastest way."""
+    best: Assessment
+    """The candidate by its best way; by the fastest one where the motion is fixed."""
     wish: Wish
     aims: Mapping[str, Aim]
     """What cameras look at, by name, where the workspace says so."""
@@ -79,11 +94,16 @@ class Adviser:
 
     @cached_property
     def before(self) -> Assessment:
-        """The candidate as it is now."""
-        found = self._study
-        if isinstance(found, Infeasible):
-            return Assessment.infeasible(self.question.way, found.reasons)
-        return found.assessment("")
+        """The candidate in its fastest way, without any change."""
+        question = self.question
+        found = study(question.cell, question.fastest, question.world, question.sampling, full=False)
+        return assessed(question.fastest, found)
+
+    @cached_property
+    def way(self) -> Candidate:
+        """The way that changes of objects and cameras start from: the best, unless that meets the wish by itself."""
+        question = self.question
+        return question.fastest if question.fixed or question.wish.met(question.best) else question.best.way
 
     def answers(self) -> Iterator[tuple[Advice, ...] | Miss]:
         """For each kind in order the changes that meet the wish, the least first, or why there is none."""
@@ -98,6 +118,8 @@ class Adviser:
         if why_not:
             return Miss(kind=kind, why=why_not, tried=False)
         match kind:
+            case "way":
+                return self._other_way()
             case "aim":
                 return self._of_cameras(kind, lambda one: [Turn(one.camera, one.aim)])
             case "position":
@@ -108,7 +130,36 @@ class Adviser:
     @cached_property
     def _study(self) -> Study | Infeasible:
         question = self.question
-        return study(question.cell, question.way, question.world, question.sampling, full=True)
+        return study(question.cell, self.way, question.world, question.sampling, full=True)
+
+    @cached_property
+    def _start(self) -> Assessment:
+        """What changes of objects and cameras start from."""
+        return assessed(self.way, self._study)
+
+    def _other_way(self) -> tuple[Advice, ...] | Miss:
+        """The fastest of the ways that meet the wish."""
+        question, best = self.question, self.question.best
+        if not best.feasible or best.ways is None:
+            return Miss(kind="way", why=f"none can be done: {'; '.join(best.reasons[:1])}")
+        for figures in sorted(best.ways.pareto, key=lambda figures: figures.time):
+            way = best.way if figures == best.ways.pareto[0] else _with(best.candidate, figures.parameters)
+            found = study(question.cell, way, question.world, question.sampling, full=False)
+            if question.wish.met(assessed(way, found)):
+                after = replace(assessed(way, found), candidate=best.candidate, best_way=way)
+                change = self._way_change(way)
+                before = replace(self.before, candidate=best.candidate)
+                effect = Effect(task=question.task, candidates=(CandidateEffect(before=before, after=after),))
+                return (Advice(change=change, found=after, margin=None, effects=(effect,)),)
+        nearest = self._way_change(best.way)
+        limit = self._base.limit(nearest, self._base.study)
+        why = f"none of {best.ways.tried} meets the wish"
+        return Miss(kind="way", why=why, nearest=nearest, found=best, limit=limit)
+
+    def _way_change(self, way: Candidate) -> Change:
+        asked = self.question.best.candidate
+        said = way_in_words(asked.skill, asked.parameters, way.parameters)
+        return Change(kind="way", target=asked.name, size=0.0, unit="", parameters=way.parameters, said=said)
 
     @cached_property
     def _base(self) -> Base:
@@ -120,7 +171,7 @@ class Adviser:
     @cached_property
     def _why_cameras_cannot(self) -> str:
         """Why no change of cameras can help; empty if one may."""
-        before, wish = self.before, self.question.wish
+        before, wish = self._start, self.question.wish
         if not before.feasible:
             return f"no camera helps: {before.reasons[0]}"
         if wish.time is not None and before.time is not None and before.time > wish.time:
@@ -208,7 +259,7 @@ class Adviser:
         return tuple(
             Advice(
                 change=answer.met.change,
-                found=replace(answer.met.found, candidate=self.question.way),
+                found=replace(answer.met.found, candidate=self.question.best.candidate, best_way=self.way),
                 margin=answer.margin,
                 effects=self.question.effects.of(answer.met.change),
             )
@@ -218,6 +269,13 @@ class Adviser:
     def _shared(self, work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         """The results of some work, in order, by as many processes as may be used."""
         return list(in_processes(work, items, min(self.question.jobs, len(items))))
+
+
+def _with(candidate: Candidate, parameters: Mapping[str, MotionValue]) -> Candidate:
+    """A candidate in the way of these parameters."""
+    values = {name: parameters.get(name, value) for name, value in candidate.values.items()}
+    branch = {name: value for name, value in parameters.items() if name not in {**values, **candidate.binding}}
+    return replace(candidate, values=values, branch=branch)
 
 
 def _positions(one: CameraSearch) -> list[CameraMove]:

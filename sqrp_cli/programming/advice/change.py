@@ -55,6 +55,8 @@ class Change:
     """Where the object then is, shape (4, 4)."""
     parameters: Mapping[str, MotionValue] | None = None
     """Of the way."""
+    said: str = ""
+    """The way in a few words, such as `left, flipped`."""
 
     def in_cell(self, cell: Cell) -> Cell:
         """The cell with it, as far as cameras are concerned; motions stay the same."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -30,20 +31,25 @@ class Effects:
     cell: Cell
     world: World
     sampling: Sampling
-    tasks: tuple[TaskWays, ...]
+    listed: Callable[[], tuple[TaskWays, ...]]
+    """The tasks, found out only when they are needed."""
 
     def of(self, change: Change) -> tuple[Effect, ...]:
         """What a change does to each task."""
         return tuple(
             Effect(task=task.text, candidates=tuple(self._effect(way, found, change) for way, found in studied))
-            for task, studied in zip(self.tasks, self._studied, strict=True)
+            for task, studied in zip(self._tasks, self._studied, strict=True)
         )
+
+    @cached_property
+    def _tasks(self) -> tuple[TaskWays, ...]:
+        return self.listed()
 
     @cached_property
     def _studied(self) -> list[list[tuple[Candidate, Study | Infeasible]]]:
         return [
             [(way, study(self.cell, way, self.world, self.sampling, full=False)) for way in task.ways]
-            for task in self.tasks
+            for task in self._tasks
         ]
 
     def _effect(self, way: Candidate, found: Study | Infeasible, change: Change) -> CandidateEffect:

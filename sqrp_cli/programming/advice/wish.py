@@ -36,6 +36,12 @@ class Wish:
         parts = [f"{SHOWN[name]} {100 * value:.4g} %" for name, value in self._stated(QUALITIES)]
         return ", ".join([*parts, *(f"{SHOWN[name]} {value:.4g} s" for name, value in self._stated(TIMES))])
 
+    @property
+    def thresholds(self) -> dict[str, float]:
+        """The same as thresholds of a task in a workspace."""
+        keys = {"q_eoi": "min_q_eoi", "q_avg": "min_q_avg", "time": "max_time", "delay": "max_delay"}
+        return {keys[name]: value for name, value in self._stated(NAMES)}
+
     def missed(self, found: Assessment) -> tuple[str, ...]:
         """One short text for each part that a candidate does not meet, such as `Q_eoi is 0.0 %, not 100 %`."""
         if not found.feasible:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.programming.advice.change import Kind
 from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
+from sqrp_cli.report.sentences import change_in_words
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.advice.change import Advice, Change, Effect, Miss
@@ -129,6 +130,8 @@ class ChangeFound(AdvisedFigures):
     """How large the change is, in `unit`."""
     unit: str
     """m or rad; empty where there is nothing to measure."""
+    words: str
+    """The change as an instruction, such as `move cam1 10.9 cm, mostly -z`."""
 
     @classmethod
     def of_change(cls, change: Change, found: Assessment) -> ChangeFound:
@@ -140,6 +143,7 @@ class ChangeFound(AdvisedFigures):
             change=values,
             size=change.size,
             unit=change.unit,
+            words=change_in_words(change),
             **vars(AdvisedFigures.of(found)),
         )
 
