@@ -10,8 +10,8 @@ from math import comb, prod
 from sqrp_cli.errors import InputError, Problem, counted, expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.settings import MotionValue
-from sqrp_cli.knowledge.skill.skill import Skill
+from sqrp_cli.knowledge.skill.settings import ANY, DIRECT, SEEN, MotionValue, Reference
+from sqrp_cli.knowledge.skill.skill import JointMove, Skill
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
@@ -56,6 +56,31 @@ class Candidate:
     def task(self) -> str:
         """The task text for its skill and objects, such as `place g2 tray`."""
         return " ".join([self.skill.name, *self.binding.values()])
+
+    @property
+    def open_paths(self) -> frozenset[str]:
+        """Names of the joint moves whose paths need not be direct."""
+        return frozenset(move.name for move in self._joint_moves if self._path(move) != DIRECT)
+
+    def with_paths(self, vias: Mapping[str, Array]) -> Candidate:
+        """The way in which joint moves with open paths bend around vias, by the name of the move, if they have any.
+
+        A path that is `any` becomes `seen` or `direct`; where moves share the parameter, the vias of any decide.
+        """
+        paths: dict[str, MotionValue] = {}
+        for move in self._joint_moves:
+            if isinstance(move.path, Reference) and self._path(move) != DIRECT:
+                known = paths.get(move.path.parameter, DIRECT if self._path(move) == ANY else SEEN)
+                paths[move.path.parameter] = SEEN if move.name in vias else known
+        return replace(self, values={**self.values, **paths}, vias=vias)
+
+    @property
+    def _joint_moves(self) -> list[JointMove]:
+        return [primitive for primitive in self.skill.primitives if isinstance(primitive, JointMove)]
+
+    def _path(self, move: JointMove) -> MotionValue:
+        """What a move's path is to be; direct unless the candidate or the skill says otherwise."""
+        return self.values.get(move.path.parameter, DIRECT) if isinstance(move.path, Reference) else move.path
 
 
 @dataclass(frozen=True)

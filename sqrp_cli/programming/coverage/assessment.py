@@ -40,6 +40,18 @@ class WayFigures:
 
 
 @dataclass(frozen=True, kw_only=True)
+class BlindEnd:
+    """An end of a joint move at which the cameras do not cover the state, whatever the path of the move."""
+
+    primitive: str
+    """Name of the joint move."""
+    at: str
+    """The waypoint there."""
+    seconds: float
+    """How long the state is not covered between there and where the cameras see it first [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class WaysFound:
     """The ways of doing what a candidate says."""
 
@@ -50,6 +62,8 @@ class WaysFound:
     pareto: tuple[WayFigures, ...]
     """Those that are Pareto-optimal in q_avg, q_eoi, time and what the ranking counts first; best first, which is the
     one that the candidate's own figures are about."""
+    blind_ends: tuple[BlindEnd, ...] = ()
+    """The ends of joint moves that no path can make seen, of the first way; empty if all paths have to be direct."""
 
 
 @dataclass(frozen=True, eq=False)

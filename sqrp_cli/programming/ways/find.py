@@ -10,6 +10,7 @@ from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import (
     Assessment,
+    BlindEnd,
     Rehearsal,
     Study,
     WayFigures,
@@ -63,16 +64,22 @@ def find_way(
         return obstacle
     planned = (_fastest if wanted.fastest else _planned)(cell, candidate, world)
     allowed = planned.scenes
+    longest = np.inf
     if wanted.limit is not None and not isinstance(allowed, Infeasible):
-        allowed = wanted.limit.within(allowed)
+        longest, allowed = wanted.limit.longest(allowed), wanted.limit.within(allowed)
     if isinstance(allowed, Infeasible):
         return replace(allowed, tried=planned.tried)
     bounded = isinstance(sampling, Adaptive) and wanted.by in ("q_eoi", "q_avg", "time") and len(allowed) > 1
     hopeful = prospects(cell.observer, allowed) if bounded else list(map(Prospect, allowed))
     studies = list(_studied(cell, hopeful, sampling, wanted.by, prune=bounded))
+    if candidate.open_paths:
+        studies = _with_seen_paths(cell, studies, allowed, sampling, longest, wanted.by)
     ranked = rank([study.assessment("") for study in studies], wanted.by)
     chosen = next(study for study in studies if study.candidate is ranked[0].assessment.candidate)
-    return BestWay(chosen, WaysFound(tried=planned.tried, feasible=len(allowed), pareto=_optimal(ranked)))
+    found = WaysFound(
+        tried=planned.tried, feasible=len(allowed), pareto=_optimal(ranked), blind_ends=_blind_ends(candidate, chosen)
+    )
+    return BestWay(chosen, found)
 
 
 def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
@@ -147,6 +154,30 @@ def _key(studied: Assessment, by: Criterion) -> tuple[float, ...]:
     time = studied.time or 0.0
     best = {"q_avg": -q_avg, "q_eoi": -q_eoi, "time": time}.get(by, 0.0)
     return best, -q_avg, time
+
+
+def _with_seen_paths(
+    cell: Cell,
+    studies: Sequence[Study],
+    scenes: Sequence[Rehearsal],
+    sampling: Sampling,
+    longest: float,
+    by: Criterion,
+) -> list[Study]:
+    """Studies of direct ways, and of the ways with better paths than those of the scenes; a path is `any` in none."""
+    from sqrp_cli.programming.seen.seen_ways import seen_ways
+
+    seen = seen_ways(cell, scenes, sampling, longest=longest, interest_first=by == "q_eoi")
+    return [*(replace(study, candidate=study.candidate.with_paths({})) for study in studies), *seen]
+
+
+def _blind_ends(candidate: Candidate, study: Study) -> tuple[BlindEnd, ...]:
+    """Those of the joint moves whose paths a candidate leaves open, in the way that was studied."""
+    if not candidate.open_paths:
+        return ()
+    from sqrp_cli.programming.seen.blind_ends import blind_ends
+
+    return blind_ends(study, candidate.open_paths)
 
 
 def _optimal(ranked: Iterable[Ranked]) -> tuple[WayFigures, ...]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from sqrp_cli.geometry import Array
-from sqrp_cli.programming.motion.timing import STANDSTILL, MotionLimits, joint_move, time_path
+from sqrp_cli.programming.motion.timing import STANDSTILL, MotionLimits, joint_move, rest_to_rest_duration, time_path
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 SPEEDS = (1.0, 0.8, 0.6, 0.4, 0.25)
@@ -54,13 +54,15 @@ def blended_motion(corners: Array, lengths: Array, reaches: Sequence[float], lim
     """The fastest motion, from rest to rest, along a polyline with curves at all its inner corners."""
     path = blended_path(corners, lengths, reaches)
     # A curve's slope lies between those of the pieces that it joins, so these bound all velocities.
-    along = limits.along(np.diff(corners, axis=0) / lengths[:, None] * lengths.sum())
-    slowest = MotionLimits(along.velocity.min(), along.acceleration.min(), along.jerk.min())
-    motions = [
-        time_path(path, limits, MotionLimits(share * slowest.velocity, slowest.acceleration, slowest.jerk))
-        for share in (SPEEDS if len(corners) > 2 else SPEEDS[:1])
-    ]
-    return min(motions, key=lambda trajectory: trajectory.duration)
+    steepest = limits.along(np.diff(corners, axis=0) / lengths[:, None] * lengths.sum())
+    slowest = MotionLimits(steepest.velocity.min(), steepest.acceleration.min(), steepest.jerk.min())
+    best = time_path(path, limits, slowest)
+    for share in SPEEDS[1:] if len(corners) > 2 else ():
+        along = MotionLimits(share * slowest.velocity, slowest.acceleration, slowest.jerk)
+        if rest_to_rest_duration(1.0, along) >= best.duration:
+            break  # Not even the law on a straight line would be faster, and those to come are slower.
+        best = min(best, time_path(path, limits, along), key=lambda trajectory: trajectory.duration)
+    return best
 
 
 def blended_path(corners: Array, lengths: Array, reaches: Sequence[float]) -> JointPath:

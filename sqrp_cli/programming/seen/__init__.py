@@ -1,0 +1,1 @@
+"""Paths of joint moves that the cameras can follow."""

@@ -1,0 +1,247 @@
+"""The search for a path of one joint move along which the cameras lose sight of little."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.motion.collision.placed_scene import PlacedScene
+from sqrp_cli.programming.motion.paths.blended_path import motion_through
+from sqrp_cli.programming.motion.timing import MotionLimits
+from sqrp_cli.programming.seen.evolution import Evolution
+from sqrp_cli.programming.seen.move_watch import WatchedMove, blind_times
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.trajectory import JointSpan, Trajectory
+
+DEVIATION, FINE_DEVIATION = np.deg2rad(30.0), np.deg2rad(6.0)
+"""Of the first vias in every joint [rad]; of sliding joints, as many metres: around the middle of the direct path, and
+around the best path so far."""
+
+DETOUR = 0.25
+"""The same at most, as a share of how far a joint can go during the direct move."""
+
+PHASES: tuple[tuple[Literal["middle", "near", "split"], int], ...] = (
+    ("middle", 8),
+    ("near", 3),
+    ("split", 6),
+    ("near", 3),
+)
+"""What a search does, one after the other and then again, and for how many generations: look around the middle of the
+direct path, near the best path, and around that with two vias in place of one."""
+
+POPULATION = 12
+"""Paths tried at once."""
+
+
+@dataclass(frozen=True)
+class Closeness:
+    """How closely a path is looked at."""
+
+    step: float
+    """Time between looks [s], about."""
+
+    fewest: int
+    most: int
+    """Looks at one path."""
+
+
+ROUGHLY, FINELY = Closeness(1.0, 8, 16), Closeness(0.3, 24, 48)
+"""For all of a population, and for the better half of it."""
+
+EXACTLY = Closeness(0.0, 100, 100)
+"""For the paths that are left in the end."""
+
+PATH_COST = 10
+"""The work of drawing and timing one path, in looks."""
+
+SETTLED = 0.1
+"""A move that cannot win more than this any more is not searched further [s]."""
+
+
+@dataclass(eq=False)
+class SeenPath:
+    """A path of a joint move, with its figures as far as they are known."""
+
+    vias: Array
+    """Shape (k, n); without rows, it is the direct path."""
+
+    trajectory: Trajectory
+    """Of the arm."""
+
+    blind: float = np.inf
+    """How long the state is not covered [s]; infinite as long as nobody looked."""
+
+    free: bool | None = None
+    """Whether it keeps every clearance; None as long as nobody asked."""
+
+    @property
+    def time(self) -> float:
+        """Its duration [s]."""
+        return self.trajectory.duration
+
+
+@dataclass(frozen=True, eq=False)
+class MoveSpace:
+    """The paths that a joint move may take."""
+
+    move: WatchedMove
+
+    q0: Array
+    q1: Array
+    """Its ends, shape (n,)."""
+
+    bounds: JointSpan
+    """Of its vias."""
+
+    limits: MotionLimits
+    scene: PlacedScene
+
+    direct: SeenPath
+    """Its path in the direct way."""
+
+    longest: float
+    """Longest duration of interest [s]."""
+
+    weight: float
+    """Seconds of motion that a blind second counts for."""
+
+    def cost(self, path: SeenPath) -> float:
+        """What is minimised [s]."""
+        return self.weight * path.blind + path.time
+
+    def path(self, vias: Array) -> SeenPath:
+        """The path that bends around vias, shape (k, n)."""
+        return SeenPath(vias, motion_through(self.q0, vias, self.q1, self.limits))
+
+    def is_free(self, path: SeenPath) -> bool:
+        """Whether a path keeps every clearance."""
+        if path.free is None:
+            path.free = self.scene.is_free(path.trajectory.path)
+        return path.free
+
+    def looks(self, closeness: Closeness) -> int:
+        """Number of looks at a path."""
+        wanted = self.direct.time / closeness.step if closeness.step else np.inf
+        return int(np.clip(wanted, closeness.fewest, closeness.most))
+
+
+class MoveSearch:
+    """Evolution of the vias of one joint move; it advances together with those of other moves."""
+
+    def __init__(self, space: MoveSpace, seed: int) -> None:
+        self.space, self.best = space, space.direct
+        self._found, self._seed, self._begun, self._left = [space.direct], seed, 0, 0
+
+    @property
+    def best_cost(self) -> float:
+        """Of the best path so far [s]."""
+        return self.space.cost(self.best)
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether hardly anything can be won."""
+        return self.best_cost - self.space.direct.time < SETTLED
+
+    def _begin(self, kind: Literal["middle", "near", "split"]) -> None:
+        """Begin a phase."""
+        space, vias = self.space, self.best.vias
+        mean = 0.5 * (space.q0 + space.q1)[None] if kind == "middle" or not len(vias) else vias
+        if kind == "split" and len(mean) == 1:
+            mean = np.concatenate([2 * mean + space.q0, 2 * mean + space.q1]) / 3
+        deviation = {"middle": DEVIATION, "near": FINE_DEVIATION, "split": 0.5 * DEVIATION}[kind]
+        reach = np.tile(DETOUR * space.direct.time * space.limits.velocity, len(mean))
+        self._low, self._high = (np.tile(bound, len(mean)) for bound in space.bounds)
+        self._evolution = Evolution(
+            mean.reshape(-1), np.minimum(deviation, reach), POPULATION, self._seed + self._begun
+        )
+
+    def draw(self) -> list[SeenPath]:
+        """The next population, of which nothing but the times is known."""
+        if self._left == 0:
+            kind, self._left = PHASES[self._begun % len(PHASES)]
+            self._begin(kind)
+            self._begun += 1
+        self._left -= 1
+        self._drawn = np.clip(self._evolution.population(), self._low, self._high)
+        return [self.space.path(vias) for vias in self._drawn.reshape(POPULATION, -1, len(self.space.q0))]
+
+    def worth_a_look(self, path: SeenPath) -> bool:
+        """Whether a path would be better than the best, if it were seen throughout."""
+        return path.time < min(self.best_cost, self.space.longest)
+
+    def learn(self, paths: Sequence[SeenPath], finely: Sequence[SeenPath]) -> None:
+        """Take in the blind times of a population; finely: those that were looked at so closely that they decide."""
+        touching = {id(path) for path in self.take(finely)}
+        costs = [np.inf if id(path) in touching else self.space.cost(path) for path in paths]
+        self._evolution.learn(self._drawn, np.array(costs))
+
+    def take(self, paths: Sequence[SeenPath]) -> list[SeenPath]:
+        """Remember paths, the best of all above all; gives those that would be the best but touch something."""
+        touching = []
+        for path in sorted(paths, key=self.space.cost):
+            better = self.space.cost(path) < self.best_cost
+            if better and not self.space.is_free(path):
+                touching.append(path)
+                continue
+            self._found.append(path)
+            self.best = path if better else self.best
+        return touching
+
+    def left(self, most: int) -> list[SeenPath]:
+        """The direct path and the best others of which none is both longer and blind for longer than another."""
+        kept: list[SeenPath] = []
+        for path in sorted(self._found, key=lambda path: (path.time, path.blind)):
+            if not kept or path.blind < kept[-1].blind:
+                kept.append(path)
+        others = sorted((path for path in kept if len(path.vias)), key=self.space.cost)
+        return [self.space.direct, *others[: most - 1]]
+
+
+def advance(observer: Observer, searches: Sequence[MoveSearch]) -> int:
+    """One generation of every search, all paths looked at in one batch: roughly first, then the better half again.
+
+    Gives the work that it was, in looks.
+    """
+    populations = [search.draw() for search in searches]
+    worth = [list(filter(search.worth_a_look, paths)) for search, paths in zip(searches, populations, strict=True)]
+    work = look_at_paths(observer, searches, worth, ROUGHLY)
+    best = [sorted(paths, key=search.space.cost) for search, paths in zip(searches, worth, strict=True)]
+    better = [paths[: POPULATION // 2] for paths in best]
+    work += look_at_paths(observer, searches, better, FINELY)
+    for search, paths, finely in zip(searches, populations, better, strict=True):
+        search.learn(paths, finely)
+    return work + PATH_COST * sum(map(len, populations))
+
+
+def exchange(observer: Observer, searches: Sequence[MoveSearch], others: Sequence[MoveSearch]) -> int:
+    """Have searches try the vias that others found best: moves of one candidate pass the same places.
+
+    Gives the work that it was, in looks.
+    """
+    vias = [(other, other.best.vias) for other in others if len(other.best.vias)]
+    suggested = [
+        [path for other, found in vias if other is not search and search.worth_a_look(path := search.space.path(found))]
+        for search in searches
+    ]
+    work = look_at_paths(observer, searches, suggested, FINELY)
+    for search, paths in zip(searches, suggested, strict=True):
+        search.take(paths)
+    return work + PATH_COST * len(vias) * len(searches)
+
+
+def look_at_paths(
+    observer: Observer, searches: Sequence[MoveSearch], paths: Sequence[Sequence[SeenPath]], closeness: Closeness
+) -> int:
+    """Find the blind times of paths of each search, all in one batch; gives the number of looks."""
+    questions = [
+        (search.space.move, [path.trajectory for path in of_search], search.space.looks(closeness))
+        for search, of_search in zip(searches, paths, strict=True)
+    ]
+    for of_search, times in zip(paths, blind_times(observer, questions), strict=True):
+        for path, blind in zip(of_search, times.tolist(), strict=True):
+            path.blind = blind
+    return sum(len(trajectories) * looks for _, trajectories, looks in questions)

@@ -1,0 +1,242 @@
+"""Ways of a candidate with paths that the cameras can follow: a race of the most promising, then the exact figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Rehearsal, Study, study
+from sqrp_cli.programming.coverage.look import Look, look_at
+from sqrp_cli.programming.coverage.quality import average_quality
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.seen.move_search import EXACTLY, MoveSearch, SeenPath, advance, exchange, look_at_paths
+from sqrp_cli.programming.seen.open_moves import move_spaces, open_moves
+
+BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
+"""Seconds of motion that a blind second counts for; and within a limit of the time, which is price enough."""
+
+ROUNDS = ((3, 3), (2, 3))
+"""The race: how many ways are left, and for how many generations of paths; then the best one goes on alone."""
+
+MOST_WORK = 20_000
+"""In looks at paths of one candidate: when so many are reached, the search ends."""
+
+SAME_TIME = 0.05
+"""Ways of one branch whose times differ by no more than this are searched once [s]."""
+
+WORTH_SEARCHING = 0.05
+"""A move that is blind for less than this is left as it is [s]."""
+
+LEVEL = 0.02
+"""Qualities in events of interest that differ by no more than about this count as equal while ways are chosen."""
+
+GLANCE_STEP = 0.4
+"""Time between the looks that tell direct ways apart [s]."""
+
+ROUNDING = 1e-9
+"""By how much a way may exceed the longest time, because times are sums [s]."""
+
+LEFT = 6
+"""Paths of each move that are left in the end."""
+
+
+def seen_ways(
+    cell: Cell,
+    scenes: Sequence[Rehearsal],
+    sampling: Sampling,
+    *,
+    longest: float = np.inf,
+    interest_first: bool = True,
+) -> list[Study]:
+    """Ways with paths of joint moves along which the cameras lose sight of less, each studied exactly.
+
+    scenes: direct ways of one candidate, from one world. longest: the most time that a way may take [s].
+    interest_first: whether quality in events of interest counts before all else. The result depends only on the
+    arguments. It is empty if no path is better than the direct ones.
+
+    For each joint move that leaves its path open, `BLIND_WEIGHT` times the blind time plus the duration is minimised
+    over joint positions that it bends around. All ways are looked at; the most promising ones are searched together,
+    and those that fall behind drop out.
+    """
+    runners = _runners(cell, scenes, longest, interest_first)
+    everyone, work = [search for runner in runners for search in runner.searches], 0
+    for number, generations in ROUNDS:
+        runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost))[:number]
+        work += exchange(cell.observer, _searches(runners), everyone)
+        for _ in range(generations):
+            work += advance(cell.observer, _searches(runners))
+    runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost))[:1]
+    work += exchange(cell.observer, _searches(runners), everyone)
+    while work < MOST_WORK and (searches := _searches(runners)):
+        work += advance(cell.observer, searches)
+    return [found for runner in runners if (found := _result(cell, runner, sampling, longest)) is not None]
+
+
+@dataclass(frozen=True, eq=False)
+class _Runner:
+    """A way with the searches for its paths."""
+
+    scene: Rehearsal
+    """Of the direct way."""
+
+    level: int
+    """The quality in events of interest that it may reach, in steps of `LEVEL`; 0 where that does not count first."""
+
+    blind_elsewhere: float
+    """How long the state is not covered outside the moves that are searched [s]."""
+
+    searches: tuple[MoveSearch, ...]
+
+    @property
+    def cost(self) -> float:
+        """What is minimised, with the best paths so far [s]."""
+        return self.cost_with([search.best for search in self.searches])
+
+    @property
+    def direct_cost(self) -> float:
+        """The same of the direct way [s]."""
+        return self.cost_with([search.space.direct for search in self.searches])
+
+    def cost_with(self, paths: Sequence[SeenPath]) -> float:
+        """The same with one path for each search [s]."""
+        longer = sum(path.time - search.space.direct.time for search, path in zip(self.searches, paths, strict=True))
+        blind = self.blind_elsewhere + sum(path.blind for path in paths)
+        return self.cost_of(blind, self.scene.motion.time + longer)
+
+    def cost_of(self, blind: float, time: float) -> float:
+        """The same of a motion of a duration, with a time in which the state is not covered [s]."""
+        return self.searches[0].space.weight * blind + time
+
+
+@dataclass(frozen=True, eq=False)
+class _Glance:
+    """What a few looks at a direct way show, for each of its p primitive actions."""
+
+    scene: Rehearsal
+
+    blind: Array
+    """How long the state is not covered, shape (p,) [s]."""
+
+    interest: Array
+    """How long it is not covered in events of interest, shape (p,) [s]."""
+
+    @classmethod
+    def of(cls, scene: Rehearsal, look: Look, blind: Mask) -> _Glance:
+        """blind: whether the state at each sample of the look is not covered, shape (m,)."""
+        primitives = scene.motion.primitives
+        at = np.array([piece.primitive for piece in scene.stage.pieces])[look.samples.piece]
+        count = np.bincount(at, minlength=len(primitives))
+        step = np.array([p.end - p.start for p in primitives]) / np.maximum(count, 1)
+        interesting = np.array([piece.of_interest for piece in scene.stage.pieces])[look.samples.piece]
+        return cls(
+            scene,
+            blind=np.bincount(at, blind, len(primitives)) * step,
+            interest=np.bincount(at, blind & interesting, len(primitives)) * step,
+        )
+
+    def elsewhere(self, moves: Sequence[int]) -> float:
+        """How long the state is not covered outside some primitive actions, by index [s]."""
+        return float(np.delete(self.blind, moves).sum())
+
+    def level(self, moves: Sequence[int]) -> int:
+        """The quality in events of interest if these primitive actions were seen, in steps of `LEVEL`."""
+        T_eoi = self.scene.T_eoi
+        return round((1.0 - np.delete(self.interest, moves).sum() / T_eoi) / LEVEL) if T_eoi > 0 else 0
+
+
+def _glances(cell: Cell, scenes: Sequence[Rehearsal]) -> list[_Glance]:
+    """Looks at every way, all in one batch."""
+    looks = []
+    for scene in scenes:
+        t = np.concatenate([_middles(p.start, p.end) for p in scene.motion.primitives])
+        piece = np.searchsorted([p.end for p in scene.stage.pieces[:-1]], t)
+        looks.append(Look(scene.stage, scene.targets, Samples(piece, t)))
+    seen = look_at(cell.observer, looks)
+    return [
+        _Glance.of(scene, look, found.monitored & ~found.states_covered)
+        for scene, look, found in zip(scenes, looks, seen, strict=True)
+    ]
+
+
+def _middles(start: float, end: float) -> Array:
+    """The middles of equal stretches of about `GLANCE_STEP` [s], shape (k,)."""
+    count = max(1, int(np.ceil((end - start) / GLANCE_STEP)))
+    middles: Array = start + (end - start) * (np.arange(count) + 0.5) / count
+    return middles
+
+
+def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_first: bool) -> list[_Runner]:
+    """The most promising ways at the start: those that would be best if all their open moves could be seen."""
+    weight = BLIND_WEIGHT if np.isinf(longest) else BLIND_WEIGHT_WITHIN
+    open_of = {id(scene): open_moves(scene, scene.candidate.open_paths) for scene in scenes}
+    moves = {key: {move.primitive: move for move in of_way} for key, of_way in open_of.items()}
+    glances = [glance for glance in _glances(cell, scenes) if moves[id(glance.scene)]]
+
+    def promise(glance: _Glance) -> tuple[int, float]:
+        of_way = list(moves[id(glance.scene)])
+        level = glance.level(of_way) if interest_first else 0
+        return -level, weight * glance.elsewhere(of_way) + glance.scene.motion.time
+
+    chosen: list[_Glance] = []
+    for glance in sorted(glances, key=promise):
+        if len(chosen) < ROUNDS[0][0] and not any(_alike(glance.scene, other.scene) for other in chosen):
+            chosen.append(glance)
+    runners = []
+    for glance in chosen:
+        scene = glance.scene
+        spare = longest - scene.motion.time
+        spaces = list(move_spaces(cell, scene, moves[id(scene)], spare, weight))
+        searches = [MoveSearch(space, cell.seed + 1000 * k) for k, space in enumerate(spaces)]
+        look_at_paths(cell.observer, searches, [[search.space.direct] for search in searches], EXACTLY)
+        searched = tuple(search for search in searches if search.space.direct.blind > WORTH_SEARCHING)
+        left = [search.space.move.primitive for search in searches]
+        blind = glance.elsewhere(left) + sum(s.space.direct.blind for s in searches if s not in searched)
+        if searched:
+            level = glance.level(left) if interest_first else 0
+            runners.append(_Runner(scene, level, blind, searched))
+    return runners
+
+
+def _alike(scene: Rehearsal, other: Rehearsal) -> bool:
+    same_branch = scene.candidate.branch == other.candidate.branch
+    return same_branch and abs(scene.motion.time - other.motion.time) < SAME_TIME
+
+
+def _searches(runners: Sequence[_Runner]) -> list[MoveSearch]:
+    """The searches that still may win something."""
+    return [search for runner in runners for search in runner.searches if not search.is_settled]
+
+
+def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Study | None:
+    """The way with the best paths that fit the time together, studied exactly; None if none is better."""
+    spare = longest - runner.scene.motion.time
+    left = [search.left(LEFT) for search in runner.searches]
+    look_at_paths(cell.observer, runner.searches, left, EXACTLY)
+    paths = _best_together(runner, left, spare)
+    vias = {search.space.move.name: path.vias for search, path in zip(runner.searches, paths, strict=True)}
+    vias = {name: found for name, found in vias.items() if len(found)}
+    if not vias:
+        return None
+    found = study(cell, runner.scene.candidate.with_paths(vias), runner.scene.world, sampling, full=False)
+    if isinstance(found, Infeasible) or found.motion.time > longest + ROUNDING:
+        return None
+    blind = (1.0 - (average_quality(found.timeline) or 0.0)) * found.timeline.T
+    return found if runner.cost_of(blind, found.motion.time) < runner.direct_cost else None
+
+
+def _best_together(runner: _Runner, left: Sequence[Sequence[SeenPath]], spare: float) -> tuple[SeenPath, ...]:
+    """A free path for each move, together of the least cost within the spare time beyond the direct ones [s]."""
+    spaces = [search.space for search in runner.searches]
+    longest = sum(space.direct.time for space in spaces) + spare + ROUNDING
+    combinations = (paths for paths in product(*left) if sum(path.time for path in paths) <= longest)
+    for paths in sorted(combinations, key=runner.cost_with):
+        if all(space.is_free(path) for space, path in zip(spaces, paths, strict=True)):
+            return paths
+    return tuple(space.direct for space in spaces)
