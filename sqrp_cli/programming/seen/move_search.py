@@ -17,6 +17,9 @@ from sqrp_cli.programming.seen.move_watch import WatchedMove, blind_times
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.trajectory import JointSpan, Trajectory
 
+SEARCH_WEIGHT = 10.0
+"""Seconds of motion that a blind second counts for in the search: more than in the end, so that it learns to see."""
+
 DEVIATION, FINE_DEVIATION = np.deg2rad(30.0), np.deg2rad(6.0)
 """Of the first vias in every joint [rad]; of sliding joints, as many metres: around the middle of the direct path, and
 around the best path so far."""
@@ -106,12 +109,9 @@ class MoveSpace:
     longest: float
     """Longest duration of interest [s]."""
 
-    weight: float
-    """Seconds of motion that a blind second counts for."""
-
     def cost(self, path: SeenPath) -> float:
-        """What is minimised [s]."""
-        return self.weight * path.blind + path.time
+        """What the search minimises [s]."""
+        return SEARCH_WEIGHT * path.blind + path.time
 
     def path(self, vias: Array) -> SeenPath:
         """The path that bends around vias, shape (k, n)."""
@@ -191,13 +191,16 @@ class MoveSearch:
             self.best = path if better else self.best
         return touching
 
-    def left(self, most: int) -> list[SeenPath]:
-        """The direct path and the best others of which none is both longer and blind for longer than another."""
+    def left(self, weight: float, most: int) -> list[SeenPath]:
+        """The direct path and the best others of which none is both longer and blind for longer than another.
+
+        weight: seconds of motion that a blind second counts for.
+        """
         kept: list[SeenPath] = []
         for path in sorted(self._found, key=lambda path: (path.time, path.blind)):
             if not kept or path.blind < kept[-1].blind:
                 kept.append(path)
-        others = sorted((path for path in kept if len(path.vias)), key=self.space.cost)
+        others = sorted((path for path in kept if len(path.vias)), key=lambda path: weight * path.blind + path.time)
         return [self.space.direct, *others[: most - 1]]
 
 

@@ -26,12 +26,10 @@ def open_moves(scene: Rehearsal, names: Collection[str]) -> list[WatchedMove]:
     return [move for move in moves if move.is_monitored]
 
 
-def move_spaces(
-    cell: Cell, scene: Rehearsal, moves: Mapping[int, WatchedMove], spare: float, weight: float
-) -> Iterator[MoveSpace]:
+def move_spaces(cell: Cell, scene: Rehearsal, moves: Mapping[int, WatchedMove], spare: float) -> Iterator[MoveSpace]:
     """What the paths of moves depend on, by the moves' indices. spare: longest time beyond that of the direct way [s].
 
-    weight: see `MoveSpace`. Moves by home have none.
+    Moves by home have none.
     """
     model = cell.model
     grounded = ground_primitives(skill_use(cell, scene.candidate, scene.world), cell.collision)
@@ -54,5 +52,4 @@ def move_spaces(
             scene=cell.collision.placed(primitive.world, primitive.allowed),
             direct=SeenPath(np.zeros((0, len(q0))), direct, free=True),
             longest=direct.duration + spare,
-            weight=weight,
         )

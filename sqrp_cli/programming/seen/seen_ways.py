@@ -94,6 +94,9 @@ class _Runner:
 
     searches: tuple[MoveSearch, ...]
 
+    weight: float
+    """Seconds of motion that a blind second counts for."""
+
     @property
     def cost(self) -> float:
         """What is minimised, with the best paths so far [s]."""
@@ -112,7 +115,7 @@ class _Runner:
 
     def cost_of(self, blind: float, time: float) -> float:
         """The same of a motion of a duration, with a time in which the state is not covered [s]."""
-        return self.searches[0].space.weight * blind + time
+        return self.weight * blind + time
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +195,7 @@ def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_f
     for glance in chosen:
         scene = glance.scene
         spare = longest - scene.motion.time
-        spaces = list(move_spaces(cell, scene, moves[id(scene)], spare, weight))
+        spaces = list(move_spaces(cell, scene, moves[id(scene)], spare))
         searches = [MoveSearch(space, cell.seed + 1000 * k) for k, space in enumerate(spaces)]
         look_at_paths(cell.observer, searches, [[search.space.direct] for search in searches], EXACTLY)
         searched = tuple(search for search in searches if search.space.direct.blind > WORTH_SEARCHING)
@@ -200,7 +203,7 @@ def _runners(cell: Cell, scenes: Sequence[Rehearsal], longest: float, interest_f
         blind = glance.elsewhere(left) + sum(s.space.direct.blind for s in searches if s not in searched)
         if searched:
             level = glance.level(left) if interest_first else 0
-            runners.append(_Runner(scene, level, blind, searched))
+            runners.append(_Runner(scene, level, blind, searched, weight))
     return runners
 
 
@@ -217,7 +220,7 @@ def _searches(runners: Sequence[_Runner]) -> list[MoveSearch]:
 def _result(cell: Cell, runner: _Runner, sampling: Sampling, longest: float) -> Study | None:
     """The way with the best paths that fit the time together, studied exactly; None if none is better."""
     spare = longest - runner.scene.motion.time
-    left = [search.left(LEFT) for search in runner.searches]
+    left = [search.left(runner.weight, LEFT) for search in runner.searches]
     look_at_paths(cell.observer, runner.searches, left, EXACTLY)
     paths = _best_together(runner, left, spare)
     vias = {search.space.move.name: path.vias for search, path in zip(runner.searches, paths, strict=True)}
