@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
@@ -64,7 +65,7 @@ def find_way(
         return obstacle
     planned = (_fastest if wanted.fastest else _planned)(cell, candidate, world)
     allowed = planned.scenes
-    longest = np.inf
+    longest = inf
     if wanted.limit is not None and not isinstance(allowed, Infeasible):
         longest, allowed = wanted.limit.longest(allowed), wanted.limit.within(allowed)
     if isinstance(allowed, Infeasible):
