@@ -10,7 +10,7 @@ from textwrap import fill
 
 from sqrp_cli.platform.memory import keep_freed_memory
 
-PARTS = ("rank", "coverage", "growth", "candidates", "planning")
+PARTS = ("rank", "coverage", "growth", "candidates", "ways", "planning")
 
 
 def main() -> None:
@@ -45,6 +45,10 @@ def main() -> None:
         from tests.benchmarks.candidates import many
 
         many(arguments.candidates)
+    if "ways" in parts:
+        from tests.benchmarks.ways import ways
+
+        ways(arguments.runs)
     if "planning" in parts:
         from tests.benchmarks.planning import plan
 

@@ -86,16 +86,16 @@ def print_stages(imports: float) -> None:
     clock.times["imports (without the interpreter)"] = imports
     from sqrp_cli.knowledge.text.input_file import ContentDigest
     from sqrp_cli.knowledge.workspace.load import load_workspace
-    from sqrp_cli.programming import feasibility
     from sqrp_cli.programming.arm.kinematics import RobotModel
     from sqrp_cli.programming.cell import Cell
-    from sqrp_cli.programming.coverage import assessment, timeline
+    from sqrp_cli.programming.coverage import timeline
     from sqrp_cli.programming.coverage.sampling import Adaptive
     from sqrp_cli.programming.pipeline import Assignment
     from sqrp_cli.programming.ranking import rank
     from sqrp_cli.programming.sensing import observer
     from sqrp_cli.programming.solids import load_solids
     from sqrp_cli.programming.task import read_task
+    from sqrp_cli.programming.ways import find
     from sqrp_cli.terminal.rank_table import print_ranking
 
     def watch(module: object, name: str, stage: str) -> None:
@@ -110,8 +110,9 @@ def print_stages(imports: float) -> None:
     clock.run("meshes", lambda: load_solids([*model.parts, *parts]))
     cell = clock.run("rest of the cell", lambda: Cell.load(workspace))
 
-    watch(assessment, "feasible_motion", "all candidates: check, IK and motion")
-    watch(feasibility, "plan_motion", "- of this IK, motion and collision")
+    watch(find, "plan_branches", "all ways: IK, motion and collision")
+    watch(find, "prospects", "all ways: looks")
+    watch(find, "observed", "the best: exact coverage")
     watch(timeline, "first_samples", "all candidates: where to sample")
     watch(timeline._MotionWatch, "observation", "all candidates: states and coverage")
     watch(timeline.Stage, "states", "- of this kinematics of the samples")
