@@ -1,0 +1,130 @@
+"""The best way, against all ways of a candidate given one by one, as a person would."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from sqrp_cli import open_cell
+from sqrp_cli.api.cell import OpenCell
+from sqrp_cli.errors import InputError
+from sqrp_cli.report.documents.candidates import CandidateFigures
+from tests.conftest import TABLETOP
+
+YAWS, ELBOWS, SHOULDERS, WRISTS = (0, 90, 180, -90), ("up", "down"), ("left", "right"), ("flip", "no_flip")
+POINT = 0.001
+"""Qualities are compared rounded to this."""
+
+
+@pytest.fixture(scope="module")
+def cell() -> OpenCell:
+    return open_cell(TABLETOP)
+
+
+def compared(way: CandidateFigures) -> tuple[float, ...]:
+    """The figures by which ways are ordered, the best first, as they are compared."""
+    assert way.q_eoi is not None
+    assert way.q_avg is not None
+    assert way.time is not None
+    return -round(way.q_eoi / POINT), -round(way.q_avg / POINT), round(way.time, 6)
+
+
+def only(cell: OpenCell, task: str, **options: str) -> CandidateFigures:
+    (found,) = cell.rank(task, **options).candidates  # type: ignore[arg-type]
+    return found
+
+
+@pytest.fixture(scope="module", params=["g1", "g2", "g3", "g4", "g5"])
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+@pytest.fixture(scope="module")
+def one_by_one(cell: OpenCell, name: str) -> list[CandidateFigures]:
+    """Every way that can be done, with all settings stated in the task."""
+    tasks = (
+        f"pickup {name} approach_yaw={yaw}deg elbow={elbow} shoulder={shoulder} wrist={wrist} via=direct"
+        for yaw, elbow, shoulder, wrist in product(YAWS, ELBOWS, SHOULDERS, WRISTS)
+    )
+    found = (only(cell, task, ways="fastest") for task in tasks)
+    return [way for way in found if way.feasible]
+
+
+def test_no_way_given_by_hand_is_better_than_the_best_one(
+    cell: OpenCell, name: str, one_by_one: list[CandidateFigures]
+) -> None:
+    best = only(cell, f"pickup {name}")
+    assert best.ways is not None
+    assert (best.ways.tried, best.ways.feasible) == (32, len(one_by_one))
+    assert compared(best) == min(map(compared, one_by_one))
+
+
+def test_pareto_optimal_ways_have_the_figures_that_they_have_by_hand_and_none_is_much_better(
+    cell: OpenCell, name: str, one_by_one: list[CandidateFigures]
+) -> None:
+    ways = only(cell, f"pickup {name}").ways
+    assert ways is not None
+    by_hand = {tuple(sorted(way.parameters.items())): way for way in one_by_one}
+    for way in ways.pareto:
+        same = by_hand[tuple(sorted({**way.parameters}.items()))]
+        assert (way.q_eoi, way.q_avg, way.time) == pytest.approx((same.q_eoi, same.q_avg, same.time), abs=1e-9)
+        others = (other for other in ways.pareto if other is not way)
+        assert not any(
+            round(o.q_eoi, 3) >= round(way.q_eoi, 3) and round(o.q_avg, 3) >= round(way.q_avg, 3) and o.time <= way.time
+            for o in others
+        )
+    for way in one_by_one:
+        assert any(
+            listed.time <= way.time * 1.06 and listed.q_eoi >= way.q_eoi - 0.03 and listed.q_avg >= way.q_avg - 0.03
+            for listed in ways.pareto
+        ), way.parameters
+
+
+def test_by_time_the_fastest_way_is_the_best(cell: OpenCell, name: str, one_by_one: list[CandidateFigures]) -> None:
+    assert only(cell, f"pickup {name}", by="time").time == pytest.approx(min(way.time for way in one_by_one), abs=1e-6)
+
+
+def test_a_limit_of_time_leaves_the_best_of_the_ways_that_keep_it(
+    cell: OpenCell, name: str, one_by_one: list[CandidateFigures]
+) -> None:
+    longest = 1.25 * min(way.time for way in one_by_one)
+    kept = [way for way in one_by_one if way.time <= longest]
+    found = only(cell, f"pickup {name}", max_time="1.25x")
+    assert found.ways is not None
+    assert found.ways.feasible == len(kept)
+    assert compared(found) == min(map(compared, kept))
+
+
+def test_a_limit_that_no_way_keeps_makes_a_candidate_infeasible_with_the_excess(cell: OpenCell) -> None:
+    found = only(cell, "pickup g2", max_time="9 s")
+    assert (found.feasible, found.reasons) == (False, ("its fastest way takes 9.97 s, 0.97 s more than allowed",))
+    assert found.ways is not None
+    assert (found.ways.tried, found.ways.feasible, found.ways.pareto) == (32, 0, ())
+
+
+def test_the_fastest_ways_are_one_of_each_with_the_first_grip(cell: OpenCell) -> None:
+    found = only(cell, "pickup g2", ways="fastest")
+    assert found.ways is not None
+    assert (found.ways.tried, found.ways.feasible, found.parameters["approach_yaw"]) == (1, 1, 0.0)
+
+
+@pytest.mark.parametrize("limit", ["0.5x", "fast", "0 s", "10 m", "nanx", "infx"])
+def test_a_limit_that_means_nothing_is_refused(cell: OpenCell, limit: str) -> None:
+    with pytest.raises(InputError, match="expected a time"):
+        cell.rank("pickup g2", max_time=limit)
+
+
+def test_a_program_has_every_setting_of_the_chosen_way_and_its_figures(cell: OpenCell, tmp_path: Path) -> None:
+    ranking = cell.rank("pickup g2")
+    best = ranking.best
+    assert best is not None
+    assert best.ways is not None
+    ranking.write(tmp_path / "pick.yaml")
+    from sqrp_cli.program.file import load_program
+
+    (step,) = load_program(tmp_path / "pick.yaml").steps
+    assert step.parameters == best.ways.pareto[0].parameters
+    assert "any" not in step.parameters.values()
+    assert (step.q_eoi, step.q_avg, step.time) == pytest.approx((best.q_eoi, best.q_avg, best.time), abs=1e-9)

@@ -1,0 +1,54 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sqrp_cli.knowledge.workspace.workspace import Workspace, World
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.ways.grips import first_grip, grips
+
+
+@pytest.fixture(scope="module")
+def cell(tabletop: Workspace) -> Cell:
+    return Cell.load(tabletop)
+
+
+def choices(cell: Cell, task: str, world: World | None = None) -> list[dict[str, object]]:
+    """What the grips of a task's first candidate choose."""
+    candidate = read_task(task, cell.workspace).candidates[0]
+    found = grips(cell, candidate, world or cell.initial_world)
+    return [{k: v for k, v in grip.values.items() if candidate.values[k] != v} for grip in found]
+
+
+def degrees(found: list[dict[str, object]], name: str) -> list[float]:
+    return [round(float(np.degrees(float(str(one[name]))))) for one in found]
+
+
+def test_a_round_cup_turns_at_home_and_does_not_stop_there(cell: Cell) -> None:
+    found = choices(cell, "pickup g1")
+    assert degrees(found, "approach_yaw") == [0, 90, 180, -90]
+    assert {one["via"] for one in found} == {"direct"}
+
+
+def test_elsewhere_a_stop_at_home_is_a_choice(cell: Cell) -> None:
+    world = cell.initial_world
+    away = replace(world, joints={name: q + 0.1 for name, q in world.joints.items()})
+    assert [one["via"] for one in choices(cell, "pickup g1", away)] == ["direct", "home"] * 4
+
+
+def test_what_a_task_states_is_no_choice(cell: Cell) -> None:
+    assert choices(cell, "pickup g1 approach_yaw=45deg via=home") == [{}]
+
+
+def test_what_is_put_down_turns_by_its_own_symmetry(cell: Cell) -> None:
+    assert degrees(choices(cell, "place g1 crate via=direct"), "yaw") == [0, 90, 180, -90]
+
+
+def test_the_first_grip_is_the_first_choice_of_each(cell: Cell) -> None:
+    candidate = read_task("pickup g1", cell.workspace).candidates[0]
+    first = first_grip(candidate).values
+    assert (first["approach_yaw"], first["via"], first["elbow"]) == (0.0, "direct", "any")
+    assert grips(cell, candidate, cell.initial_world)[0].values == first
