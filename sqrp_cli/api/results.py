@@ -148,11 +148,9 @@ class Ranking(Answer["RankDocument"]):
     def show(self) -> None:
         """Print the table of `sqrp rank`."""
         from sqrp_cli.terminal.rank_table import print_ranking
-        from sqrp_cli.terminal.ways_table import print_ways
 
-        print_ranking(self.session.task.text, self.session.assignment, self.ranked, self.by)
-        if self.all_ways:
-            print_ways([one.assessment for one in self.ranked])
+        title, assignment = self.session.task.text, self.session.assignment
+        print_ranking(title, assignment, self.ranked, self.by, all_ways=self.all_ways)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -16,7 +16,7 @@ from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
 from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say
-from sqrp_cli.terminal.ways_table import faster_ways, way_of
+from sqrp_cli.terminal.ways_table import faster_ways, print_ways, way_of
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
@@ -31,8 +31,13 @@ _OPTIMAL = "* Pareto-optimal: none is as good in Q_eoi, Q_avg and time and bette
 """What the asterisk of the table means."""
 
 
-def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked], by: Criterion) -> None:
-    """The table with a row per feasible candidate, the infeasible ones with reasons, and a summary."""
+def print_ranking(
+    title: str, assignment: Assignment, ranking: Sequence[Ranked], by: Criterion, *, all_ways: bool = False
+) -> None:
+    """The table with a row per feasible candidate, the infeasible ones with reasons, and a summary.
+
+    all_ways: with a table of the Pareto-optimal ways of each.
+    """
     feasible = [ranked for ranked in ranking if ranked.rank is not None]
     workspace = assignment.cell.workspace.name
     say(joined([(title, "bold"), f" in {workspace}: {summary(ranking, by)}\n"]))
@@ -52,10 +57,12 @@ def print_ranking(title: str, assignment: Assignment, ranking: Sequence[Ranked],
             name, all_seen = last.candidate.name, last.verdict == NOTHING_MISSING
             beginning = f"Even in the last, {name}," if all_seen else f"Last is {name}:"
             say(f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}")
-        if faster := faster_ways(feasible):
+        if faster := faster_ways(feasible, all_shown=all_ways):
             say(faster)
         say(_OPTIMAL, "dim")
         say(accuracy(assignment.sampling, feasible), "dim")
+    if all_ways:
+        print_ways([ranked.assessment for ranked in ranking])
 
 
 def _print_infeasible(assessments: Sequence[Assessment]) -> None:

@@ -19,13 +19,14 @@ def way_of(assessment: Assessment) -> str:
     return way_in_words(candidate.skill, candidate.parameters, assessment.way.parameters)
 
 
-def faster_ways(feasible: Sequence[Ranked]) -> str:
-    """A line about faster ways that see less; empty if there are none."""
+def faster_ways(feasible: Sequence[Ranked], *, all_shown: bool) -> str:
+    """A line about faster ways that see less; empty if there are none. all_shown: whether `print_ways` follows."""
     found = [(one.assessment.candidate.name, _fastest(one.assessment)) for one in feasible]
     faster = [f"{name} in {way.time:.1f} s ({_qualities(way)})" for name, way in found if way is not None]
     more = f", and {len(faster) - MOST_NAMED} more" if len(faster) > MOST_NAMED else ""
     named = ", ".join(faster[:MOST_NAMED])
-    return f"Faster ways see less: {named}{more}; --ways all shows them." if faster else ""
+    where = "below" if all_shown else "see --ways all"
+    return f"Faster ways see less: {named}{more}; {where}." if faster else ""
 
 
 def print_ways(assessments: Sequence[Assessment]) -> None:
