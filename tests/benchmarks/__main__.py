@@ -6,11 +6,12 @@ import argparse
 import os
 import platform
 from importlib.metadata import version
+from pathlib import Path
 from textwrap import fill
 
 from sqrp_cli.platform.memory import keep_freed_memory
 
-PARTS = ("rank", "coverage", "growth", "candidates", "ways", "planning")
+PARTS = ("rank", "versions", "coverage", "growth", "candidates", "ways", "planning")
 
 
 def main() -> None:
@@ -18,6 +19,7 @@ def main() -> None:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}; all by default")
     parser.add_argument("--runs", type=int, default=5, help="runs of which the median is printed (default: 5)")
     parser.add_argument("--candidates", type=int, default=48, help="of the 1,600 to assess (default: 48)")
+    parser.add_argument("--baseline", type=Path, help="a checkout of another version, to time in turns with this one")
     arguments = parser.parse_args()
     if unknown := set(arguments.parts) - set(PARTS):
         parser.error(f"unknown part {', '.join(sorted(unknown))}")
@@ -33,6 +35,10 @@ def main() -> None:
 
         processes(arguments.runs)
         stages(arguments.runs)
+    if "versions" in parts:
+        from tests.benchmarks.versions import versions
+
+        versions(arguments.runs, arguments.candidates, arguments.baseline)
     if "coverage" in parts:
         from tests.benchmarks.coverage import compare
 
