@@ -155,7 +155,8 @@ class Observer:
             for turn in range(int(boxes.number.max()) + 1):
                 wanted = sees[view] & (boxes.number == turn)
                 # Shares also detect free hulls, and faster.
-                seen = visible_shares(lines, watched.solid_poses, near.of_lines(wanted & (least < 1)))
+                partly = near.of_lines(wanted & (least < 1))
+                seen = visible_shares(lines, watched.solid_poses, partly, enough=least)
                 sees[view[seen.line[seen.share < least[seen.line]]]] = False
                 whole = near.of_lines(wanted & (least >= 1))
                 sees[view[self._tester.met(lines, watched.solid_poses, whole, first_only=True).line]] = False

@@ -12,14 +12,14 @@ from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
 from sqrp_cli.shapes import BOX_TRIANGLES
 
-_FACES = np.array([[*first, second[2]] for first, second in BOX_TRIANGLES.reshape(6, 2, 3).tolist()])
+BOX_FACES = np.array([[*first, second[2]] for first, second in BOX_TRIANGLES.reshape(6, 2, 3).tolist()])
 """Corners of each face of a box, in their order around it seen from outside, shape (6, 4)."""
 
 
 def _edges() -> Indices:
     sides = {
         (start, end): face
-        for face, corners in enumerate(_FACES.tolist())
+        for face, corners in enumerate(BOX_FACES.tolist())
         for start, end in zip(corners, corners[1:] + corners[:1], strict=True)
     }
     return np.array([(*edge, sides[edge], sides[edge[::-1]]) for edge in sides if edge < edge[::-1]]).T
@@ -120,7 +120,7 @@ def half_spaces(corners: Array) -> Array:
 
     Rows (n, o) of shape (h, k, 4) for the points p with n . p <= o; rows of zeros, which hold everything, come last.
     """
-    a, b, c = (corners[:, _FACES[:, k]] for k in range(3))
+    a, b, c = (corners[:, BOX_FACES[:, k]] for k in range(3))
     normals = cross(b - a, c - a)
     offsets = np.einsum("hki,hki->hk", normals, a)
     turned = offsets > 0  # away from the eye

@@ -95,6 +95,20 @@ class RayGrid:
         (low_u, low_v), (step_u, step_v) = self.low[:, hull], self.step[:, hull]
         return np.stack([(x - low_u * depth) / step_u, (y - low_v * depth) / step_v - 0.5 * depth, depth])
 
+    def most_rays(self, maps: Array, corners_P: Array) -> Array:
+        """How many rays may meet n shapes within corners (n, k, 3) at most, shape (n,); maps: see `maps`, (3, 4, n)."""
+        into = np.moveaxis(maps, 2, 0)
+        column, row, depth = np.moveaxis(corners_P @ into[:, :, :3].swapaxes(1, 2) + into[:, None, :, 3], 2, 0)
+        ahead = (depth > AHEAD).all(axis=1)
+        depth = np.where(ahead[:, None], depth, 1.0)
+        column, row = column / depth, row / depth
+        # The rays of a row stand up to one column to the right of their numbers.
+        columns = np.clip(np.floor(column.max(axis=1)) + 1, 0, COLUMNS) - np.clip(
+            np.ceil(column.min(axis=1)) - 1, 0, COLUMNS
+        )
+        rows = np.clip(np.floor(row.max(axis=1)) + 1, 0, ROWS) - np.clip(np.ceil(row.min(axis=1)), 0, ROWS)
+        return np.where(ahead, columns * rows, COLUMNS * ROWS)
+
     def beside(self, hull: Indices, points_C: Array) -> list[Mask]:
         """Whether points (k, n, 3) seen in k of the views lie beyond each side of the pyramid of rays, (k, n) each."""
         low, high = self.low[:, hull, None], self.low[:, hull, None] + self.step[:, hull, None] * _COUNTS[:, None]

@@ -11,7 +11,7 @@ silhouette; far less for others, which every row measures at another place.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import NamedTuple
 
@@ -21,8 +21,10 @@ from numpy.typing import NDArray
 from sqrp_cli.geometry import BOX_SIGNS, Array, Indices, Mask, begins_run, cross, inverse, transform
 from sqrp_cli.programming.sensing.scene_states import SolidPoses
 from sqrp_cli.programming.sensing.sight_lines import Pairs, SightLines
+from sqrp_cli.programming.sensing.visibility.hull_spaces import BOX_FACES
 from sqrp_cli.programming.sensing.visibility.silhouette import (
     AHEAD,
+    ROWS,
     Bends,
     MetRays,
     RayGrid,
@@ -41,6 +43,9 @@ _CHUNK = 1024
 _MEMORY = 2_000_000
 """Most triangles, counted for each sight line, to test together, to bound the memory."""
 
+_ROUNDING = 1e-9
+"""Share by which the area of an image may be too large."""
+
 _BEFORE = np.uint16(0b11)
 """Bits of the regions before a box, see `_SeenBoxes.regions`."""
 
@@ -56,23 +61,25 @@ class VisibleShares(NamedTuple):
     """Visible share of the box's silhouette, in 0..1, shape (n,)."""
 
 
-def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> VisibleShares:
+def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs, *, enough: Array | None = None) -> VisibleShares:
     """The visible shares of the boxes of the sight lines in the pairs.
 
     pairs: of solids that may reach into the view hulls; no other solid can block. All corners of the boxes must lie in
-    front of the camera. The share is 0 if the pose of box or camera is not finite.
+    front of the camera. The share is 0 if the pose of box or camera is not finite. enough: for each of the v sight
+    lines, a share from which on it need not be exact; then it may be 1 instead.
     """
     named = pairs.line[begins_run(pairs.line)]
     finite, shares = lines.finite[lines.hull[named]], np.zeros(len(named))
-    shares[finite] = _measured(lines, poses, pairs.some(lines.finite[lines.hull[pairs.line]]))
+    pairs = pairs.some(lines.finite[lines.hull[pairs.line]])
+    shares[finite] = _measured(lines, poses, pairs, np.ones(len(lines.state)) if enough is None else enough)
     return VisibleShares(named, shares)
 
 
-def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
+def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs, enough: Array) -> Array:
     """The visible shares of the boxes of the sight lines in the pairs, shape (n,)."""
     begins = begins_run(pairs.line)
     named, number = pairs.line[begins], np.cumsum(begins) - 1
-    shares = np.empty(len(named))
+    shares = np.ones(len(named))
     largest = max((len(poses.solids[index].triangles) for index in set(pairs.solid.tolist())), default=0)
     size = max(1, min(_CHUNK, _MEMORY // max(1, largest)))
     for start in range(0, len(named), size):
@@ -80,20 +87,72 @@ def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs) -> Array:
         within = slice(*np.searchsorted(number, (start, start + size)).tolist())
         hull, state = lines.hull[named[chunk]], lines.state[named[chunk]]
         begins = begins_run(hull)
-        view = _SeenBoxes.of(lines, hull[begins])
+        view, hull = _SeenBoxes.of(lines, hull[begins]), np.cumsum(begins) - 1
         here = Pairs(number[within] - start, pairs.solid[within])
-        shares[chunk] = _shares(view, np.cumsum(begins) - 1, state, poses, here)
+        solids = _SeenSolids.of(view, hull, poses, here, state[here.line])
+        doubtful = ~view.surely_seen(hull, solids, enough[named[chunk]])
+        if not doubtful.all():
+            used, hull = np.unique(hull[doubtful], return_inverse=True)
+            view, solids = view.some(used), solids.of_lines(doubtful, hull)
+        if doubtful.any():
+            shares[start + np.flatnonzero(doubtful)] = _shares(view, hull, poses, solids)
     return shares
 
 
-def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, pairs: Pairs) -> Array:
-    """Visible shares of l sight lines; hull: which of the views each has, state: index of its state, shape (l,)."""
-    line, which = pairs.line, pairs.solid
-    hulls, lines = len(view.eyes), len(hull)
-    at = hull[line]
-    X_WP = poses.at(which, state[line])
-    X_CP = view.X_CW[at] @ X_WP
-    maps, bounds_P = view.grid.maps(at, X_CP), poses.solids.corners[which]
+@dataclass(frozen=True, eq=False)
+class _SeenSolids:
+    """Solids that may block the rays of sight lines: n pairs; optical frames as in `_SeenBoxes`."""
+
+    line: Indices
+    """Of each, shape (n,)."""
+    hull: Indices
+    """Index of the line's view, shape (n,)."""
+    solid: Indices
+    """By index, shape (n,)."""
+    X_WP: Array
+    """Pose of the solid's parent in the world, shape (n, 4, 4)."""
+    X_CP: Array
+    """The same in the optical frame, shape (n, 4, 4)."""
+    maps: Array
+    """From the parent's frame into the grid, see `RayGrid.maps`, shape (3, 4, n)."""
+    corners_P: Array
+    """Corners of the box around the solid in its parent's frame, shape (n, 8, 3) [m]."""
+
+    @classmethod
+    def of(cls, view: _SeenBoxes, hull: Indices, poses: SolidPoses, pairs: Pairs, state: Indices) -> _SeenSolids:
+        """The solids of pairs; hull: which of the views each line has, state: index of each pair's state."""
+        at = hull[pairs.line]
+        X_WP = poses.at(pairs.solid, state)
+        X_CP = view.X_CW[at] @ X_WP
+        return cls(
+            line=pairs.line,
+            hull=at,
+            solid=pairs.solid,
+            X_WP=X_WP,
+            X_CP=X_CP,
+            maps=view.grid.maps(at, X_CP),
+            corners_P=poses.solids.corners[pairs.solid],
+        )
+
+    def of_lines(self, wanted: Mask, hull: Indices) -> _SeenSolids:
+        """Those of some of the lines, which are counted anew; hull: the new index of the view of each of these."""
+        kept = wanted[self.line]
+        line = (np.cumsum(wanted) - 1)[self.line[kept]]
+        return _SeenSolids(
+            line=line,
+            hull=hull[line],
+            solid=self.solid[kept],
+            X_WP=self.X_WP[kept],
+            X_CP=self.X_CP[kept],
+            maps=self.maps[:, :, kept],
+            corners_P=self.corners_P[kept],
+        )
+
+
+def _shares(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids) -> Array:
+    """Visible shares of l sight lines behind solids; hull: which of the views each has, shape (l,)."""
+    line, at, which, X_WP, X_CP, maps = seen.line, seen.hull, seen.solid, seen.X_WP, seen.X_CP, seen.maps
+    hulls, lines, bounds_P = len(view.eyes), len(hull), seen.corners_P
     eyes_P, sides = inverse(X_CP)[:, :, 3].T.astype(np.float32), beyond_sides(maps, np.abs(bounds_P).max())
     depth = (bounds_P @ X_CP[:, 2, :3, None])[..., 0] + X_CP[:, 2, 3, None]
     reaching: Mask = np.any((depth <= AHEAD) | (depth >= view.nearest[at, None]), axis=1)
@@ -129,8 +188,8 @@ def _shares(view: _SeenBoxes, hull: Indices, state: Indices, poses: SolidPoses, 
     silhouette, blocked = inside[:, :hulls], inside[:, hulls:]
     for column, of_line, row in marked:
         blocked[column, of_line, row] = True
-    seen, all_rays = _count(silhouette[:, hull] & ~blocked), _count(silhouette)[hull]
-    return np.where(all_rays > 0, seen / np.maximum(all_rays, 1), 1.0)  # a box without area in the image is not hidden
+    free, all_rays = _count(silhouette[:, hull] & ~blocked), _count(silhouette)[hull]
+    return np.where(all_rays > 0, free / np.maximum(all_rays, 1), 1.0)  # a box without area in the image is not hidden
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +212,8 @@ class _SeenBoxes:
     """Greatest coordinates of each box in its own frame, shape (h, 3) [m]."""
     grid: RayGrid
     """The rays to each box."""
+    areas: Array
+    """Of the box's image, in cells of the grid, shape (h,)."""
 
     @classmethod
     def of(cls, lines: SightLines, hulls: Indices) -> _SeenBoxes:
@@ -165,6 +226,7 @@ class _SeenBoxes:
         image = corners_C[:2] / corners_C[2]
         X_BW = inverse(lines.X_WB[hulls])
         half, middle = lines.half_size[hulls], lines.offset[hulls]
+        grid = RayGrid.over(image.min(axis=-1), image.max(axis=-1))
         return cls(
             X_CW=X_CW,
             X_BW=X_BW,
@@ -173,8 +235,15 @@ class _SeenBoxes:
             nearest=corners_C[2].min(axis=-1),
             low=middle - half,
             high=middle + half,
-            grid=RayGrid.over(image.min(axis=-1), image.max(axis=-1)),
+            grid=grid,
+            areas=_image_areas(image / grid.step[..., None]),
         )
+
+    def some(self, hulls: Indices) -> _SeenBoxes:
+        """Some of the views, by index."""
+        values = {part.name: getattr(self, part.name) for part in fields(self)}
+        grid = RayGrid(self.grid.low[:, hulls], self.grid.step[:, hulls])
+        return _SeenBoxes(**{name: grid if name == "grid" else value[hulls] for name, value in values.items()})
 
     @cached_property
     def maps(self) -> Array:
@@ -189,6 +258,19 @@ class _SeenBoxes:
         sides = np.stack([self.eyes < self.low, self.eyes > self.high], axis=-1).reshape(-1, 6).T
         turned = signs(np.repeat(sides, 2, axis=0))
         return Bends.of(_BOX, turned, beyond_sides(self.maps, 1.0), np.arange(len(self.eyes)))
+
+    def surely_seen(self, hull: Indices, solids: _SeenSolids, enough: Array) -> Mask:
+        """Whether so little may block the rays of each of l lines that it sees enough; a no means nothing, shape (l,).
+
+        hull: which of the views each line has, enough: the share that it must see, shape (l,).
+        """
+        if (enough >= 1.0).all():
+            return np.zeros(len(hull), dtype=bool)
+        # A row across a width of w cells holds at least w - 1 rays, and the widths add up to the area at least.
+        least = self.areas[hull] - ROWS
+        blocked = np.bincount(solids.line, self.grid.most_rays(solids.maps, solids.corners_P), minlength=len(hull))
+        seen: Mask = blocked < (1.0 - enough) * least * (1.0 - _ROUNDING)
+        return seen
 
     def regions(self, hull: Indices, points_B: Array, points_C: Array) -> NDArray[np.uint16]:
         """The convex regions in which points seen in k of the views lie, one bit each, shape (k, n).
@@ -245,6 +327,17 @@ def _in_all(regions: NDArray[np.uint16], triangles: Indices) -> NDArray[np.uint1
     """The regions in which triangles (F, 3) lie wholly, from those of their corners (k, n), one bit each; (k, F)."""
     a, b, c = triangles.T
     return regions[:, a] & regions[:, b] & regions[:, c]
+
+
+def _image_areas(image: Array) -> Array:
+    """Areas of the images of boxes with these corners, shape (2, h, 8); shape (h,).
+
+    Each ray through a box meets two of its faces.
+    """
+    first, second, third, fourth = (image[:, :, BOX_FACES[:, k]] for k in range(4))
+    u, v = third - first, fourth - second
+    areas: Array = 0.25 * np.abs(u[0] * v[1] - u[1] * v[0]).sum(axis=-1)
+    return areas
 
 
 def _count(rays: Mask) -> Array:

@@ -143,3 +143,25 @@ def test_thin_boxes_are_measured_as_exactly_as_others(size: tuple[float, float, 
         sheet = solid_of(across, np.array([[0, 1, 2], [2, 1, 3]]))
         seen = share([sheet], X_WC, X_WB, extents)
         assert seen == pytest.approx(traced([sheet], X_WC, X_WB, extents), abs=CLOSE)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_that_enough_is_seen_is_said_of_no_box_that_shows_less(seed: int) -> None:
+    generator = np.random.default_rng(500 + seed)
+    views = [view(generator) for _ in range(40)]
+    solids, line = [], []
+    for number, (X_WC, X_WB, _) in enumerate(views):
+        for _ in range(generator.integers(1, 4)):
+            X_WO = pose(quaternion_to_matrix(generator.normal(size=4)), between(generator, X_WC, X_WB, 0.1))
+            solids.append(solid_of(transform(X_WO, generator.uniform(0.01, 0.1, 3) * BOX_SIGNS), BOX_TRIANGLES))
+            line.append(number)
+    X_WC, X_WB, size = (np.stack(parts) for parts in zip(*views, strict=True))
+    number = np.arange(len(views))
+    lines = SightLines(number, number, number, X_WC, X_WB, 0.5 * size, np.zeros((len(views), 3)))
+    poses, pairs = SolidPoses(Solids(solids), {"world": pose()[None]}), Pairs(np.array(line), np.arange(len(line)))
+    exact, enough = visible_shares(lines, poses, pairs).share, generator.uniform(0.2, 1.0, len(views))
+    found = visible_shares(lines, poses, pairs, enough=enough).share
+    np.testing.assert_array_equal(found >= enough, exact >= enough)
+    differs = found != exact
+    assert (found[differs] == 1.0).all()
+    assert differs.any()
