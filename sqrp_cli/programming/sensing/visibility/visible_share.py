@@ -115,7 +115,7 @@ class _SeenSolids:
     """The same in the optical frame, shape (n, 4, 4)."""
     maps: Array
     """From the parent's frame into the grid, see `RayGrid.maps`, shape (3, 4, n)."""
-    corners_P: Array
+    corners: Array
     """Corners of the box around the solid in its parent's frame, shape (n, 8, 3) [m]."""
 
     @classmethod
@@ -131,7 +131,7 @@ class _SeenSolids:
             X_WP=X_WP,
             X_CP=X_CP,
             maps=view.grid.maps(at, X_CP),
-            corners_P=poses.solids.corners[pairs.solid],
+            corners=poses.solids.corners[pairs.solid],
         )
 
     def of_lines(self, wanted: Mask, hull: Indices) -> _SeenSolids:
@@ -145,14 +145,14 @@ class _SeenSolids:
             X_WP=self.X_WP[kept],
             X_CP=self.X_CP[kept],
             maps=self.maps[:, :, kept],
-            corners_P=self.corners_P[kept],
+            corners=self.corners[kept],
         )
 
 
 def _shares(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids) -> Array:
     """Visible shares of l sight lines behind solids; hull: which of the views each has, shape (l,)."""
     line, at, which, X_WP, X_CP, maps = seen.line, seen.hull, seen.solid, seen.X_WP, seen.X_CP, seen.maps
-    hulls, lines, bounds_P = len(view.eyes), len(hull), seen.corners_P
+    hulls, lines, bounds_P = len(view.eyes), len(hull), seen.corners
     eyes_P, sides = inverse(X_CP)[:, :, 3].T.astype(np.float32), beyond_sides(maps, np.abs(bounds_P).max())
     depth = (bounds_P @ X_CP[:, 2, :3, None])[..., 0] + X_CP[:, 2, 3, None]
     reaching: Mask = np.any((depth <= AHEAD) | (depth >= view.nearest[at, None]), axis=1)
@@ -268,7 +268,7 @@ class _SeenBoxes:
             return np.zeros(len(hull), dtype=bool)
         # A row across a width of w cells holds at least w - 1 rays, and the widths add up to the area at least.
         least = self.areas[hull] - ROWS
-        blocked = np.bincount(solids.line, self.grid.most_rays(solids.maps, solids.corners_P), minlength=len(hull))
+        blocked = np.bincount(solids.line, self.grid.most_rays(solids.maps, solids.corners), minlength=len(hull))
         seen: Mask = blocked < (1.0 - enough) * least * (1.0 - _ROUNDING)
         return seen
 

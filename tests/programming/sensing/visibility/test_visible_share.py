@@ -145,10 +145,10 @@ def test_thin_boxes_are_measured_as_exactly_as_others(size: tuple[float, float, 
         assert seen == pytest.approx(traced([sheet], X_WC, X_WB, extents), abs=CLOSE)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(4))
 def test_that_enough_is_seen_is_said_of_no_box_that_shows_less(seed: int) -> None:
     generator = np.random.default_rng(500 + seed)
-    views = [view(generator) for _ in range(40)]
+    views = [view(generator) for _ in range(200)]
     solids, line = [], []
     for number, (X_WC, X_WB, _) in enumerate(views):
         for _ in range(generator.integers(1, 4)):
