@@ -11,7 +11,7 @@ silhouette; far less for others, which every row measures at another place.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -241,9 +241,8 @@ class _SeenBoxes:
 
     def some(self, hulls: Indices) -> _SeenBoxes:
         """Some of the views, by index."""
-        values = {part.name: getattr(self, part.name) for part in fields(self)}
-        grid = RayGrid(self.grid.low[:, hulls], self.grid.step[:, hulls])
-        return _SeenBoxes(**{name: grid if name == "grid" else value[hulls] for name, value in values.items()})
+        arrays = {part.name: getattr(self, part.name)[hulls] for part in fields(self) if part.name != "grid"}
+        return replace(self, **arrays, grid=RayGrid(self.grid.low[:, hulls], self.grid.step[:, hulls]))
 
     @cached_property
     def maps(self) -> Array:
