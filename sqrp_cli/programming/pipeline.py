@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, WaysFound, study
 from sqrp_cli.programming.coverage.robustness import Calibration, under_calibration_errors
@@ -77,8 +76,16 @@ def assess_all(assignment: Assignment, candidates: Sequence[Candidate], jobs: in
     jobs: number of processes at most.
     """
     least = WORTH_A_PROCESS if assignment.wanted.fastest else WORTH_WITH_WAYS
-    assessments = in_processes(assignment.assess, candidates, min(jobs, len(candidates) // least))
+    assessments = _assessed(assignment, candidates, min(jobs, len(candidates) // least))
     for candidate, assessment in zip(candidates, assessments, strict=True):
         # A result from a process has its own copy of the skill; replace it by the caller's, which all share.
         way = assessment.best_way and replace(assessment.best_way, skill=candidate.skill)
         yield replace(assessment, candidate=candidate, best_way=way)
+
+
+def _assessed(assignment: Assignment, candidates: Sequence[Candidate], processes: int) -> Iterator[Assessment]:
+    if processes < 2:
+        return map(assignment.assess, candidates)
+    from sqrp_cli.platform.processes import in_processes
+
+    return in_processes(assignment.assess, candidates, processes)

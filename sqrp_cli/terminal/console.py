@@ -17,7 +17,6 @@ from typing import Literal, Protocol
 from rich.cells import cell_len
 from rich.console import Console
 from rich.live import Live
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
@@ -315,6 +314,8 @@ def progress(title: str, total: int | None) -> Iterator[Advance]:
         with progress_lines(title, total, note) as advance:
             yield advance
         return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
     columns = [
         TextColumn("{task.description}", markup=False),
         BarColumn(bar_width=PROGRESS_WIDTH),

@@ -15,7 +15,10 @@ code = run(sys.argv[2:])
 print(code, *sorted(set(sys.argv[1].split(",")) & set(sys.modules)), file=sys.stderr)
 """
 
-HEAVY = ("asyncio", "distributed", "mujoco", "cv2", "ompl", "sqrp_cli.report.documents.scores", "sqrp_cli.scoring")
+HEAVY = (
+    "asyncio", "multiprocessing", "distributed", "mujoco", "cv2", "ompl", "rich.progress",
+    "sqrp_cli.report.documents.scores", "sqrp_cli.scoring",
+)  # fmt: skip
 """Modules that no ranking of cubes on a table needs."""
 
 READING = ("numpy", "pydantic", "rich.console", "yaml", "lark", "pinocchio", "coal")

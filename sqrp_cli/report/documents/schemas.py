@@ -94,7 +94,7 @@ def _described(schema: JsonSchemaValue, record: type) -> JsonSchemaValue:
         owners = [base for base in record.__mro__ if name in inspect.get_annotations(base)]
         text = next((texts[name] for texts in map(_texts, owners) if name in texts), None)
         if text is not None:
-            value.setdefault("description", text)
+            value["description"] = text
     return schema
 
 
@@ -119,7 +119,7 @@ def _file_schema(name: str) -> dict[str, Any]:
     return {"$schema": DIALECT, **schema}
 
 
-class _Generator(GenerateJsonSchema):
+class _Generator(_Described):
     """Uses the names that schemas have for records."""
 
     def normalize_name(self, name: str) -> str:
