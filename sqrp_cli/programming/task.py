@@ -49,8 +49,12 @@ class Candidate:
     def parameters(self) -> dict[str, MotionValue]:
         """All parameters with their values, objects first; an implicit one only where it is not at its default."""
         unsaid = {p.name: p.values[0] for p in self.skill.motion_parameters if p.implicit}
-        said = {name: value for name, value in self.values.items() if unsaid.get(name) != value}
-        return {**self.binding, **said, **self.branch}
+        return {name: value for name, value in self.all_parameters.items() if unsaid.get(name) != value}
+
+    @property
+    def all_parameters(self) -> dict[str, MotionValue]:
+        """The same with every implicit one."""
+        return {**self.binding, **self.values, **self.branch}
 
     @property
     def task(self) -> str:

@@ -36,8 +36,8 @@ def summary(ranking: Sequence[Ranked], by: Criterion) -> str:
 
 def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
     """Names of the parameters in which candidates differ; the first one if they are all the same."""
-    names = list(candidates[0].parameters)
-    differing = [name for name in names if len({candidate.parameters[name] for candidate in candidates}) > 1]
+    names = list(candidates[0].all_parameters)
+    differing = [name for name in names if len({candidate.all_parameters[name] for candidate in candidates}) > 1]
     return differing or names[:1]
 
 

@@ -16,7 +16,7 @@ from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
 from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say
-from sqrp_cli.terminal.ways_table import faster_ways, print_ways, way_of
+from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways, way_of
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),
@@ -59,6 +59,8 @@ def print_ranking(
             say(f"{beginning} {last.verdict[0].lower()}{last.verdict[1:]}")
         if faster := faster_ways(feasible, all_shown=all_ways):
             say(faster)
+        if ends := blind_ends(feasible):
+            say(ends)
         say(_OPTIMAL, "dim")
         say(accuracy(assignment.sampling, feasible), "dim")
     if all_ways:
@@ -144,7 +146,7 @@ def _print_feasible(feasible: Sequence[Ranked]) -> None:
 
 def _row(ranked: Ranked, differing: Sequence[str], figures: Sequence[_Figure]) -> list[Cell]:
     candidate = ranked.assessment.candidate
-    words = in_words(candidate.skill, candidate.parameters)
+    words = in_words(candidate.skill, candidate.all_parameters)
     place = f"{ranked.rank}{' *' if ranked.pareto else ''}"
     return [place, *(words[name] for name in differing), *(figure.cell(ranked.assessment) for figure in figures)]
 

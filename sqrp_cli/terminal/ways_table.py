@@ -10,7 +10,10 @@ from sqrp_cli.programming.ways.words import way_in_words
 from sqrp_cli.terminal.console import Column, Share, print_table, say
 
 MOST_NAMED = 3
-"""Most candidates that the line about faster ways names."""
+"""Most candidates that a line about ways names."""
+
+SHORTEST_BLIND = 0.05
+"""Blind ends of moves that cost less are not named [s]."""
 
 
 def way_of(assessment: Assessment) -> str:
@@ -27,6 +30,20 @@ def faster_ways(feasible: Sequence[Ranked], *, all_shown: bool) -> str:
     named = ", ".join(faster[:MOST_NAMED])
     where = "below" if all_shown else "see --ways all"
     return f"Faster ways see less: {named}{more}; {where}." if faster else ""
+
+
+def blind_ends(feasible: Sequence[Ranked]) -> str:
+    """A line about the ends of moves that no path can make seen; empty if there are none."""
+    named = []
+    for one in feasible:
+        seconds: dict[str, float] = {}
+        for end in one.assessment.ways.blind_ends if one.assessment.ways is not None else ():
+            seconds[end.at] = seconds.get(end.at, 0.0) + end.seconds
+        places = " and ".join(f"`{at}` {total:.1f} s" for at, total in seconds.items() if total >= SHORTEST_BLIND)
+        named += [f"{one.assessment.candidate.name} {places}"] if places else []
+    more = f", and {len(named) - MOST_NAMED} more" if len(named) > MOST_NAMED else ""
+    line = f"No path helps at ends of moves that the cameras do not see: {', '.join(named[:MOST_NAMED])}{more}."
+    return line if named else ""
 
 
 def print_ways(assessments: Sequence[Assessment]) -> None:

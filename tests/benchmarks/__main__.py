@@ -11,7 +11,7 @@ from textwrap import fill
 
 from sqrp_cli.platform.memory import keep_freed_memory
 
-PARTS = ("rank", "versions", "coverage", "growth", "candidates", "ways", "planning")
+PARTS = ("rank", "versions", "coverage", "growth", "candidates", "ways", "planning", "paths")
 
 
 def main() -> None:
@@ -20,6 +20,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=5, help="runs of which the median is printed (default: 5)")
     parser.add_argument("--candidates", type=int, default=48, help="of the 1,600 to assess (default: 48)")
     parser.add_argument("--baseline", type=Path, help="a checkout of another version, to time in turns with this one")
+    parser.add_argument("--cells", type=int, default=30, help="random cells in which paths are compared (default: 30)")
     arguments = parser.parse_args()
     if unknown := set(arguments.parts) - set(PARTS):
         parser.error(f"unknown part {', '.join(sorted(unknown))}")
@@ -59,6 +60,10 @@ def main() -> None:
         from tests.benchmarks.planning import plan
 
         plan(arguments.runs)
+    if "paths" in parts:
+        from tests.benchmarks.paths import paths
+
+        paths(arguments.cells)
 
 
 if __name__ == "__main__":

@@ -110,7 +110,7 @@ def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> 
     assessment = ranked.assessment
     parameters = assessment.candidate.parameters
     mark = "infeasible" if ranked.rank is None else f"{ranked.rank}"
-    labels = {name: parameters[name] for name in differing}
+    labels = {name: assessment.candidate.all_parameters[name] for name in differing}
     return PageRow(
         assessment.candidate.name,
         mark,
