@@ -58,6 +58,5 @@ def paths(cells: int) -> None:
     head = ["the same way with", "blind [s]", "gain [s]", "cameras off"]
     print_table(f"Joint moves in {cells} random cells, means", head, rows)
     print(f"  fewer or as many blind seconds as both others in {better} of {cells} cells;")
-    print(
-        f"  {mean(extra):.2f} s longer; CPU of a candidate, loading included: {mean(costs):.2f} s, {max(costs):.2f} s at most"
-    )
+    cpu = f"{mean(costs):.2f} s of CPU a candidate ({max(costs):.2f} s at most), loading included"
+    print(f"  {mean(extra):.2f} s longer; {cpu}")

@@ -29,6 +29,9 @@ class WayFigures:
 
     parameters: Mapping[str, float | str]
     """Those of the candidate, with a value for each that it leaves free."""
+    vias: Mapping[str, list[list[float]]]
+    """By the name of a joint move, the joint positions that it bends around, in the order of the arm's joints; direct
+    moves have none [rad or m]."""
     time: float
     """Duration of the whole motion [s]."""
     q_avg: float | None

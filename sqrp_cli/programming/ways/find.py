@@ -190,6 +190,7 @@ def _optimal(ranked: Iterable[Ranked]) -> tuple[WayFigures, ...]:
     return tuple(
         WayFigures(
             parameters=way.candidate.parameters,
+            vias={name: vias.tolist() for name, vias in way.candidate.vias.items()},
             time=float(way.time or 0.0),
             q_avg=way.q_avg,
             q_eoi=way.q_eoi,

@@ -108,7 +108,6 @@ def _scored(workspace: Workspace, scores: Sequence[TaskScore], means: Means) -> 
 
 def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> PageRow:
     assessment = ranked.assessment
-    parameters = assessment.candidate.parameters
     mark = "infeasible" if ranked.rank is None else f"{ranked.rank}"
     labels = {name: assessment.candidate.all_parameters[name] for name in differing}
     return PageRow(
