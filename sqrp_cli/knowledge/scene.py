@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, PlainValidator, Tag, WithJsonSchema, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import Array, axis_rotation, check_finite, check_poses, inverse, pose, read_only, side_pose
@@ -28,7 +28,9 @@ from sqrp_cli.knowledge.text.entries import (
     Stored,
     Text,
     Written,
+    refused,
 )
+from sqrp_cli.knowledge.text.source import describe
 from sqrp_cli.shapes import Box, Capsule, Cylinder, Part, Shape, Sphere
 
 MODULES = 7
@@ -36,9 +38,23 @@ MODULES = 7
 
 MarkerId = Annotated[int, Field(strict=True, ge=0, le=1023)]
 
+MOST_TURNS = 64
+"""Most turns of a stated symmetry."""
+
+
+def _symmetry(value: object) -> int | Literal["round"]:
+    if value == "round":
+        return "round"
+    if isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MOST_TURNS:
+        return value
+    expected = f"a whole number from 1 to {MOST_TURNS}, or `round`"
+    raise refused("wrong-value", f"found {describe(value)}, expected {expected}")
+
+
 Symmetry = Annotated[
-    Annotated[int, Field(strict=True, ge=1, le=64), Tag("<number>")] | Annotated[Literal["round"], Tag("<else>")],
-    Discriminator(lambda data: "<number>" if isinstance(data, int | float) else "<else>"),
+    int | Literal["round"],
+    PlainValidator(_symmetry),
+    WithJsonSchema({"anyOf": [{"type": "integer", "minimum": 1, "maximum": MOST_TURNS}, {"const": "round"}]}),
 ]
 """Into how many equal turns about an axis something looks the same, or `round`: any turn."""
 

@@ -136,7 +136,7 @@ def _print_feasible(feasible: Sequence[Ranked]) -> None:
     columns = [
         Column("#"),
         *map(Column, differing),
-        *(Column(figure.title, right=figure.title != "way") for figure in figures),
+        *(Column(figure.title, right=figure is not _WAY, shrink=figure is _WAY) for figure in figures),
     ]
     print_table(columns, [_row(ranked, differing, figures) for ranked in feasible])
     faults = feasible[0].assessment.faults

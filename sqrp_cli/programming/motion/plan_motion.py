@@ -27,7 +27,7 @@ from sqrp_cli.programming.motion.ground_primitives import GroundPrimitive, Groun
 from sqrp_cli.programming.motion.paths.branch_search import Station, fastest_sequence
 from sqrp_cli.programming.motion.paths.joint_moves import JointMoves, Move
 from sqrp_cli.programming.motion.paths.position_limits import worst_past_limit
-from sqrp_cli.programming.motion.paths.sections import BranchFinder, Failures, Section, Ways, cut_into_sections
+from sqrp_cli.programming.motion.paths.sections import Branch, BranchFinder, Failures, Section, Ways, cut_into_sections
 from sqrp_cli.trajectory import JointPath, Trajectory
 
 MOST_AXES_WITHOUT_REDUNDANCY = 6
@@ -260,8 +260,7 @@ class _Planner:
         """The different branches of the ways through all sections."""
         found: list[dict[str, MotionValue]] = [{}]
         for section, through in zip(self._sections, ways, strict=True):
-            names = self._names(section)
-            possible = _different([names[branch.solution] for branch in through.branches])
+            possible = _different([self._name(section, branch) for branch in through.branches])
             found = [{**one, **more} for one in found for more in possible if _agree(one, more)][:MOST_BRANCHES]
         return found
 
@@ -269,14 +268,18 @@ class _Planner:
         """Which ways through each section belong to a branch."""
 
         def mask(section: Section, through: Ways) -> Mask:
-            names = self._names(section)
-            fitting = [_agree(branch, names[of_way.solution]) for of_way in through.branches]
+            fitting = [_agree(branch, self._name(section, of_way)) for of_way in through.branches]
             return np.array(fitting)[through.of]
 
         return [mask(section, through) for section, through in zip(self._sections, ways, strict=True)]
 
+    def _name(self, section: Section, branch: Branch) -> _Names:
+        """The name of a branch of a section."""
+        names = self._names(section)
+        return names[branch.solution] if len(names) > 1 else names[0]
+
     def _names(self, section: Section) -> Sequence[_Names]:
-        """The name of each solution of inverse kinematics at the start of a section; of none if nothing is free."""
+        """The name of each solution of inverse kinematics at the start of a section; one for all if nothing is free."""
         move = section.move
         if move is None or move.home or not move.free:
             return ({},)

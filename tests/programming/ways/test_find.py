@@ -128,3 +128,19 @@ def test_a_program_has_every_setting_of_the_chosen_way_and_its_figures(cell: Ope
     assert step.parameters == best.ways.pareto[0].parameters
     assert "any" not in step.parameters.values()
     assert (step.q_eoi, step.q_avg, step.time) == pytest.approx((best.q_eoi, best.q_avg, best.time), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("settings", "tried"),
+    [
+        ("approach_yaw=90deg elbow=up shoulder=left wrist=flip", 1),
+        ("approach_yaw=90deg elbow=fastest shoulder=fastest wrist=fastest", 1),
+        ("approach_yaw=90deg elbow=up shoulder=left", 2),
+        ("approach_yaw=90deg", 8),
+        ("elbow=up shoulder=left wrist=flip", 4),
+    ],
+)
+def test_what_a_task_states_is_not_tried(cell: OpenCell, settings: str, tried: int) -> None:
+    ways = only(cell, f"pickup g2 {settings}").ways
+    assert ways is not None
+    assert ways.tried == tried
