@@ -134,11 +134,6 @@ class Kind:
     def _shown(self, bound: float) -> str:
         return in_unit(bound, self.dimension)
 
-    @property
-    def may_be_free(self) -> bool:
-        """Whether the setting can be left free."""
-        return ANY in self.words
-
     def _plainly_expected(self) -> str:
         """The plain numbers that stand for a quantity beside those with a unit; radians are seldom meant."""
         if self.dimension is None or self.dimension is units.ANGLE:

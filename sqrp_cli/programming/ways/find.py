@@ -134,27 +134,19 @@ def _studied(
         return study
 
     different = list({prospect.figures: prospect for prospect in reversed(hopeful)}.values()) if prune else hopeful
-    waiting = sorted(different, key=lambda prospect: _promise(prospect, by))
-    while waiting and not (prune and found and min(_key(one, by) for one in found) <= _promise(waiting[0], by)):
+    waiting = sorted(different, key=lambda prospect: _place(prospect, by))
+    while waiting and not (prune and found and min(_place(one, by) for one in found) <= _place(waiting[0], by)):
         yield studied(waiting.pop(0))
     for prospect in sorted(waiting, key=lambda prospect: prospect.time):
         if all(map(prospect.is_worth_naming_beside, found)):
             yield studied(prospect)
 
 
-def _promise(prospect: Prospect, by: Criterion) -> tuple[float, ...]:
-    """A key that puts the most promising way first."""
-    q_avg, q_eoi = compared_quality(prospect.q_avg), compared_quality(prospect.q_eoi)
-    best = {"q_avg": -q_avg, "q_eoi": -q_eoi, "time": prospect.time}.get(by, 0.0)
-    return best, -q_avg, prospect.time
-
-
-def _key(studied: Assessment, by: Criterion) -> tuple[float, ...]:
-    """The same key of a way that was studied."""
-    q_avg, q_eoi = compared_quality(studied.q_avg), compared_quality(studied.q_eoi)
-    time = studied.time or 0.0
-    best = {"q_avg": -q_avg, "q_eoi": -q_eoi, "time": time}.get(by, 0.0)
-    return best, -q_avg, time
+def _place(way: Prospect | Assessment, by: Criterion) -> tuple[float, ...]:
+    """A key that puts the best way first: by what it is worth, or may be worth at most."""
+    q_avg, q_eoi, time = compared_quality(way.q_avg), compared_quality(way.q_eoi), way.time or 0.0
+    first = {"q_avg": -q_avg, "q_eoi": -q_eoi, "time": time}.get(by, 0.0)
+    return first, -q_avg, time
 
 
 def _with_seen_paths(
