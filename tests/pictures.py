@@ -16,8 +16,8 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs" / "pictures"
 CELL = str(ROOT / "workspaces" / "tabletop")
 TASK = "pickup green"
-SHOW_SLIP = "() => { document.getElementById('follow').click(); sqrp.seek(7.5); }"
-SHOW_G1 = "() => sqrp.select(4).then(() => { sqrp.look(null); sqrp.seek(12.4); })"
+SHOW_SLIP = "() => { document.getElementById('follow').click(); sqrp.seek(5.75); }"
+SHOW_G1 = "() => sqrp.select(3).then(() => { sqrp.look(null); sqrp.seek(5.2); })"
 
 
 def save(picture: Image.Image, name: str, width: int = 1280) -> None:

@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from math import degrees
 from typing import TYPE_CHECKING
 
+from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.coverage.sampling import MAX_MOTION, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Criterion, Ranked
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.ways.words import way_in_words
 
 if TYPE_CHECKING:
     from sqrp_cli.programming.advice.change import Change
@@ -39,6 +41,12 @@ def differing_parameters(candidates: Sequence[Candidate]) -> list[str]:
     names = list(candidates[0].all_parameters)
     differing = [name for name in names if len({candidate.all_parameters[name] for candidate in candidates}) > 1]
     return differing or names[:1]
+
+
+def way_of(assessment: Assessment) -> str:
+    """The way behind the figures of a candidate, in a few words."""
+    candidate = assessment.candidate
+    return way_in_words(candidate.skill, candidate.parameters, assessment.way.parameters)
 
 
 def accuracy(sampling: Sampling, feasible: Sequence[Ranked]) -> str:

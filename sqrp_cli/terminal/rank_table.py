@@ -14,9 +14,9 @@ from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Criterion, Ranked, criterion_figure, winners
 from sqrp_cli.programming.task import in_words
 from sqrp_cli.report.documents.candidates import percentiles
-from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
+from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of
 from sqrp_cli.terminal.console import Cell, Column, Share, Styled, joined, plain, print_table, say
-from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways, way_of
+from sqrp_cli.terminal.ways_table import blind_ends, faster_ways, print_ways
 
 _SHOWN: dict[Criterion, tuple[str, float, str]] = {
     "q_eoi": ("Q_eoi", 100.0, "{:.1f} %"),

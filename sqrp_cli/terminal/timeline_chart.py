@@ -15,9 +15,8 @@ from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.pipeline import Explained
 from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.sensing.cause import Cause
-from sqrp_cli.report.sentences import accuracy
+from sqrp_cli.report.sentences import accuracy, way_of
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, terminal_width
-from sqrp_cli.terminal.ways_table import way_of
 
 MOST_SIGNS = 50
 """Signs in a row if the terminal is wide enough; each stands for an equal share of the motion's time."""

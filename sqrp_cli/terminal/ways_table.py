@@ -16,12 +16,6 @@ SHORTEST_BLIND = 0.05
 """Blind ends of moves that cost less are not named [s]."""
 
 
-def way_of(assessment: Assessment) -> str:
-    """The way behind the figures of a candidate, in a few words."""
-    candidate = assessment.candidate
-    return way_in_words(candidate.skill, candidate.parameters, assessment.way.parameters)
-
-
 def faster_ways(feasible: Sequence[Ranked], *, all_shown: bool) -> str:
     """A line about faster ways that see less; empty if there are none. all_shown: whether `print_ways` follows."""
     found = [(one.assessment.candidate.name, _fastest(one.assessment)) for one in feasible]

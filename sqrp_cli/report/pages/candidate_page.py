@@ -22,7 +22,7 @@ from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.libraries import simplified
 from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, packed, write_page
 from sqrp_cli.report.pages.paint import Color, css, solid_colors
-from sqrp_cli.report.sentences import accuracy, differing_parameters, summary
+from sqrp_cli.report.sentences import accuracy, differing_parameters, summary, way_of
 from sqrp_cli.shapes import Triangles
 from sqrp_cli.version import __version__
 
@@ -54,7 +54,10 @@ def write_ranking(
             details.append(detail)
             advance(1)
     differing = differing_parameters([ranked.assessment.candidate for ranked in ranking])
-    entries = [_candidate(ranked, differing, detail) for ranked, detail in zip(ranking, details, strict=True)]
+    choice = any(ranked.assessment.has_choice for ranked in ranking)
+    entries = [
+        _candidate(ranked, differing, detail, choice=choice) for ranked, detail in zip(ranking, details, strict=True)
+    ]
     about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest of its files", workspace.digest)]
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
@@ -106,10 +109,13 @@ def _scored(workspace: Workspace, scores: Sequence[TaskScore], means: Means) -> 
     return cell_scene(cell), [_score(score, 0, detail) for score, detail in zip(scores, details, strict=True)]
 
 
-def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None) -> PageRow:
+def _candidate(ranked: Ranked, differing: Sequence[str], detail: str | None, *, choice: bool) -> PageRow:
+    """The row of a candidate. choice: whether some can be done in several ways."""
     assessment = ranked.assessment
     mark = "infeasible" if ranked.rank is None else f"{ranked.rank}"
     labels = {name: assessment.candidate.all_parameters[name] for name in differing}
+    if choice:
+        labels["way"] = way_of(assessment) if assessment.feasible else ""
     return PageRow(
         assessment.candidate.name,
         mark,
