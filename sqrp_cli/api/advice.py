@@ -190,7 +190,7 @@ def changed_file(document: SourceDocument, workspace: Workspace, change: Change)
     present = workspace.cameras.get(change.camera.name)
     if present is not None:
         return with_camera(document, present, change.camera, change.aim.point)
-    return with_further_camera(document, change.camera, next(iter(workspace.cameras)), change.aim.point)
+    return with_further_camera(document, change.camera, change.like, change.aim.point)
 
 
 def find_advice(
@@ -199,7 +199,7 @@ def find_advice(
     *,
     want: str | None,
     choose: str,
-    kinds: Sequence[Kind] = KINDS,
+    kinds: Sequence[Kind] | None,
     jobs: int,
     progress: Progress,
 ) -> TaskAdvice:
@@ -249,7 +249,7 @@ def find_advice(
         return found
     answers: list[tuple[Advice, ...] | Miss] = []
     try:
-        with progress(f"Searching for {wish}", len(kinds)) as advance:
+        with progress(f"Searching for {wish}", len(KINDS if kinds is None else kinds)) as advance:
             for answer in adviser.answers():
                 answers.append(answer)
                 advance(1)

@@ -225,8 +225,8 @@ class OpenCell:
         """Find the least changes that let the cameras see enough: of the motion, of objects, of cameras.
 
         want: a wish such as `q_eoi 100 %, time 20 s`, by default the thresholds of the task in the workspace, else
-        Q_eoi 100 %. choose: the candidate's name, or `best` for the first in the ranking. kinds: what may change, all
-        by default. ways: `fastest` leaves the motion as it is.
+        Q_eoi 100 %. choose: the candidate's name, or `best` for the first in the ranking. kinds: what may change; by
+        default cells only where no other motion is enough. ways: `fastest` leaves the motion as it is.
         """
         from sqrp_cli.api.advice import find_advice
         from sqrp_cli.programming.advice.change import read_kinds

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import groupby
 
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.report.documents.advice import (
@@ -47,9 +48,11 @@ def print_advice(found: AdviceDocument, wish: Wish) -> None:
             worse = [f"{other.candidate} {', '.join(_shifts(other))}" for other in task.candidates if other.worse]
             if worse:
                 say(joined([(f"#{number} costs", "red"), f" in {task.task}: {'; '.join(worse)}"]), indent=4)
-    for outcome in found.kinds:
-        if not outcome.found:
-            say(joined([("no   ", "dim"), f" {KIND_WORDS[outcome.kind]}: {outcome.why}"]), indent=6)
+    for why, same in groupby((one for one in found.kinds if not one.found), key=lambda one: one.why):
+        outcomes = list(same)
+        names = ", ".join(KIND_WORDS[outcome.kind] for outcome in outcomes)
+        say(joined([("no   ", "dim"), f" {names}: {why}"]), indent=6)
+        for outcome in outcomes:
             _print_nearest(outcome)
     say()
     _conclude(found)

@@ -52,7 +52,11 @@ def command(
     ] = "best",
     kinds: Annotated[
         str | None,
-        typer.Option("--kinds", metavar="KIND,...", help="Only these: way, path, object, aim, position, lens, camera."),
+        typer.Option(
+            "--kinds",
+            metavar="KIND,...",
+            help="What may change, all of it: way, path, object, aim, position, lens, camera.",
+        ),
     ] = None,
     ways: Annotated[
         str,

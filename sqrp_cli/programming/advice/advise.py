@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -12,14 +13,16 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.skill.settings import MotionValue
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.advice.aiming import Aim
-from sqrp_cli.programming.advice.camera_moves import CameraMove, Position, Turn
-from sqrp_cli.programming.advice.camera_search import Base, CameraSearch, Met, Near
+from sqrp_cli.programming.advice.camera_moves import CameraMove, Position, Turn, field_of_view
+from sqrp_cli.programming.advice.camera_search import Base, CameraSearch, Met, Near, limit_of
 from sqrp_cli.programming.advice.change import (
     KINDS,
+    MOTION,
     Advice,
     CandidateEffect,
     Change,
@@ -29,6 +32,7 @@ from sqrp_cli.programming.advice.change import (
     Miss,
 )
 from sqrp_cli.programming.advice.effects import Effects, assessed
+from sqrp_cli.programming.advice.object_search import ObjectSearch, objects_to_move
 from sqrp_cli.programming.advice.room import CameraRoom
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
@@ -39,6 +43,9 @@ from sqrp_cli.programming.ways.words import way_in_words
 
 Moves = Callable[[CameraSearch], Sequence[CameraMove]]
 """The ways to change a camera that count as one kind."""
+
+NONE_ALONE = "no camera alone can: where one is missing, another is missing too"
+"""Why no change of one camera helps."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -62,8 +69,8 @@ class Question:
     """What cameras look at, by name, where the workspace says so."""
     effects: Effects
     """Every task of the workspace."""
-    kinds: Sequence[Kind] = KINDS
-    """What may be changed."""
+    kinds: Sequence[Kind] | None = None
+    """What may be changed; None: cameras and objects only where no other motion meets the wish."""
     fixed: bool = False
     """Whether the motion stays as it is."""
     jobs: int = 1
@@ -71,8 +78,8 @@ class Question:
 
 
 @dataclass(frozen=True, eq=False)
-class _CameraAnswer:
-    """What was found about one camera."""
+class _Answer:
+    """What was found about one camera or object."""
 
     met: Met
     margin: Margin | None
@@ -107,12 +114,21 @@ class Adviser:
 
     def answers(self) -> Iterator[tuple[Advice, ...] | Miss]:
         """For each kind in order the changes that meet the wish, the least first, or why there is none."""
+        suffices = False
         for kind in KINDS:
-            if kind in self.question.kinds:
-                yield self._answer(kind)
+            if self.question.kinds is not None and kind not in self.question.kinds:
+                continue
+            if suffices and self.question.kinds is None and kind not in MOTION:
+                yield Miss(
+                    kind=kind, why="not tried, because the motion is enough; --kinds names what to try", tried=False
+                )
+                continue
+            answer = self._answer(kind)
+            suffices |= kind in MOTION and not isinstance(answer, Miss)
+            yield answer
 
     def _answer(self, kind: Kind) -> tuple[Advice, ...] | Miss:
-        if kind in ("way", "path") and self.question.fixed:
+        if kind in MOTION and self.question.fixed:
             return Miss(kind=kind, why="not tried: the way is fixed", tried=False)
         why_not = self._why_cameras_cannot if kind in ("aim", "position", "lens", "camera") else ""
         if why_not:
@@ -120,12 +136,18 @@ class Adviser:
         match kind:
             case "way":
                 return self._other_way()
+            case "object":
+                return self._objects()
             case "aim":
                 return self._of_cameras(kind, lambda one: [Turn(one.camera, one.aim)])
             case "position":
                 return self._of_cameras(kind, _positions)
+            case "lens":
+                return self._lenses()
+            case "camera":
+                return self._further_camera()
             case _:
-                return Miss(kind=kind, why="not tried", tried=False)
+                return Miss(kind=kind, why="paths that keep sight are not planned yet", tried=False)
 
     @cached_property
     def _study(self) -> Study | Infeasible:
@@ -152,7 +174,8 @@ class Adviser:
                 effect = Effect(task=question.task, candidates=(CandidateEffect(before=before, after=after),))
                 return (Advice(change=change, found=after, margin=None, effects=(effect,)),)
         nearest = self._way_change(best.way)
-        limit = self._base.limit(nearest, self._base.study)
+        assert isinstance(self._study, Study)  # noqa: S101 - the candidate can be done
+        limit = limit_of(question.cell, self._study)
         why = f"none of {best.ways.tried} meets the wish"
         return Miss(kind="way", why=why, nearest=nearest, found=best, limit=limit)
 
@@ -183,10 +206,9 @@ class Adviser:
 
     def _of_cameras(self, kind: Kind, moves: Moves) -> tuple[Advice, ...] | Miss:
         """The least change of every camera that helps."""
-        cameras = list(self.question.cell.workspace.cameras.values())
-        hopeful = [index for index in range(len(cameras)) if self._search(index).hopeful]
+        hopeful = [index for index in range(len(self._cameras)) if self._search(index).hopeful]
         if not hopeful:
-            return Miss(kind=kind, why="no camera alone can: where one is missing, another is missing too")
+            return Miss(kind=kind, why=NONE_ALONE)
         items = [_Item(index, move) for index in hopeful for move in range(len(moves(self._search(index))))]
         found = self._anywhere(items, moves)
         if not found:
@@ -203,7 +225,87 @@ class Adviser:
             return self._search(item.camera).margin(self._move(item, moves), found[item].change)
 
         margins = self._shared(margin, best)
-        return self._advice([_CameraAnswer(found[item], room) for item, room in zip(best, margins, strict=True)])
+        return self._advice([_Answer(found[item], room) for item, room in zip(best, margins, strict=True)])
+
+    def _objects(self) -> tuple[Advice, ...] | Miss:
+        """The least move of what is handled, and of what hides most."""
+        question, found = self.question, self._study
+        if isinstance(found, Infeasible):
+            names: tuple[str, ...] = tuple(n for n in self.way.binding.values() if n in question.world.X_WO)
+        else:
+            names = objects_to_move(question.cell, found, question.world)
+        if not names:
+            return Miss(kind="object", why="no object is handled or hides anything")
+
+        def search(name: str) -> ObjectSearch:
+            return ObjectSearch(question.cell, question.world, question.sampling, self.way, question.wish, name)
+
+        def least(name: str) -> _Answer | None:
+            met = search(name).least()
+            return None if met is None else _Answer(met, search(name).margin(met.change))
+
+        answers = [answer for answer in self._shared(least, names) if answer is not None]
+        if answers:
+            return self._advice(answers)
+        near = [one for one in self._shared(lambda name: search(name).nearest(), names) if one is not None]
+        tried = ", ".join(names)
+        if not near:
+            return Miss(
+                kind="object", why=f"there is no place where {tried} can be handled and stand clear of all else"
+            )
+        return self._miss("object", f"no place of {tried} within 32 cm meets the wish", near)
+
+    def _lenses(self) -> tuple[Advice, ...] | Miss:
+        """The least change of the lens of every camera that helps."""
+        hopeful = [index for index in range(len(self._cameras)) if self._search(index).hopeful]
+        if not hopeful:
+            return Miss(kind="lens", why=NONE_ALONE)
+
+        def least(index: int) -> _Answer | None:
+            met = self._search(index).least_lens()
+            return None if met is None else _Answer(met, self._search(index).lens_margin(met.change))
+
+        answers = [answer for answer in self._shared(least, hopeful) if answer is not None]
+        if answers:
+            return self._advice(answers)
+        near = self._shared(lambda index: self._search(index).nearest_lens(), hopeful)
+        return self._miss("lens", "no lens of a single camera meets the wish", near)
+
+    def _further_camera(self) -> tuple[Advice, ...] | Miss:
+        """One more camera, with the lens of each of those that there are: the one with the most room around it."""
+        fixed = [camera for camera in self._cameras if camera.frame == WORLD]
+        lenses = {(camera.width, camera.height, field_of_view(camera)): camera for camera in reversed(fixed)}
+        names = {camera.name for camera in self._cameras}
+        name = next(name for number in count(len(names) + 1) if (name := f"cam{number}") not in names)
+
+        def search(like: Camera) -> CameraSearch:
+            aim = Aim(like.X_FC[:3, 3], np.array([0.0, 0.0, 1.0]), stated=True)
+            return CameraSearch(self._base, replace(like, name=name), aim, None, like.name)
+
+        if not fixed:
+            return Miss(kind="camera", why="there is none to take the lens of")
+        if not search(fixed[0]).hopeful:
+            return Miss(kind="camera", why="one more camera is not enough")
+
+        def best(like: Camera) -> _Answer | None:
+            met = search(like).further()
+            return None if met is None else _Answer(met, search(like).room_around(met.change))
+
+        answers = [answer for answer in self._shared(best, list(lenses.values())) if answer is not None]
+        if not answers:
+            return Miss(kind="camera", why="from no free place that was tried does one more camera meet the wish")
+        widest = max(answers, key=lambda answer: answer.margin.more if answer.margin else 0.0)
+        return self._advice([widest])
+
+    def _miss(self, kind: Kind, why: str, near: Sequence[Near]) -> Miss:
+        """What comes nearest of several."""
+        best = min(near, key=lambda one: self.question.wish.shortfall(one.study.assessment("")))
+        limit = limit_of(best.change.in_cell(self.question.cell), best.study)
+        return Miss(kind=kind, why=why, nearest=best.change, found=best.study.assessment(""), limit=limit)
+
+    @cached_property
+    def _cameras(self) -> list[Camera]:
+        return list(self.question.cell.workspace.cameras.values())
 
     def _anywhere(self, items: Sequence[_Item], moves: Moves) -> dict[_Item, Met]:
         """What a coarse search finds, as far as it must go to find anything."""
@@ -219,28 +321,17 @@ class Adviser:
 
     def _search(self, index: int) -> CameraSearch:
         """A new search, which has learned nothing yet: so answers do not depend on what was asked before."""
-        camera = list(self.question.cell.workspace.cameras.values())[index]
+        camera = self._cameras[index]
         return CameraSearch(self._base, camera, self._aim(camera), index)
 
     def _move(self, item: _Item, moves: Moves) -> CameraMove:
         return moves(self._search(item.camera))[item.move]
 
     def _nearest_of(self, kind: Kind, searches: Sequence[CameraSearch], moves: Moves) -> Miss:
-        near: list[tuple[float, int, Near]] = []
-        for number, one in enumerate(searches):
-            found = one.nearest(moves(one)[0])
-            if found is not None:
-                near.append((self.question.wish.shortfall(found.study.assessment("")), number, found))
+        near = [found for one in searches if (found := one.nearest(moves(one)[0])) is not None]
         if not near:
             return Miss(kind=kind, why="there is no free place for a camera")
-        best = min(near, key=lambda entry: entry[:2])[2]
-        return Miss(
-            kind=kind,
-            why=f"no {kind} of a single camera meets the wish",
-            nearest=best.change,
-            found=best.study.assessment(""),
-            limit=self._base.limit(best.change, best.study),
-        )
+        return self._miss(kind, f"no {kind} of a single camera meets the wish", near)
 
     def _aim(self, camera: Camera) -> Aim:
         """What a camera looks at: as the workspace says, or the point of its axis nearest to what is handled."""
@@ -253,7 +344,7 @@ class Adviser:
         X_FW = inverse(scene.states.X_WF[camera.frame][0])
         return Aim.along(camera, transform(X_FW, np.mean(places, axis=0)[None])[0])
 
-    def _advice(self, answers: Sequence[_CameraAnswer]) -> tuple[Advice, ...]:
+    def _advice(self, answers: Sequence[_Answer]) -> tuple[Advice, ...]:
         """With effects, the least change first."""
         ordered = sorted(answers, key=lambda answer: answer.met.change.size)
         return tuple(

@@ -16,8 +16,8 @@ from sqrp_cli.programming.advice.change import Change
 MILLIMETRE = 1e-3
 """Positions and aims are proposed in whole ones [m]."""
 
-LENS_STEP = radians(0.1)
-"""Views are proposed in whole ones [rad]."""
+LENS_STEP, LENS_STRIDE = radians(0.1), 10
+"""Views are proposed in whole steps [rad]; first so many of them at once are tried."""
 
 WIDEST, NARROWEST = radians(120), radians(2)
 """Horizontal fields of view that are proposed [rad]."""
@@ -121,20 +121,19 @@ class Lens:
     camera: Camera
     aim: Aim
 
-    @property
-    def views(self) -> Array:
-        """Differences to try, the least first, shape (v,)."""
+    def steps(self, stride: int = 1) -> Array:
+        """Numbers of steps by which the view may differ, the least first, shape (v,)."""
         present = field_of_view(self.camera)
-        first = -int((present - NARROWEST) / LENS_STEP)
-        steps = np.arange(first, int((WIDEST - present) / LENS_STEP) + 1) * LENS_STEP
+        least, most = -(present - NARROWEST) / LENS_STEP, (WIDEST - present) / LENS_STEP
+        steps = stride * np.arange(int(least / stride), int(most / stride) + 1)
         steps = steps[steps != 0]
         ordered: Array = steps[np.argsort(np.abs(steps), kind="stable")]
         return ordered
 
-    def change(self, difference: float) -> Change:
-        """The change by a difference of the horizontal field of view [rad]."""
+    def change(self, steps: int) -> Change:
+        """The change of the horizontal field of view by so many steps."""
         present = field_of_view(self.camera)
-        view = radians(round(degrees(present + difference), 2))
+        view = radians(round(degrees(present + steps * LENS_STEP), 2))
         scale = tan(0.5 * present) / tan(0.5 * view)
         K = self.camera.matrix.copy()
         K[0, 0], K[0, 1], K[1, 1] = scale * K[0, 0], scale * K[0, 1], scale * K[1, 1]

@@ -11,8 +11,8 @@ import numpy as np
 from sqrp_cli.geometry import Array, Mask, inverse, read_only, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.programming.advice.aiming import Aim
-from sqrp_cli.programming.advice.camera_moves import CameraMove, Lens, whole
+from sqrp_cli.programming.advice.aiming import Aim, looking_at
+from sqrp_cli.programming.advice.camera_moves import LENS_STEP, LENS_STRIDE, CameraMove, Lens, whole
 from sqrp_cli.programming.advice.change import Change, Margin
 from sqrp_cli.programming.advice.effects import seen_by
 from sqrp_cli.programming.advice.least import Search, shells
@@ -30,6 +30,18 @@ _MARGIN_STEPS = 300
 
 MOST_MORE = {"m": 0.3, "rad": np.radians(30)}
 """A margin is not searched beyond the size itself and this."""
+
+_ROOM = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)
+"""Distances by which a further camera may be off [m] that are tried."""
+
+_DISTANCES = (0.4, 0.6, 0.8, 1.1, 1.4, 1.8)
+"""Distances of a further camera from what it must see [m]."""
+
+_DIRECTIONS = 160
+"""Directions, over the upper half, in which a further camera may be."""
+
+_PLACES_DECIDED = 12
+"""Places of a further camera that are decided, at most."""
 
 _COMPARED_POSES = 400
 """Poses that are compared where none meets the wish, to name what comes nearest."""
@@ -56,11 +68,12 @@ class Base:
         """The same motion with a changed camera."""
         return seen_by(change.in_cell(self.cell), self.study, self.sampling)
 
-    def limit(self, change: Change, found: Study) -> str:
-        """Which limit stands in the way of a changed candidate, in a sentence."""
-        said = verdict(change.in_cell(self.cell), found)
-        slow = "so long take a frame and the latency of the camera that sees it"
-        return slow if said == NOTHING_MISSING else said.split(HELP)[0]
+
+def limit_of(cell: Cell, found: Study) -> str:
+    """Which limit stands in the way of a candidate in a cell, in a sentence."""
+    said = verdict(cell, found)
+    slow = "so long take a frame and the latency of the camera that sees it"
+    return slow if said == NOTHING_MISSING else said.split(HELP)[0]
 
 
 class Met(NamedTuple):
@@ -88,6 +101,8 @@ class CameraSearch:
     aim: Aim
     index: int | None
     """Of the camera in the cell; None if it would be a further one."""
+    like: str = ""
+    """Of a further camera: the one whose lens it has."""
     _scene: Scene = field(init=False)
     _look: Look = field(init=False)
 
@@ -135,15 +150,47 @@ class CameraSearch:
         return None if found is None else Met(change, found)
 
     def least_lens(self) -> Met | None:
-        """The least change of the field of view that meets the wish."""
+        """The least change of the field of view that meets the wish, from coarse to fine."""
         lens = Lens(self.camera, self.aim)
-        for difference in lens.views.tolist():
-            change = lens.change(difference)
-            if change.camera is not None and self._lens_passes(change.camera):
-                found = self.decide(change)
-                if found is not None:
-                    return Met(change, found)
+        for steps in lens.steps(LENS_STRIDE).tolist():
+            if self._lens_met(lens, steps) is not None:
+                toward = 1 if steps > 0 else -1
+                between = range(steps - toward * (LENS_STRIDE - 1), steps + toward, toward)
+                return next(met for number in between if (met := self._lens_met(lens, number)) is not None)
         return None
+
+    def lens_margin(self, change: Change) -> Margin:
+        """How much less and how much more of a change of the view meets the wish, in its direction."""
+        lens = Lens(self.camera, self.aim)
+        steps = round(change.values[0] / LENS_STEP)
+        toward = 1 if steps > 0 else -1
+        most = int(MOST_MORE["rad"] / LENS_STEP)
+        further = [steps + toward * number for number in range(1, most + 1)]
+        allowed = set(lens.steps().tolist())
+        count = 0
+        while count < most and further[count] in allowed and self._lens_passes(lens, further[count]):
+            count += 1
+        while count and self._lens_met(lens, further[count - 1]) is None:
+            count //= 2
+        return Margin(less=0.0, more=count * LENS_STEP)
+
+    def nearest_lens(self) -> Near:
+        """The lens with which most of the samples are covered."""
+        lens = Lens(self.camera, self.aim)
+
+        def quality(steps: int) -> float:
+            look = Look(self._scene, _camera_of(lens.change(steps)), self.index)
+            return float(look.quality(self.camera.X_FC[None])[0])
+
+        change = lens.change(max(lens.steps(3 * LENS_STRIDE).tolist(), key=quality))
+        return Near(change, self.base.observed(change))
+
+    def _lens_met(self, lens: Lens, steps: int) -> Met | None:
+        if steps == 0 or not self._lens_passes(lens, steps):
+            return None
+        change = lens.change(steps)
+        found = self.decide(change)
+        return None if found is None else Met(change, found)
 
     def decide(self, change: Change) -> Assessment | None:
         """The candidate's figures with a change if they meet the wish, from the exact timeline."""
@@ -180,6 +227,58 @@ class CameraSearch:
         change = move.change(vectors[best])
         return Near(change, self.base.observed(change))
 
+    def further(self) -> Met | None:
+        """A place for a further camera from which it meets the wish, with the most room around it."""
+        aim = self.middle
+        if aim is None:
+            return None
+        places = aim.point + _dome()
+        poses = looking_at(places, np.tile(aim.point, (len(places), 1)), aim.up)
+        passes = self._look.passes(poses)
+        rows = np.flatnonzero(passes)
+        rows = rows[self._free(poses[rows])]
+        if not len(rows):
+            return None
+        apart = np.linalg.norm(places[rows, None] - places[None], axis=2)
+        room = np.where(np.isin(np.arange(len(places)), rows), np.inf, apart).min(axis=1)
+        for row in rows[np.argsort(-room, kind="stable")][:_PLACES_DECIDED].tolist():
+            change = self._placed(whole(places[row]), aim)
+            found = self.decide(change)
+            if found is not None:
+                return Met(change, found)
+        return None
+
+    def room_around(self, change: Change) -> Margin:
+        """By how much a further camera may be off to any side, its aim kept."""
+        aim, camera = change.aim, _camera_of(change)
+        assert aim is not None  # noqa: S101 - it goes with the camera
+        sides = np.array([s for s in np.ndindex(3, 3, 3) if s != (1, 1, 1)], dtype=float) - 1.0
+        sides /= np.linalg.norm(sides, axis=1)[:, None]
+        more = 0.0
+        for off in _ROOM:
+            eyes = camera.X_FC[:3, 3] + off * sides
+            poses = looking_at(eyes, np.tile(aim.point, (len(eyes), 1)), aim.up)
+            if not (self._look.passes(poses).all() and self._free(poses).all()):
+                break
+            if any(self.decide(self._placed(eye, aim)) is None for eye in eyes[:: len(eyes) // 6]):
+                break
+            more = off
+        return Margin(less=0.0, more=more)
+
+    def _placed(self, eye: Array, aim: Aim) -> Change:
+        camera = replace(self.camera, X_FC=read_only(looking_at(eye[None], aim.point[None], aim.up)[0]))
+        values = (float(eye[0]), float(eye[1]), float(eye[2]))
+        return Change(
+            kind="camera",
+            target=camera.name,
+            values=values,
+            size=1.0,
+            unit="camera",
+            like=self.like,
+            camera=camera,
+            aim=aim,
+        )
+
     def _unbroken(self, move: CameraMove, unit: Array, lengths: Array, passes: Mask, size: float) -> float:
         """The last of some lengths, going away from `size`, up to which all pass, and which is confirmed exactly."""
         count = int(np.argmin(np.append(passes, False)))
@@ -197,7 +296,8 @@ class CameraSearch:
         passes[rows] = self._free(poses[rows])
         return passes
 
-    def _lens_passes(self, camera: Camera) -> bool:
+    def _lens_passes(self, lens: Lens, steps: int) -> bool:
+        camera = _camera_of(lens.change(steps))
         return bool(Look(self._scene, camera, self.index).passes(camera.X_FC[None])[0])
 
     def _free(self, X_FC: Array) -> Mask:
@@ -217,3 +317,18 @@ class CameraSearch:
 
     def _sharpen(self, scene: Scene) -> None:
         self._scene, self._look = scene, Look(scene, self.camera, self.index)
+
+
+def _dome() -> Array:
+    """Places of a further camera around what it must see, (n, 3) [m]: spirals over upper halves of spheres."""
+    number = np.arange(_DIRECTIONS)
+    z = 0.02 + 0.96 * (number + 0.5) / _DIRECTIONS
+    turn = np.pi * (3.0 - np.sqrt(5.0)) * number
+    flat = np.sqrt(1.0 - z * z)
+    directions = np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=1)
+    return np.concatenate([distance * directions for distance in _DISTANCES])
+
+
+def _camera_of(change: Change) -> Camera:
+    assert change.camera is not None  # noqa: S101 - it is about one
+    return change.camera

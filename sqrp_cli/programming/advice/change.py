@@ -23,15 +23,18 @@ Kind = Literal["way", "path", "object", "aim", "position", "lens", "camera"]
 KINDS: tuple[Kind, ...] = ("way", "path", "object", "aim", "position", "lens", "camera")
 """In the order in which they are thought of: the motion first, then what it handles, cameras last."""
 
+MOTION: tuple[Kind, ...] = ("way", "path")
+"""Those that change nothing in the cell."""
 
-def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...]:
-    """The kinds of these names, in their own order; all for None. Raises InputError for another name."""
+
+def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...] | None:
+    """The kinds of these names, in their own order; None for None. Raises InputError for another name."""
     for name in names or ():
         if name not in KINDS:
             raise InputError(
                 Problem("bad-option", f"there is no kind of change `{name}`; {expected_names(name, KINDS)}")
             )
-    return KINDS if names is None else tuple(kind for kind in KINDS if kind in names)
+    return None if names is None else tuple(kind for kind in KINDS if kind in names)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -45,8 +48,10 @@ class Change:
     """What changes: metres along x, y, z; angles to the right and up in the image, or of the view [rad]."""
     size: float
     """How large it is, in `unit`."""
-    unit: Literal["m", "rad", ""]
+    unit: Literal["m", "rad", "camera", ""]
     """Empty where there is nothing to measure."""
+    like: str = ""
+    """Of a further camera: the one whose lens and sensing it has."""
     camera: Camera | None = None
     """As it then is."""
     aim: Aim | None = None

@@ -1,0 +1,197 @@
+"""The least move of an object on what it stands on that meets a wish; the motion is planned again for each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, box_corners, read_only, transform
+from sqrp_cli.knowledge.scene import SceneObject
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.programming.advice.camera_moves import whole
+from sqrp_cli.programming.advice.camera_search import Met, Near
+from sqrp_cli.programming.advice.change import Change, Margin
+from sqrp_cli.programming.advice.effects import assessed
+from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, distance_within, placement_at
+from sqrp_cli.programming.sensing.cause import Cause
+from sqrp_cli.programming.task import Candidate
+
+MOST_OBJECTS = 3
+"""Objects that are moved: those that are handled, then those that hide most."""
+
+_RADII = (0.01, 0.02, 0.04, 0.08, 0.16, 0.32)
+"""Distances that are tried in all directions [m]."""
+
+_DIRECTIONS = 12
+"""Directions that are tried at each distance."""
+
+_RESOLUTION = 2e-3
+"""How exactly the least distance in a direction is found [m]."""
+
+_TURNS = np.radians([-40.0, -20.0, 20.0, 40.0])
+"""Other directions that are tried where one works."""
+
+_SHORTER = 0.9
+"""Share of the least distance so far at which these are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectSearch:
+    """Moves one object about."""
+
+    cell: Cell
+    world: World
+    sampling: Sampling
+    way: Candidate
+    wish: Wish
+    name: str
+    """Of the object."""
+
+    def least(self) -> Met | None:
+        """The least move that meets the wish: rings outward, then shorter and to the sides."""
+        for radius in _RADII:
+            for angle in np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS):
+                met = self._decide(radius * _direction(angle))
+                if met is not None:
+                    return self._refined(met)
+        return None
+
+    def margin(self, change: Change) -> Margin:
+        """How much less and how much more of a move in the same direction meets the wish."""
+        unit, more = np.array(change.values[:2]) / change.size, 0.0
+        for step in (0.01, 0.02, 0.05, 0.1, 0.2):
+            if self._decide((change.size + step) * unit) is None:
+                break
+            more = step
+        return Margin(less=0.0, more=more)
+
+    def nearest(self) -> Near | None:
+        """Of moves by some centimetres, the one that misses the wish by least."""
+        found: list[Near] = []
+        for angle in np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS):
+            change = self._change(_RADII[3] * _direction(angle))
+            if self._fits(change):
+                done = study(self.cell, self.way, change.in_world(self.world), self.sampling, full=False)
+                found += [Near(change, done)] if isinstance(done, Study) else []
+        return min(found, key=lambda near: self.wish.shortfall(near.study.assessment("")), default=None)
+
+    def _refined(self, met: Met) -> Met:
+        best = self._shortened(met)
+        for _ in range(3):
+            length, angle = best.change.size, float(np.arctan2(best.change.values[1], best.change.values[0]))
+            turned = (self._decide(_SHORTER * length * _direction(angle + turn)) for turn in _TURNS)
+            shorter = next((other for other in turned if other is not None), None)
+            if shorter is None:
+                return best
+            best = self._shortened(shorter)
+        return best
+
+    def _shortened(self, met: Met) -> Met:
+        """The least move in the same direction, by bisection."""
+        unit, low, best = np.array(met.change.values[:2]) / met.change.size, 0.0, met
+        while best.change.size - low > _RESOLUTION:
+            middle = 0.5 * (low + best.change.size)
+            shorter = self._decide(middle * unit)
+            if shorter is not None and shorter.change.size < best.change.size:
+                best = shorter
+            else:
+                low = middle
+        return best
+
+    def _decide(self, offset: Array) -> Met | None:
+        change = self._change(offset)
+        if change.size == 0.0 or not self._fits(change):
+            return None
+        found = self.assessment(change)
+        return Met(change, found) if self.wish.met(found) else None
+
+    def assessment(self, change: Change) -> Assessment:
+        """The candidate with the object elsewhere."""
+        done: Study | Infeasible = study(self.cell, self.way, change.in_world(self.world), self.sampling, full=False)
+        return assessed(self.way, done)
+
+    def _change(self, offset: Array) -> Change:
+        moved = whole(np.append(offset, 0.0))
+        X_WO = self.world.X_WO[self.name].copy()
+        X_WO[:3, 3] = np.round(X_WO[:3, 3] + moved, 6)
+        return Change(
+            kind="object",
+            target=self.name,
+            values=(float(moved[0]), float(moved[1]), 0.0),
+            size=float(np.linalg.norm(moved)),
+            unit="m",
+            X_WO=read_only(X_WO),
+        )
+
+    def _fits(self, change: Change) -> bool:
+        """Whether the object stays on what it stands on, and clear of all else."""
+        assert change.X_WO is not None  # noqa: S101 - it is about an object
+        objects = self.cell.workspace.objects
+        support = _support(self.cell, self.world, self.name)
+        if support is not None and not _stands(objects[self.name], change.X_WO, objects[support], self.world):
+            return False
+        return not any(
+            self._touches(change.X_WO, other) for other in self.world.X_WO if other not in (self.name, support)
+        )
+
+    def _touches(self, X_WO: Array, other: str) -> bool:
+        bodies = self.cell.collision.object_bodies
+        X_WB = self.world.X_WO[other]
+        return any(
+            distance_within(a.geometry, placement_at(X_WO @ a.X_PG), b.geometry, placement_at(X_WB @ b.X_PG), CLEARANCE)
+            is not None
+            for a in bodies[self.name]
+            for b in bodies[other]
+        )
+
+
+def objects_to_move(cell: Cell, found: Study, world: World) -> tuple[str, ...]:
+    """What is handled, then what hides most: objects at a known place that carry nothing, the most useful first."""
+    carriers = {obj.on for obj in cell.workspace.objects.values()}
+    handled = [name for name in found.candidate.binding.values() if not cell.workspace.objects[name].fixed]
+    names = dict.fromkeys([*handled, *_hiding(cell, found)])
+    movable = [name for name in names if name in world.X_WO and name not in carriers and name != world.held]
+    return tuple(movable[:MOST_OBJECTS])
+
+
+def _hiding(cell: Cell, found: Study) -> Iterator[str]:
+    """Objects that hide targets in uncovered states, those that do so most often first."""
+    observation, solids = found.timeline.observation, cell.observer.solids
+    count: dict[str, int] = {}
+    lost = ~found.timeline.covered & found.timeline.monitored
+    for boxes in observation.full_matrix:
+        for box in boxes:
+            hidden = (box.cause == Cause.HIDDEN) & lost[:, None]
+            for index in box.by[hidden].tolist():
+                parent = solids[index].part.parent
+                if parent in cell.workspace.objects:
+                    count[parent] = count.get(parent, 0) + 1
+    yield from sorted(count, key=lambda name: (-count[name], name))
+
+
+def _support(cell: Cell, world: World, name: str) -> str | None:
+    """What an object stands on: as the workspace says, or what it touches from above."""
+    stated = cell.workspace.objects[name].on
+    if stated is not None and stated in world.X_WO:
+        return stated
+    return next(iter(sorted(cell.collision.supports(name, world.X_WO[name], world))), None)
+
+
+def _stands(obj: SceneObject, X_WO: Array, support: SceneObject, world: World) -> bool:
+    """Whether the box of an object is above that of its support."""
+    X_WS = world.X_WO[support.name]
+    corners = transform(X_WO, box_corners(obj.size)) - X_WS[:3, 3]
+    within: Array = 0.5 * np.asarray(support.size) + 1e-6
+    axes = [axis for axis in range(3) if abs(X_WS[2, axis]) < 0.5]  # those that lie flat
+    return all(float(np.abs(corners @ X_WS[:3, axis]).max()) <= within[axis] for axis in axes)
+
+
+def _direction(angle: float) -> Array:
+    return np.array([np.cos(angle), np.sin(angle)])

@@ -1,0 +1,1 @@
+"""Cells that were broken by a known change, and mended by advice."""
