@@ -158,6 +158,8 @@ class TaskAdvice(Answer[AdviceDocument]):
 
     def _changed(self, change: Change) -> bytes:
         """The workspace file with a change. Raises InputError for what it does not say itself."""
+        if change.unwritten:
+            raise InputError(Problem("bad-option", change.unwritten))
         if change.parameters is None:
             return changed_file(self._file, self.session.workspace, change)
         task = self.session.task.text if self.expected else None

@@ -69,9 +69,8 @@ def main(arguments: list[str]) -> int:
         seed += 1
     over = [ratio for ratio in ratios if ratio > 1]
     mean = sum(ratios) / max(1, len(ratios))
-    print(
-        f"{passed} of {done} pass; advice / known change: mean {mean:.2f}, most {max(ratios, default=0):.2f}, {len(over)} larger"
-    )
+    most = max(ratios, default=0.0)
+    print(f"{passed} of {done} pass; advice / known change: mean {mean:.2f}, most {most:.2f}, {len(over)} larger")
     return 0 if passed == done and not over else 1
 
 

@@ -114,8 +114,12 @@ def apply_patch(own: Path, patch: str) -> None:
     lines = [line for line in patch.splitlines()[2:] if line[0] in "+-"]
     old = "\n".join(line[1:] for line in lines if line[0] == "-")
     new = "\n".join(line[1:] for line in lines if line[0] == "+")
-    assert text.count(old) == 1
-    file.write_text(text.replace(old, new), encoding="utf-8")
+    if not old:  # something is added after the line that the patch shows last before it
+        shown = patch.splitlines()
+        old = shown[next(n for n, line in enumerate(shown) if n > 1 and line[0] == "+") - 1][1:]
+        new = f"{old}\n{new}"
+    assert text.count(old) >= 1
+    file.write_text(new.join(text.rsplit(old, 1)), encoding="utf-8")
 
 
 def test_what_is_applied_meets_the_wish_and_keeps_comments(sqrp, own):
@@ -225,6 +229,54 @@ def test_with_the_motion_free_another_way_comes_first_and_can_be_stated(sqrp, ow
     (only,) = sqrp("rank", own, stated[1].task, "--json").document["candidates"]
     for figure in ("q_eoi", "q_avg", "time"):
         assert only[figure] == pytest.approx(way[figure], abs=1e-9)
+
+
+@pytest.fixture(scope="module")
+def others(sqrp, small):
+    """What else would let g3 be seen."""
+    command = ("advise", small, "pickup g3", "--ways", "fastest", "--kinds", "object,lens,camera", "--json")
+    outcome = sqrp(*command, "--jobs", 1)
+    assert outcome.code == 0
+    return outcome.document
+
+
+@pytest.mark.parametrize("kind", ["object", "lens", "camera"])
+def test_every_kind_of_change_meets_the_wish_once_it_is_in_the_file(sqrp, others, own, kind):
+    one = next(one for one in others["advice"] if one["kind"] == kind)
+    apply_patch(own, one["patch"])
+    task = ("rank", own, "pickup g3", "--ways", "fastest", "--json")
+    (candidate,) = sqrp(*task).document["candidates"]
+    for figure in ("q_eoi", "q_avg", "time"):
+        assert candidate[figure] == pytest.approx(one[figure], abs=1e-6)
+    assert candidate["q_eoi"] == 1.0
+    assert sqrp("check", own).code == 0
+
+
+def test_a_moved_part_stays_on_its_table(others):
+    one = next(one for one in others["advice"] if one["kind"] == "object")
+    assert (one["target"], one["change"][2]) == ("g3", 0.0)
+    assert np.linalg.norm(one["change"]) == pytest.approx(one["size"])
+
+
+def test_paths_that_keep_sight_are_stated_by_the_task(sqrp, own):
+    shutil.copy(TABLETOP / "workspace.yaml", own / "workspace.yaml")
+    command = ("advise", own, "pickup g4", "--want", "q_avg 95 %", "--kinds", "path", "--json", "--apply", 1)
+    outcome = sqrp(*command)
+    assert outcome.code == 0
+    (path,) = outcome.document["advice"]
+    assert path["kind"] == "path"
+    assert path["q_avg"] >= 0.95
+    stated = load_workspace(own).tasks[1]
+    assert stated.task == "pickup g4 path=seen"
+    (only,) = sqrp("rank", own, stated.task, "--json").document["candidates"]
+    assert only["q_avg"] == pytest.approx(path["q_avg"], abs=1e-9)
+
+
+def test_cells_are_left_alone_where_another_motion_is_enough(sqrp, small):
+    document = sqrp("advise", small, TASK, "--json", "--jobs", 1).document
+    assert {one["kind"] for one in document["advice"]} == {"way"}
+    why = {kind["why"] for kind in document["kinds"][1:]}
+    assert why == {"not tried, because the motion is enough; --kinds names what to try"}
 
 
 @pytest.mark.slow

@@ -14,7 +14,8 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.knowledge.skill.settings import MotionValue
+from sqrp_cli.knowledge.skill.settings import SEEN, MotionValue, Reference
+from sqrp_cli.knowledge.skill.skill import JointMove
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.advice.aiming import Aim
@@ -39,6 +40,8 @@ from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.ways.find import WantedWay, find_way
+from sqrp_cli.programming.ways.time_limit import TimeLimit
 from sqrp_cli.programming.ways.words import way_in_words
 
 Moves = Callable[[CameraSearch], Sequence[CameraMove]]
@@ -118,7 +121,7 @@ class Adviser:
         for kind in KINDS:
             if self.question.kinds is not None and kind not in self.question.kinds:
                 continue
-            if suffices and self.question.kinds is None and kind not in MOTION:
+            if suffices and self.question.kinds is None:
                 yield Miss(
                     kind=kind, why="not tried, because the motion is enough; --kinds names what to try", tried=False
                 )
@@ -146,8 +149,8 @@ class Adviser:
                 return self._lenses()
             case "camera":
                 return self._further_camera()
-            case _:
-                return Miss(kind=kind, why="paths that keep sight are not planned yet", tried=False)
+            case "path":
+                return self._seen_path()
 
     @cached_property
     def _study(self) -> Study | Infeasible:
@@ -164,6 +167,7 @@ class Adviser:
         question, best = self.question, self.question.best
         if not best.feasible or best.ways is None:
             return Miss(kind="way", why=f"none can be done: {'; '.join(best.reasons[:1])}")
+        near = []
         for figures in sorted(best.ways.pareto, key=lambda figures: figures.time):
             way = best.way if figures == best.ways.pareto[0] else _with(best.candidate, figures.parameters)
             found = study(question.cell, way, question.world, question.sampling, full=False)
@@ -173,11 +177,40 @@ class Adviser:
                 before = replace(self.before, candidate=best.candidate)
                 effect = Effect(task=question.task, candidates=(CandidateEffect(before=before, after=after),))
                 return (Advice(change=change, found=after, margin=None, effects=(effect,)),)
-        nearest = self._way_change(best.way)
-        assert isinstance(self._study, Study)  # noqa: S101 - the candidate can be done
-        limit = limit_of(question.cell, self._study)
-        why = f"none of {best.ways.tried} meets the wish"
-        return Miss(kind="way", why=why, nearest=nearest, found=best, limit=limit)
+            near += [Near(self._way_change(way), found)] if isinstance(found, Study) else []
+        return self._miss("way", f"none of {best.ways.tried} meets the wish", near)
+
+    def _seen_path(self) -> tuple[Advice, ...] | Miss:
+        """Paths of joint moves that the cameras can follow."""
+        question, best = self.question, self.question.best
+        moves = [move for move in best.candidate.skill.primitives if isinstance(move, JointMove)]
+        names = [move.path.parameter for move in moves if isinstance(move.path, Reference)]
+        if not names or best.candidate.open_paths:
+            return Miss(kind="path", why="not tried: the skill or the task says which path", tried=False)
+        seen = replace(best.candidate, values={**best.candidate.values, **dict.fromkeys(names, SEEN)})
+        near = []
+        for limit in (None, TimeLimit(question.wish.time))[: 1 if question.wish.time is None else 2]:
+            found = find_way(question.cell, seen, question.world, question.sampling, WantedWay(limit=limit))
+            if isinstance(found, Infeasible):
+                continue
+            after = replace(assessed(seen, found.study), candidate=best.candidate, best_way=found.study.candidate)
+            change = Change(
+                kind="path",
+                target=best.candidate.name,
+                size=0.0,
+                unit="",
+                parameters={**best.candidate.parameters, **dict.fromkeys(names, SEEN)},
+                said="with paths that keep sight",
+                unwritten="" if limit is None else f"no task says it: use --max-time {limit.seconds:g}",
+            )
+            if question.wish.met(after):
+                before = replace(self.before, candidate=best.candidate)
+                effect = Effect(task=question.task, candidates=(CandidateEffect(before=before, after=after),))
+                return (Advice(change=change, found=after, margin=None, effects=(effect,)),)
+            near.append(Near(change, found.study))
+        if not near:
+            return Miss(kind="path", why="it cannot be done, or not in that time")
+        return self._miss("path", "no path that was found meets the wish", near)
 
     def _way_change(self, way: Candidate) -> Change:
         asked = self.question.best.candidate

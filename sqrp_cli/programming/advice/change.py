@@ -62,6 +62,8 @@ class Change:
     """Of the way."""
     said: str = ""
     """The way in a few words, such as `left, flipped`."""
+    unwritten: str = ""
+    """Why no workspace file says it; empty if one can."""
 
     def in_cell(self, cell: Cell) -> Cell:
         """The cell with it, as far as cameras are concerned; motions stay the same."""
