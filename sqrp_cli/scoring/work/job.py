@@ -16,16 +16,15 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
-from sqrp_cli.errors import Infeasible, InputError, Problem
+from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.platform.memory import collect_seldom, keep_freed_memory
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.blind_spans import coverage_of
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.coverage.verdict import verdict
 from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.ranking import Ranked
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.scoring.work.identity import program_digest
 from sqrp_cli.scoring.work.results import Outcome
@@ -95,12 +94,12 @@ def run_job(job: Job, placed: Callable[[Workspace], Workspace] | None = None) ->
 
 def _outcome(cell: Cell, job: Job, candidate: Candidate) -> Outcome:
     world = cell.initial_world
-    if not job.coverage:
-        return Outcome(Assignment(cell, world, job.sampling).assess(candidate), None)
-    found = study(cell, candidate, world, job.sampling, full=True)
-    if isinstance(found, Infeasible):
-        return Outcome(Assessment.infeasible(candidate, found.reasons), None)
-    return Outcome(found.assessment(verdict(cell, found)), coverage_of(cell, found))
+    assignment = Assignment(cell, world, job.sampling)
+    assessment = assignment.assess(candidate)
+    if not job.coverage or not assessment.feasible:
+        return Outcome(assessment, None)
+    explained, found = assignment.explain(Ranked(assessment, rank=1, pareto=True))
+    return Outcome(explained.assessment, None if found is None else coverage_of(cell, found))
 
 
 _cells: OrderedDict[tuple[str, int], Cell] = OrderedDict()

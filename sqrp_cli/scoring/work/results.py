@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import IO, Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from sqrp_cli.errors import InputError, Place, Problem
@@ -20,7 +21,7 @@ from sqrp_cli.knowledge.text.json_file import parse_json
 from sqrp_cli.logic.formula_time import Stretch
 from sqrp_cli.platform.files import make_folder, naming, write_atomically
 from sqrp_cli.program.record import FaultMetrics
-from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.assessment import Assessment, BlindEnd, WayFigures, WaysFound
 from sqrp_cli.programming.coverage.blind_spans import BlindSpan, Coverage, TargetCoverage
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
@@ -33,7 +34,8 @@ MAX_BYTES = 10_000_000
 
 _NOT_KEPT = "results cannot be kept in this folder"
 
-_PLAIN = tuple(f.name for f in fields(Assessment) if f.name not in ("candidate", "faults", "recalibrated"))
+_RECORDS = ("candidate", "faults", "recalibrated", "ways", "best_way")
+_PLAIN = tuple(f.name for f in fields(Assessment) if f.name not in _RECORDS)
 """An assessment in numbers and texts."""
 
 
@@ -51,6 +53,8 @@ class Outcome:
         document = {
             **{name: getattr(assessment, name) for name in _PLAIN},
             "faults": {name: asdict(fault) for name, fault in assessment.faults.items()},
+            "ways": None if assessment.ways is None else asdict(assessment.ways),
+            "best_way": None if assessment.best_way is None else _way_record(assessment.best_way),
             "coverage": None if self.coverage is None else CoverageRecord.of(self.coverage).model_dump(mode="json"),
         }
         return json_line({**document, "checksum": _checksum(document)}) + "\n"
@@ -65,12 +69,37 @@ class Outcome:
             assessment = Assessment(
                 candidate=candidate,
                 faults={name: FaultMetrics(**numbers) for name, numbers in document["faults"].items()},
+                ways=_ways(document["ways"]),
+                best_way=_way(document["best_way"], candidate),
                 **{name: _plain(document[name]) for name in _PLAIN},
             )
             numbers = document["coverage"]
             return Outcome(assessment, None if numbers is None else CoverageRecord.model_validate(numbers).coverage())
         except (InputError, LookupError, TypeError, AttributeError) as error:
             raise ValueError(f"no outcome of a candidate: {error!r}") from error
+
+
+def _way_record(way: Candidate) -> dict[str, object]:
+    """What sets a way apart from its candidate, in plain lists and numbers."""
+    vias = {name: via.tolist() for name, via in way.vias.items()}
+    return {"values": dict(way.values), "branch": dict(way.branch), "vias": vias}
+
+
+def _way(record: Mapping[str, Any] | None, candidate: Candidate) -> Candidate | None:
+    """The way of a candidate that `_way_record` wrote."""
+    if record is None:
+        return None
+    vias = {name: np.array(via) for name, via in record["vias"].items()}
+    return replace(candidate, values=record["values"], branch=record["branch"], vias=vias)
+
+
+def _ways(record: Mapping[str, Any] | None) -> WaysFound | None:
+    """The ways that were found, as they were written."""
+    if record is None:
+        return None
+    pareto = tuple(WayFigures(**figures) for figures in record["pareto"])
+    blind_ends = tuple(BlindEnd(**end) for end in record["blind_ends"])
+    return WaysFound(tried=record["tried"], feasible=record["feasible"], pareto=pareto, blind_ends=blind_ends)
 
 
 def _checksum(document: Mapping[str, object]) -> str:
