@@ -9,7 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli.scoring.work.results import Results
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.sampling import FixedCount
+from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.task import read_task
+from sqrp_cli.scoring.work.results import Outcome, Results
 
 KEY = "ab" * 32
 
@@ -32,3 +37,17 @@ def test_what_is_in_the_place_of_a_result_is_replaced(what: str, tmp_path: Path)
         results.keep(KEY, "text")
     with closing(Results(tmp_path)) as results:
         assert results.get(KEY) == "text"
+
+
+def test_a_kept_outcome_has_the_way_behind_its_figures(tabletop: Workspace) -> None:
+    cell = Cell.load(tabletop)
+    candidate = read_task("pickup g4 path=seen", tabletop).candidates[0]
+    assessment = Assignment(cell, cell.initial_world, FixedCount(3)).assess(candidate)
+    text = Outcome(assessment, None).to_text()
+    again = Outcome.from_text(text, candidate).assessment
+    assert again.ways == assessment.ways
+    assert again.way.parameters == assessment.way.parameters
+    assert {name: via.tolist() for name, via in again.way.vias.items()} == {
+        name: via.tolist() for name, via in assessment.way.vias.items()
+    }
+    assert Outcome(again, None).to_text() == text
