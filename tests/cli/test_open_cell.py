@@ -34,7 +34,7 @@ def test_a_ranking_is_the_table_and_the_document_of_rank(sqrp, cell):
     ranking = cell.rank("pickup green")
     assert str(ranking) == printed(sqrp, "rank", TABLETOP, "pickup green")
     assert ranking.to_json() == printed(sqrp, "rank", TABLETOP, "pickup green", "--json")
-    assert [one.parameters["object"] for one in ranking.candidates] == ["g2", "g5", "g3", "g4", "g1", "g6"]
+    assert [one.parameters["object"] for one in ranking.candidates] == ["g2", "g4", "g5", "g1", "g3", "g6"]
 
 
 def test_an_explanation_is_that_of_explain(sqrp, cell):
@@ -132,7 +132,7 @@ def test_a_prompt_shows_an_answer_as_one_short_line(cell):
     ]
     assert [repr(answer) for answer in answers] == [
         "Ranking(pickup green in tabletop: 6 candidates, best g2, Q_eoi 100.0 %)",
-        "Explanation(pickup green in tabletop: g1, Q_eoi 0.0 %)",
+        "Explanation(pickup green in tabletop: g1, Q_eoi 100.0 %)",
         "Explanation(pickup green in tabletop: g6, infeasible)",
         "Explanation(pickup g2 in tabletop: 1 candidate)",
         "Check(tabletop: valid, 0 problems)",

@@ -64,7 +64,11 @@ def test_a_program_holds_nothing_but_plain_yaml(program, tabletop):
 
 
 def test_the_step_is_the_best_candidate_with_its_figures(step, best, ranked):
-    assert step["parameters"] == best["parameters"] == ranked.document["candidates"][0]["parameters"]
+    ways = [document["ways"]["pareto"][0] for document in (best, ranked.document["candidates"][0])]
+    assert [step["parameters"]] * 2 == [way["parameters"] for way in ways]
+    assert best["parameters"] == ranked.document["candidates"][0]["parameters"]
+    assert step["parameters"]["object"] == best["parameters"]["object"]
+    assert "any" not in step["parameters"].values()
     assert (step["task"], step["skill"]) == (TASK, "pickup")
     assert step["time"] == best["time"]
     for figure in ("q_avg", "q_eoi"):

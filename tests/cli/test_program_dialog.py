@@ -40,7 +40,7 @@ def test_a_program_of_two_steps_is_made_by_numbers(answer, file):
     outcome = answer(str(file), "2", "1", "1", "2", "")
     assert outcome.code == 0
     assert [step.short_task for step in load_program(file).steps] == ["pickup g2", "lay g2"]
-    assert load_program(file).steps[1].parameters["speed"] == 0.5, "the second of the ranked ways"
+    assert load_program(file).steps[1].parameters["speed"] == 1.0, "the second in the ranking"
     assert "2 steps" in outcome.out
     assert all(len(line) <= 80 for line in outcome.out.splitlines() if str(file) not in line)
 

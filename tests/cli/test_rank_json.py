@@ -100,7 +100,7 @@ def test_candidates_have_exactly_the_fields_and_types_of_the_contract(ranked, wa
     for candidate in (*ranked.document["candidates"], *watch_ranked["candidates"]):
         assert set(candidate) == {
             "parameters", "feasible", "rank", "reasons", "time", "q_avg", "q_eoi", "t_total", "t_eoi", "faults",
-            "states", "pareto", "verdict",
+            "states", "pareto", "verdict", "ways",
         }  # fmt: skip
         assert type(candidate["feasible"]) is bool
         assert type(candidate["pareto"]) is bool
@@ -149,7 +149,7 @@ def test_a_failing_precondition_names_its_literals(watch_ranked):
 
 @pytest.mark.parametrize("by", CRITERIA)
 def test_ranking_follows_the_criterion_and_its_ties(sqrp, harsh, by):
-    document = sqrp("rank", harsh, "pickup green", "--json", "--samples", 10, "--by", by).document
+    document = sqrp("rank", harsh, "pickup green", "--json", "--samples", 10, "--by", by, "--ways", "fastest").document
     assert document["by"] == by
     candidates = feasible(document)
     assert len(candidates) > 2

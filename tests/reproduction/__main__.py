@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.sampling import FixedStep
 from tests.reproduction.findings import DRAWS, REAL, SIMULATED, Finding, failing, moved
 from tests.reproduction.page import Page
 from tests.reproduction.paper import (
@@ -53,7 +54,7 @@ def main(arguments: list[str]) -> int:
     page.pictures("tabletop", "pickup green", "g5")
     page.heading("Real world: two screws, a sample every second")
     _qualities(page, real.of, REAL_WORLD)
-    page.pictures("screws", "pickup_two_finger screw", "red2", "--dt", "1")
+    page.pictures("screws", "pickup_two_finger screw", "red2", FixedStep(1.0))
     runs = {} if "--without-runs" in arguments else runs_with_slip(list(REAL_WORLD), FOLDER)
     if runs:
         page.heading(f"At run time: {SLIP} for both screws")

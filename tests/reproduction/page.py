@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,8 +9,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw
 
-from sqrp_cli.cli.main import run
+from sqrp_cli import open_cell
 from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.report.pictures.pictures import SHEET, write_pictures
 
 WIDTH, HEIGHT, MARGIN = 800, 120, 40
 """Of a time line [pixels]."""
@@ -68,15 +68,14 @@ class Page:
         image.save(self._folder / name)
         self._lines += ["", f"{title} (s):", "", f"![{title}]({name})"]
 
-    def pictures(self, cell: str, task: str, choice: str, *options: str) -> None:
-        """What the cameras see in the blind intervals of a candidate."""
+    def pictures(self, cell: str, task: str, choice: str, sampling: Sampling | None = None) -> None:
+        """What the cameras see in the blind intervals of a candidate, in its fastest way."""
+        opened = open_cell(f"workspaces/{cell}")
+        (explained,) = opened.explain(task, choice, sampling=sampling, ways="fastest").explained
+        assert explained.study is not None
         with tempfile.TemporaryDirectory() as folder:
-            command = ["explain", f"workspaces/{cell}", task, "--choose", choice, "--images", folder, *options]
-            with contextlib.redirect_stdout(io.StringIO()):
-                assert run([*command, "--json"]) == 0
-            sheet = Path(folder) / "contact-sheet.png"
-            if sheet.exists():
-                (self._folder / f"{cell}-{choice}.png").write_bytes(sheet.read_bytes())
+            if write_pictures(opened.cell, explained.study, Path(folder)):
+                (self._folder / f"{cell}-{choice}.png").write_bytes((Path(folder) / SHEET).read_bytes())
                 self._lines += ["", f"Blind intervals of {choice}:", "", f"![{choice}]({cell}-{choice}.png)"]
 
     def write(self) -> None:

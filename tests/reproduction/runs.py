@@ -51,7 +51,7 @@ def run_with_slip(name: str, folder: Path) -> Run:
     program.parent.mkdir(parents=True, exist_ok=True)
     program.unlink(missing_ok=True)
     skill = TASK.split()[0]
-    _sqrp("rank", str(WORKSPACE), f"{skill} {name}", "--program", str(program), "--json")
+    _sqrp("rank", str(WORKSPACE), f"{skill} {name}", "--ways", "fastest", "--program", str(program), "--json")
     document = json.loads(_sqrp("run", str(program), "--sim", "--fault", SLIP, "--json"))
     (fault,) = (fault for fault in document["faults"] if fault["name"] == "slip")
     counts = (
