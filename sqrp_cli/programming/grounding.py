@@ -75,8 +75,8 @@ def on_robot(robot: Robot, model: RobotModel, frame: str, X_FB: Array) -> FrameP
     """
     if robot.tool is None or frame not in model.tool_links or frame in model.fingers.links:
         return FramePose(frame, X_FB)
-    X_WL = model.link_poses(model.home[None])
-    return FramePose(robot.tool.link, inverse(X_WL[robot.tool.link][0]) @ X_WL[frame][0] @ X_FB)
+    X_WL = model.home_links
+    return FramePose(robot.tool.link, inverse(X_WL[robot.tool.link]) @ X_WL[frame] @ X_FB)
 
 
 @dataclass(frozen=True)

@@ -202,6 +202,11 @@ class RobotModel:
         return frozenset(link for link in self.links if not moves[self.tree.chain(link)].any())
 
     @cached_property
+    def home_links(self) -> Mapping[str, Array]:
+        """World pose X_WL of every link with the arm at home and the fingers open, shape (4, 4) each."""
+        return {link: X_WL[0] for link, X_WL in self.link_poses(self.home[None]).items()}
+
+    @cached_property
     def _offset_links(self) -> tuple[tuple[str, ...], Indices, Array]:
         """The L links with an offset from the frame of their joint, the joints, (L,), and X_JL, (L, 4, 4)."""
         offset = {

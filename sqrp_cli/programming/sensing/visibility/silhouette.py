@@ -31,6 +31,9 @@ Edges in a cell are often level or upright in the image; along a row of rays, a 
 _LONG = 2.0
 """Least ratio of length to width of an image for rows across its length."""
 
+_ROWS_AT_ONCE = 4096
+"""Rows of rays, each of one shape, to compare with its functions at once: the data should fit the cache."""
+
 _COUNTS = np.array([[COLUMNS], [ROWS]])
 
 _ROUNDING = 1e-6
@@ -126,13 +129,16 @@ class RayGrid:
         shape, row = ranges(*first_row((v - self.low[1, hull]) / self.step[1, hull] - 0.5))
         (left, top), (across, down) = self.low[:, hull[shape]], self.step[:, hull[shape]]
         at = top + down * (row + 0.5)
-        a, b, c = functions.take(shape, axis=2).swapaxes(0, 1)
-        rest = b * at + c
-        with np.errstate(divide="ignore", invalid="ignore"):
-            bound = -rest / a
-        low = np.where(a > 0, bound, -np.inf).max(axis=0)
-        high = np.where(a < 0, bound, np.inf).min(axis=0)
-        high[((a == 0) & (rest < 0)).any(axis=0)] = -np.inf
+        low, high = np.empty(len(row)), np.empty(len(row))
+        for start in range(0, len(row), _ROWS_AT_ONCE):
+            some = slice(start, start + _ROWS_AT_ONCE)
+            a, b, c = functions.take(shape[some], axis=2).swapaxes(0, 1)
+            rest = b * at[some] + c
+            with np.errstate(divide="ignore", invalid="ignore"):
+                bound = -rest / a
+            low[some] = np.where(a > 0, bound, -np.inf).max(axis=0)
+            high[some] = np.where(a < 0, bound, np.inf).min(axis=0)
+            high[some][((a == 0) & (rest < 0)).any(axis=0)] = -np.inf
         low, high = ((bound - left) / across - SHIFT[row] for bound in (low, high))
         within, column = ranges(np.ceil(np.clip(low, 0.0, COLUMNS)), np.ceil(np.clip(high, 0.0, COLUMNS)))
         return MetRays(column=column, shape=shape[within], row=row[within])

@@ -313,13 +313,16 @@ class _SeenBoxes:
         """Where the planes of n triangles are met before the far sides: functions a u + b v + c, positive there.
 
         The depth at which a ray meets a plane is `volume`, shape (n,), divided by the sum of the edge functions, shape
-        (3, 3, n). Shape (6, 3, n); the functions of sides that are no far ones are positive everywhere.
+        (3, 3, n). Shape (3, 3, n), or (6, 3, n) where an eye lies between two sides, which then are both far ones;
+        functions of sides that are none are positive everywhere.
         """
         eyes, low, high = self.eyes[hull].T[:, None], self.low[hull].T[:, None], self.high[hull].T[:, None]
         total, along = edges.sum(axis=0), volume * self.X_CB[hull, :3, :3].transpose(2, 1, 0)
-        everywhere = np.array([[0.0], [0.0], [1.0]])
-        before_low = np.where(eyes > low, (eyes - low) * total + along, everywhere)
-        return np.concatenate([before_low, np.where(eyes < high, (high - eyes) * total - along, everywhere)])
+        before_low, before_high = (eyes - low) * total + along, (high - eyes) * total - along
+        one, both = np.where(eyes > low, before_low, before_high), (eyes > low) & (eyes < high)
+        if not both.any():
+            return one
+        return np.concatenate([one, np.where(both, before_high, np.array([[0.0], [0.0], [1.0]]))])
 
 
 def _in_all(regions: NDArray[np.uint16], triangles: Indices) -> NDArray[np.uint16]:
