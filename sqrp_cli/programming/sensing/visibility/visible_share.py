@@ -319,7 +319,8 @@ class _SeenBoxes:
         eyes, low, high = self.eyes[hull].T[:, None], self.low[hull].T[:, None], self.high[hull].T[:, None]
         total, along = edges.sum(axis=0), volume * self.X_CB[hull, :3, :3].transpose(2, 1, 0)
         before_low, before_high = (eyes - low) * total + along, (high - eyes) * total - along
-        one, both = np.where(eyes > low, before_low, before_high), (eyes > low) & (eyes < high)
+        one: Array = np.where(eyes > low, before_low, before_high)
+        both = (eyes > low) & (eyes < high)
         if not both.any():
             return one
         return np.concatenate([one, np.where(both, before_high, np.array([[0.0], [0.0], [1.0]]))])
