@@ -45,6 +45,10 @@ class StepReplanner:
         branch = {name: said.pop(name) for name in [*said] if name not in skill.defaults}
         values = {**skill.defaults, **said}
         candidate = Candidate(skill, binding, values, " ".join(binding.values()) or skill.name, branch=branch)
+        if candidate.open_paths:
+            from sqrp_cli.programming.seen.seen_ways import way_with_seen_paths
+
+            candidate = way_with_seen_paths(self.cell, candidate, world)
         found = study(self.cell, candidate, world, Adaptive(), full=True)
         if isinstance(found, Infeasible):
             return None

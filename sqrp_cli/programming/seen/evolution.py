@@ -36,9 +36,11 @@ class Evolution:
 
     def population(self) -> Array:
         """The next population, shape (size, n)."""
-        self._variances, self._axes = np.linalg.eigh(self._C)
+        variances, axes = np.linalg.eigh(self._C)
+        # The symmetric root: unlike the axes, it hardly changes where the shape hardly changes.
+        root, self._whiten = (axes * variances**power @ axes.T for power in (0.5, -0.5))
         drawn = self._random.normal(size=(self._size, len(self._mean)))
-        population: Array = self._mean + self._scale * self._sigma * (drawn * np.sqrt(self._variances)) @ self._axes.T
+        population: Array = self._mean + self._scale * self._sigma * (drawn @ root)
         return population
 
     def learn(self, population: Array, values: Array) -> None:
@@ -47,9 +49,8 @@ class Evolution:
         steps = (population[best] - self._mean) / (self._scale * self._sigma)
         step = self._weights @ steps
         self._mean = self._mean + self._scale * self._sigma * step
-        white = self._axes @ ((self._axes.T @ step) / np.sqrt(self._variances))
         c = self._c_sigma
-        self._path_sigma = (1 - c) * self._path_sigma + np.sqrt(c * (2 - c) * self._mu) * white
+        self._path_sigma = (1 - c) * self._path_sigma + np.sqrt(c * (2 - c) * self._mu) * (self._whiten @ step)
         length, self._generation = float(np.linalg.norm(self._path_sigma)), self._generation + 1
         grown = np.sqrt(1 - (1 - c) ** (2 * self._generation))
         moving = length / grown < (1.4 + 2 / (len(step) + 1)) * self._expected

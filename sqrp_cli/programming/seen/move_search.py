@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Literal
 
 import numpy as np
@@ -20,11 +21,14 @@ from sqrp_cli.trajectory import JointSpan, Trajectory
 SEARCH_WEIGHT = 10.0
 """Seconds of motion that a blind second counts for in the search: more than in the end, so that it learns to see."""
 
+COST_DECIMALS = 6
+"""Costs equal to this many decimals of a second are equal."""
+
 DEVIATION, FINE_DEVIATION = np.deg2rad(30.0), np.deg2rad(6.0)
 """Of the first vias in every joint [rad]; of sliding joints, as many metres: around the middle of the direct path, and
 around the best path so far."""
 
-DETOUR = 0.25
+DETOUR = 0.5
 """The same at most, as a share of how far a joint can go during the direct move."""
 
 PHASES: tuple[tuple[Literal["middle", "near", "split"], int], ...] = (
@@ -56,7 +60,7 @@ ROUGHLY, FINELY = Closeness(1.0, 8, 16), Closeness(0.3, 24, 48)
 """For all of a population, and for the better half of it."""
 
 EXACTLY = Closeness(0.0, 100, 100)
-"""For the paths that are left in the end."""
+"""For paths that seem to be the best, and those that are left in the end."""
 
 PATH_COST = 10
 """The work of drawing and timing one path, in looks."""
@@ -110,8 +114,8 @@ class MoveSpace:
     """Longest duration of interest [s]."""
 
     def cost(self, path: SeenPath) -> float:
-        """What the search minimises [s]."""
-        return SEARCH_WEIGHT * path.blind + path.time
+        """What the search minimises [s], rounded, so that rounding does not order equal paths."""
+        return round(SEARCH_WEIGHT * path.blind + path.time, COST_DECIMALS)
 
     def path(self, vias: Array) -> SeenPath:
         """The path that bends around vias, shape (k, n)."""
@@ -173,23 +177,20 @@ class MoveSearch:
         """Whether a path would be better than the best, if it were seen throughout."""
         return path.time < min(self.best_cost, self.space.longest)
 
-    def learn(self, paths: Sequence[SeenPath], finely: Sequence[SeenPath]) -> None:
-        """Take in the blind times of a population; finely: those that were looked at so closely that they decide."""
-        touching = {id(path) for path in self.take(finely)}
-        costs = [np.inf if id(path) in touching else self.space.cost(path) for path in paths]
-        self._evolution.learn(self._drawn, np.array(costs))
+    def hopeful(self, paths: Sequence[SeenPath]) -> list[SeenPath]:
+        """The first free one of paths that seem to be better than the best, if any."""
+        better = (path for path in sorted(paths, key=self.space.cost) if self.space.cost(path) < self.best_cost)
+        return list(islice(filter(self.space.is_free, better), 1))
 
-    def take(self, paths: Sequence[SeenPath]) -> list[SeenPath]:
-        """Remember paths, the best of all above all; gives those that would be the best but touch something."""
-        touching = []
-        for path in sorted(paths, key=self.space.cost):
-            better = self.space.cost(path) < self.best_cost
-            if better and not self.space.is_free(path):
-                touching.append(path)
-                continue
-            self._found.append(path)
-            self.best = path if better else self.best
-        return touching
+    def take(self, paths: Sequence[SeenPath], hopeful: Sequence[SeenPath]) -> None:
+        """Remember paths; hopeful: those of them whose blind times are so exact that they may be the best."""
+        self._found += [path for path in paths if path.free is not False]
+        self.best = min([self.best, *hopeful], key=self.space.cost)
+
+    def learn(self, paths: Sequence[SeenPath]) -> None:
+        """Let the population evolve towards the better of its paths."""
+        costs = [np.inf if path.free is False else self.space.cost(path) for path in paths]
+        self._evolution.learn(self._drawn, np.array(costs))
 
     def left(self, weight: float, most: int) -> list[SeenPath]:
         """The direct path and the best others of which none is both longer and blind for longer than another.
@@ -207,17 +208,29 @@ class MoveSearch:
 def advance(observer: Observer, searches: Sequence[MoveSearch]) -> int:
     """One generation of every search, all paths looked at in one batch: roughly first, then the better half again.
 
+    One that seems to be the best so far is looked at once more: luck between few looks must not decide.
+
     Gives the work that it was, in looks.
     """
     populations = [search.draw() for search in searches]
     worth = [list(filter(search.worth_a_look, paths)) for search, paths in zip(searches, populations, strict=True)]
     work = look_at_paths(observer, searches, worth, ROUGHLY)
-    best = [sorted(paths, key=search.space.cost) for search, paths in zip(searches, worth, strict=True)]
-    better = [paths[: POPULATION // 2] for paths in best]
+    in_order = [sorted(paths, key=search.space.cost) for search, paths in zip(searches, worth, strict=True)]
+    better = [paths[: POPULATION // 2] for paths in in_order]
     work += look_at_paths(observer, searches, better, FINELY)
-    for search, paths, finely in zip(searches, populations, better, strict=True):
-        search.learn(paths, finely)
+    work += _take(observer, searches, better)
+    for search, paths in zip(searches, populations, strict=True):
+        search.learn(paths)
     return work + PATH_COST * sum(map(len, populations))
+
+
+def _take(observer: Observer, searches: Sequence[MoveSearch], paths: Sequence[Sequence[SeenPath]]) -> int:
+    """Have searches remember paths, after a last look at those that seem to be the best; gives the number of looks."""
+    hopeful = [search.hopeful(of_search) for search, of_search in zip(searches, paths, strict=True)]
+    looks = look_at_paths(observer, searches, hopeful, EXACTLY)
+    for search, of_search, one in zip(searches, paths, hopeful, strict=True):
+        search.take(of_search, one)
+    return looks
 
 
 def exchange(observer: Observer, searches: Sequence[MoveSearch], others: Sequence[MoveSearch]) -> int:
@@ -231,8 +244,7 @@ def exchange(observer: Observer, searches: Sequence[MoveSearch], others: Sequenc
         for search in searches
     ]
     work = look_at_paths(observer, searches, suggested, FINELY)
-    for search, paths in zip(searches, suggested, strict=True):
-        search.take(paths)
+    work += _take(observer, searches, suggested)
     return work + PATH_COST * len(vias) * len(searches)
 
 

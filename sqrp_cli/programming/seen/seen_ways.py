@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
+from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Rehearsal, Study, study
 from sqrp_cli.programming.coverage.look import Look, look_at
 from sqrp_cli.programming.coverage.quality import average_quality
-from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.coverage.stage import Samples
-from sqrp_cli.programming.seen.move_search import EXACTLY, MoveSearch, SeenPath, advance, exchange, look_at_paths
+from sqrp_cli.programming.seen.move_search import (
+    COST_DECIMALS,
+    EXACTLY,
+    MoveSearch,
+    SeenPath,
+    advance,
+    exchange,
+    look_at_paths,
+)
 from sqrp_cli.programming.seen.open_moves import move_spaces, open_moves
+from sqrp_cli.programming.task import Candidate
 
 BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
 """Seconds of motion that a blind second counts for; and within a limit of the time, which is price enough."""
@@ -25,7 +35,7 @@ BLIND_WEIGHT, BLIND_WEIGHT_WITHIN = 4.0, 20.0
 ROUNDS = ((3, 3), (2, 3))
 """The race: how many ways are left, and for how many generations of paths; then the best one goes on alone."""
 
-MOST_WORK = 20_000
+MOST_WORK = 24_000
 """In looks at paths of one candidate: when so many are reached, the search ends."""
 
 SAME_TIME = 0.05
@@ -66,6 +76,8 @@ def seen_ways(
     and those that fall behind drop out.
     """
     runners = _runners(cell, scenes, longest, interest_first)
+    if not runners:
+        return []
     everyone, work = [search for runner in runners for search in runner.searches], 0
     for number, generations in ROUNDS:
         runners = sorted(runners, key=lambda runner: (-runner.level, runner.cost))[:number]
@@ -77,6 +89,15 @@ def seen_ways(
     while work < MOST_WORK and (searches := _searches(runners)):
         work += advance(cell.observer, searches)
     return [found for runner in runners if (found := _result(cell, runner, sampling, longest)) is not None]
+
+
+def way_with_seen_paths(cell: Cell, way: Candidate, world: World) -> Candidate:
+    """One way with the best paths from a world; with direct ones where none is better, or where it cannot be done."""
+    direct = study(cell, way.with_paths({}), world, Adaptive(), full=False)
+    if isinstance(direct, Infeasible):
+        return way.with_paths({})
+    seen = seen_ways(cell, [replace(direct, candidate=way)], Adaptive())
+    return seen[0].candidate if seen else way.with_paths({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +136,7 @@ class _Runner:
 
     def cost_of(self, blind: float, time: float) -> float:
         """The same of a motion of a duration, with a time in which the state is not covered [s]."""
-        return self.weight * blind + time
+        return round(self.weight * blind + time, COST_DECIMALS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,13 +11,16 @@ import pytest
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.coverage.quality import average_quality
 from sqrp_cli.programming.coverage.robustness import Calibration
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.feasibility import feasible_motion
 from sqrp_cli.programming.motion.plan_motion import Motion
 from sqrp_cli.programming.motion.timing import phase_samples
+from sqrp_cli.programming.seen.blind_ends import blind_ends
 from sqrp_cli.programming.seen.open_moves import move_spaces, open_moves
+from sqrp_cli.programming.seen.seen_ways import way_with_seen_paths
 from sqrp_cli.programming.ways.find import WantedWay, find_way
 from sqrp_cli.programming.ways.time_limit import TimeLimit
 from sqrp_cli.starter.make import make_starter
@@ -121,6 +124,37 @@ def test_the_search_depends_on_its_seed_alone(tabletop: Workspace, g2: Compared)
     seeded = find_way(cell, g2.candidate, cell.initial_world, Adaptive(), WantedWay())
     assert not isinstance(seeded, Infeasible)
     assert blind_time(seeded.study) < 0.5 * blind_time(g2.direct)
+
+
+def test_a_retry_of_a_seen_step_is_seen_too(g2: Compared) -> None:
+    way = replace(g2.seen.candidate, vias={})
+    found = way_with_seen_paths(g2.cell, way, g2.cell.initial_world)
+    assert found.vias
+    again = study(g2.cell, found, g2.cell.initial_world, Adaptive(), full=False)
+    assert isinstance(again, Study)
+    assert blind_time(again) < 0.5 * blind_time(g2.direct)
+
+
+def test_where_everything_is_seen_or_nothing_is_monitored_no_path_is_looked_for(tabletop: Workspace) -> None:
+    unwatched = replace(tabletop.skills["pickup"], requirements=())
+    workspace = replace(tabletop, skills={**tabletop.skills, "pickup": unwatched})
+    compared = Compared.of(workspace, G2, "g2")
+    assert compared.seen.candidate.vias == {}
+    assert compared.seen.timeline.T == 0.0
+
+
+def test_blind_ends_are_where_no_path_can_help(tabletop: Workspace) -> None:
+    """g5 of the cell: the cameras do not see what matters at home, where a1 begins and a5 ends."""
+    compared = Compared.of(tabletop, "pickup green path=seen wrist=flip approach_yaw=180deg", "g5")
+    ends = blind_ends(compared.seen, compared.candidate.open_paths)
+    assert {(end.primitive, end.at) for end in ends} >= {("a1", "home"), ("a5", "home")}
+    timeline = compared.seen.timeline
+    for end, instant in zip(ends, (0.0, compared.seen.motion.time), strict=False):
+        first = abs(timeline.samples.t[timeline.covered] - instant).min()
+        assert end.seconds == pytest.approx(first, abs=1e-9)
+    for name in ("a1", "a5"):
+        direct = [end for end in blind_ends(compared.direct, {name}) if end.at == "home"]
+        assert len(direct) == 1
 
 
 @pytest.mark.parametrize("limit", ["1x", "1.02x", "10.1 s"])
