@@ -133,8 +133,7 @@ def _studied(
         found.append(study.assessment(""))
         return study
 
-    different = list({prospect.figures: prospect for prospect in reversed(hopeful)}.values()) if prune else hopeful
-    waiting = sorted(different, key=lambda prospect: _place(prospect, by))
+    waiting = sorted(hopeful, key=lambda prospect: _place(prospect, by))
     while waiting and not (prune and found and min(_place(one, by) for one in found) <= _place(waiting[0], by)):
         yield studied(waiting.pop(0))
     for prospect in sorted(waiting, key=lambda prospect: prospect.time):

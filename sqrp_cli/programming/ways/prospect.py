@@ -14,7 +14,6 @@ from sqrp_cli.programming.coverage.look import Look, look_at
 from sqrp_cli.programming.coverage.sampling import within_pieces
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.coverage.timeline import Timeline
-from sqrp_cli.programming.ranking import compared_quality
 from sqrp_cli.programming.sensing.observer import Observer
 
 LOOKS_AT_MOVE, LOOKS_AT_OTHERS = 17, 5
@@ -23,7 +22,7 @@ LOOKS_AT_MOVE, LOOKS_AT_OTHERS = 17, 5
 ROUNDS = 3
 """How often the time between two instants is halved if the state is covered at one of them only."""
 
-UNSEEN_EVENTS = 0.01
+UNSEEN_EVENTS = 0.02
 """By how much Q may exceed the most favourable figure of a look, which misses short events."""
 
 WORTH_POINTS, WORTH_TIME = 0.02, 0.05
@@ -44,11 +43,6 @@ class Prospect:
     def time(self) -> float:
         """Duration of the whole motion [s]."""
         return self.scene.motion.time
-
-    @property
-    def figures(self) -> tuple[float, float, float]:
-        """What makes it different from others: turns of the tool often make no difference."""
-        return compared_quality(self.q_eoi), compared_quality(self.q_avg), round(self.time, 6)
 
     def is_worth_naming_beside(self, other: Assessment) -> bool:
         """Whether it is clearly faster than a way that was studied, or may be clearly better in quality."""
