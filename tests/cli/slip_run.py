@@ -63,7 +63,7 @@ def quick_cell(sqrp: Callable[..., Any], folder: Path) -> Cell:
     workspace["skills"] = [str(ROOT / "skills" / "pickup")]
     (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
     program = folder / "pick.yaml"
-    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
+    assert sqrp("rank", folder, "pickup g2", "--ways", "fastest", "--program", program).code == 0
     return Cell(program, folder)
 
 

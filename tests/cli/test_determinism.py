@@ -154,7 +154,7 @@ def rank_changed(sqrp, tabletop_cell, tmp_path):
         change(tabletop_cell)
         text = yaml.safe_dump(tabletop_cell, sort_keys=False)
         (tmp_path / "workspace.yaml").write_text(text, encoding="utf-8")
-        document = sqrp("rank", tmp_path, TASK, "--json", "--samples", 20).document
+        document = sqrp("rank", tmp_path, TASK, "--json", "--samples", 20, "--ways", "fastest").document
         return {candidate["parameters"]["object"]: candidate for candidate in document["candidates"]}
 
     return rank_it

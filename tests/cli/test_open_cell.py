@@ -121,10 +121,10 @@ def test_an_argument_that_cannot_be_used_is_refused_with_what_was_expected(cell,
 
 def test_a_prompt_shows_an_answer_as_one_short_line(cell):
     answers = [
-        cell.rank("pickup green"),
-        cell.explain("pickup green", "g1"),
-        cell.explain("pickup green", "g6"),
-        cell.explain("pickup g2", None),
+        cell.rank("pickup green", ways="fastest"),
+        cell.explain("pickup green", "g1", ways="fastest"),
+        cell.explain("pickup green", "g6", ways="fastest"),
+        cell.explain("pickup g2", None, ways="fastest"),
         cell.check(),
         cell.check("pickup green"),
         cell.scene(),
@@ -132,7 +132,7 @@ def test_a_prompt_shows_an_answer_as_one_short_line(cell):
     ]
     assert [repr(answer) for answer in answers] == [
         "Ranking(pickup green in tabletop: 6 candidates, best g2, Q_eoi 100.0 %)",
-        "Explanation(pickup green in tabletop: g1, Q_eoi 100.0 %)",
+        "Explanation(pickup green in tabletop: g1, Q_eoi 0.0 %)",
         "Explanation(pickup green in tabletop: g6, infeasible)",
         "Explanation(pickup g2 in tabletop: 1 candidate)",
         "Check(tabletop: valid, 0 problems)",
@@ -151,11 +151,12 @@ def test_a_new_cell_is_that_of_init_and_can_be_opened(sqrp, tmp_path):
 
 
 def test_a_ranking_writes_the_program_that_rank_writes(sqrp, cell, tmp_path):
-    cell.rank("pickup green").write(tmp_path / "one.yaml", "g5")
+    ranking = cell.rank("pickup green")
+    ranking.write(tmp_path / "one.yaml", "g5")
     sqrp("rank", TABLETOP, "pickup green", "--choose", "g5", "--program", tmp_path / "two.yaml")
     assert (tmp_path / "one.yaml").read_text() == (tmp_path / "two.yaml").read_text()
     with pytest.raises(InputError, match=r"g6 is infeasible .*, so .*three.yaml was not written"):
-        cell.rank("pickup green").write(tmp_path / "three.yaml", "g6")
+        ranking.write(tmp_path / "three.yaml", "g6")
 
 
 def test_a_program_runs_and_its_log_and_frames_tell_the_same(sqrp, quick_cell, tmp_path):

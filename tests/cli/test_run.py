@@ -114,7 +114,7 @@ def uneven(sqrp: Callable[..., Any], cell: Cell) -> Any:
     workspace["cameras"]["cam3"]["latency"] = "80 ms"
     (folder / "workspace.yaml").write_text(yaml.safe_dump(workspace, sort_keys=False), encoding="utf-8")
     program = folder / "pick.yaml"
-    assert sqrp("rank", folder, "pickup g2", "--program", program).code == 0
+    assert sqrp("rank", folder, "pickup g2", "--ways", "fastest", "--program", program).code == 0
     outputs = ("--log", folder / "run.jsonl", "--report", folder / "run.html")
     return sqrp("run", program, "--sim", "--fault", "slip@a4+1", "--json", *outputs)
 

@@ -23,10 +23,10 @@ def workspace_of(name: str) -> dict[str, Any]:
 
 
 def run_in(cell: dict[str, Any], folder: Path, sqrp: Callable[..., Any], task: str, fault: str) -> Any:
-    """A run of the best way of doing a task in a cell, with a fault."""
+    """A run of the fastest way of doing a task in a cell, with a fault."""
     (folder / "workspace.yaml").write_text(yaml.safe_dump(cell, sort_keys=False), encoding="utf-8")
     program = folder / "pick.yaml"
-    assert sqrp("rank", folder, task, "--program", program).code == 0
+    assert sqrp("rank", folder, task, "--ways", "fastest", "--program", program).code == 0
     return sqrp("run", program, "--sim", "--fault", fault, "--json", "--log", folder / "run.jsonl")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import io
+import math
 import os
 import pty
 import re
@@ -12,6 +13,7 @@ import sys
 import time
 import unicodedata
 from pathlib import Path
+from unittest import mock
 
 import pytest
 from rich.console import Console
@@ -79,8 +81,14 @@ def arguments(request, tabletop, watch) -> list[str]:
 
 @pytest.fixture(scope="module")
 def printed(sqrp):
-    """What a command prints at a width, once."""
-    return functools.cache(lambda columns, *arguments: sqrp(*arguments, columns=columns))
+    """What a command prints at a width, once, however long it takes."""
+
+    @functools.cache
+    def run(columns: int, *arguments: str):
+        with mock.patch.object(progress_lines, "PERIOD", math.inf):
+            return sqrp(*arguments, columns=columns)
+
+    return run
 
 
 @pytest.mark.parametrize("columns", [80, 60])
