@@ -13,6 +13,7 @@ import numpy as np
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Mask
+from sqrp_cli.knowledge.skill.settings import ANY
 from sqrp_cli.knowledge.skill.skill import Requirement, RetryEntry
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.logic.conditions import apply_effect
@@ -37,7 +38,10 @@ class StepReplanner:
     cell: Cell
 
     def replan(self, step: Step, world: World) -> Step | None:
-        """The same skill with the same parameters from `world`; None if that is infeasible."""
+        """The same skill with the same parameters from `world`; None if that is infeasible.
+
+        Where its branch is, after the object was moved, any other branch that the skill leaves free.
+        """
         skill = self.cell.workspace.skills[step.skill]
         names = [parameter.name for parameter in skill.action.parameters]
         binding = {name: str(step.parameters[name]) for name in names}
@@ -51,9 +55,17 @@ class StepReplanner:
             candidate = way_with_seen_paths(self.cell, candidate, world)
         found = study(self.cell, candidate, world, Adaptive(), full=True)
         if isinstance(found, Infeasible):
+            found = study(self.cell, _with_any_branch(candidate), world, Adaptive(), full=True)
+        if isinstance(found, Infeasible):
             return None
         cameras = tuple(camera.name for camera in self.cell.observer.cameras)
         return make_step(step.task, found, found.assessment(verdict(self.cell, found)), cameras)
+
+
+def _with_any_branch(way: Candidate) -> Candidate:
+    """A way with the words that its skill leaves free."""
+    free = {name for name, value in way.skill.defaults.items() if value == ANY and isinstance(way.values[name], str)}
+    return replace(way, values={**way.values, **dict.fromkeys(free, ANY)}, branch={}, vias={})
 
 
 def make_step(task: str, study: Study, assessment: Assessment, cameras: tuple[str, ...]) -> Step:

@@ -10,6 +10,8 @@ import pytest
 from sqrp_cli import open_cell
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError
+from sqrp_cli.program.file import load_program
+from sqrp_cli.programming.program_update import StepReplanner
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from tests.conftest import TABLETOP
 
@@ -122,8 +124,6 @@ def test_a_program_has_every_setting_of_the_chosen_way_and_its_figures(cell: Ope
     assert best is not None
     assert best.ways is not None
     ranking.write(tmp_path / "pick.yaml")
-    from sqrp_cli.program.file import load_program
-
     (step,) = load_program(tmp_path / "pick.yaml").steps
     assert step.parameters == best.ways.pareto[0].parameters
     assert "any" not in step.parameters.values()
@@ -144,3 +144,12 @@ def test_what_a_task_states_is_not_tried(cell: OpenCell, settings: str, tried: i
     ways = only(cell, f"pickup g2 {settings}").ways
     assert ways is not None
     assert ways.tried == tried
+
+
+def test_a_retry_takes_another_branch_where_that_of_the_program_is_blocked(cell: OpenCell, tmp_path: Path) -> None:
+    cell.rank("pickup g2").write(tmp_path / "pick.yaml")
+    (step,) = load_program(tmp_path / "pick.yaml").steps
+    below_the_table = step.model_copy(update={"parameters": {**step.parameters, "elbow": "down"}})
+    again = StepReplanner(cell.cell).replan(below_the_table, step.before)
+    assert again is not None
+    assert again.primitives[-1].trajectory.path.end == pytest.approx(step.primitives[-1].trajectory.path.end)
