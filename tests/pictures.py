@@ -16,6 +16,8 @@ ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs" / "pictures"
 CELL = str(ROOT / "workspaces" / "tabletop")
 TASK = "pickup green"
+ONE_BRANCH = f"{TASK} shoulder=left wrist=no_flip"
+"""As on the page that shows the sheet."""
 SHOW_SLIP = "() => { document.getElementById('follow').click(); sqrp.seek(5.75); }"
 SHOW_G1 = "() => sqrp.select(3).then(() => { sqrp.look(null); sqrp.seek(5.2); })"
 
@@ -46,7 +48,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, chromium() as browser:
         page, pictures = Path(folder) / "page.html", Path(folder) / "pictures"
         assert run(["rank", CELL, TASK, "--report", str(page)]) == 0
-        assert run(["explain", CELL, TASK, "--choose", "g1", "--images", str(pictures)]) == 0
+        assert run(["explain", CELL, ONE_BRANCH, "--choose", "g1", "--images", str(pictures)]) == 0
         save(shown(browser, page, SHOW_G1), "report.png")
         program, slip = str(Path(folder) / "pick.yaml"), ["--sim", "--fault", "slip@a4+1"]
         assert run(["rank", CELL, TASK, "--program", program]) == 0
