@@ -25,7 +25,8 @@ def sample(t: float, x: float) -> Sample:
 def study(samples: list[Sample]) -> CandidateStudy:
     return CandidateStudy(
         **vars(NO_FIGURES), parameters={}, feasible=True, rank=1, reasons=(), pareto=True, verdict="", ways=None,
-        sampling=None, primitives=[], formulas=[], cameras={}, without_camera={}, recovery=None, targets={}, samples=samples,
+        sampling=None, primitives=[], formulas=[], cameras={}, without_camera={}, recovery=None, targets={},
+        samples=samples,
     )  # fmt: skip
 
 
