@@ -51,7 +51,8 @@ class BlindEnd:
     at: str
     """The waypoint there."""
     seconds: float
-    """How long the state is not covered between there and where the cameras see it first [s]."""
+    """How long the state is not covered between there and where the cameras see it first [s]; the whole move, named
+    where it begins, if they never do."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,9 +24,12 @@ def _ends_of(study: Study, primitive: int) -> Iterator[BlindEnd]:
     move = study.candidate.skill.primitives[primitive]
     stops = [getattr(action, "to", None) for action in study.candidate.skill.primitives[:primitive]]
     begin = next((stop for stop in reversed(stops) if stop is not None), HOME)
+    whole = float(timeline.samples.t[rows[-1]] - timeline.samples.t[rows[0]])
     for at, in_order in ((begin, rows), (str(getattr(move, "to", "")), rows[::-1])):
         if seconds := _blind_from(study, in_order):
             yield BlindEnd(primitive=move.name, at=at, seconds=seconds)
+        if seconds == whole:
+            break  # It is not covered anywhere: once is enough.
 
 
 def _blind_from(study: Study, rows: Indices) -> float:

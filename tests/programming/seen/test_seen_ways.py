@@ -157,6 +157,16 @@ def test_blind_ends_are_where_no_path_can_help(tabletop: Workspace) -> None:
         assert len(direct) == 1
 
 
+def test_a_move_that_is_never_seen_is_named_once(tabletop: Workspace) -> None:
+    dark = replace(tabletop, cameras={"cam3": tabletop.cameras["cam3"]})
+    compared = Compared.of(dark, "pickup green path=seen approach_yaw=0deg", "g5", WantedWay(fastest=True))
+    ends = blind_ends(compared.seen, compared.candidate.open_paths)
+    moves = {p.name: p.trajectory.duration for p in compared.seen.motion.primitives}
+    assert [(end.primitive, end.at) for end in ends] == [("a1", "home"), ("a5", "lifted")]
+    for end in ends:
+        assert end.seconds == pytest.approx(moves[end.primitive], abs=1e-9)
+
+
 @pytest.mark.parametrize("limit", ["1x", "1.02x", "10.1 s"])
 def test_a_limit_of_the_time_is_kept(tabletop: Workspace, g2: Compared, limit: str) -> None:
     bounded = Compared.of(tabletop, G2, "g2", WantedWay(limit=TimeLimit.read(limit)))
