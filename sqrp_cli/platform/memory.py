@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import sys
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 """Numbers of mallopt(3)."""
@@ -55,5 +56,9 @@ def keep_all_so_far() -> None:
 
 
 def collect_no_more() -> None:
-    """Exclude all objects from the garbage collection at exit, which would take a tenth of a second."""
-    gc.freeze()
+    """Exclude all objects from the garbage collection at exit, which would take a tenth of a second.
+
+    Not where OMPL was loaded: it lists on stderr whatever of it is left at exit.
+    """
+    if "ompl" not in sys.modules:
+        gc.freeze()

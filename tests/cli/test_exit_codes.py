@@ -310,11 +310,11 @@ def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
         return finished(assignment, candidate)
 
     monkeypatch.setattr(pipeline.Assignment, "assess", interrupted_at_the_third)
-    outcome = sqrp("rank", watch, "watch cube", "--json")
+    outcome = sqrp("rank", watch, "watch cube", "--jobs", 1, "--json")
     assert outcome.code == 130
     assert [c["parameters"]["object"] for c in outcome.document["candidates"]] == ["seen", "turned"]
     assert "Traceback" not in outcome.err
-    plain = sqrp("rank", watch, "watch cube")
+    plain = sqrp("rank", watch, "watch cube", "--jobs", 1)
     assert plain.code == 130
     assert "turned" in plain.out
 
@@ -326,7 +326,7 @@ def test_ctrl_c_before_anything_is_finished_exits_130(sqrp, watch, monkeypatch):
 
     monkeypatch.setattr(pipeline.Assignment, "assess", interrupted)
     for command in ("rank", "explain"):
-        outcome = sqrp(command, watch, "watch cube")
+        outcome = sqrp(command, watch, "watch cube", "--jobs", 1)
         assert outcome.code == 130
         assert "Traceback" not in outcome.err
 
