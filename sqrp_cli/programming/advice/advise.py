@@ -307,7 +307,7 @@ class Adviser:
     def _further_camera(self) -> tuple[Advice, ...] | Miss:
         """One more camera, with the lens of each of those that there are: the one with the most room around it."""
         fixed = [camera for camera in self._cameras if camera.frame == WORLD]
-        lenses = {(camera.width, camera.height, field_of_view(camera)): camera for camera in reversed(fixed)}
+        lenses = _few({(camera.width, camera.height, field_of_view(camera)): camera for camera in reversed(fixed)})
         names = {camera.name for camera in self._cameras}
         name = next(name for number in count(len(names) + 1) if (name := f"cam{number}") not in names)
 
@@ -324,7 +324,7 @@ class Adviser:
             met = search(like).further()
             return None if met is None else _Answer(met, search(like).room_around(met.change))
 
-        answers = [answer for answer in self._shared(best, list(lenses.values())) if answer is not None]
+        answers = [answer for answer in self._shared(best, lenses) if answer is not None]
         if not answers:
             return Miss(kind="camera", why="from no free place that was tried does one more camera meet the wish")
         widest = max(answers, key=lambda answer: answer.margin.more if answer.margin else 0.0)
@@ -400,6 +400,13 @@ def _with(candidate: Candidate, parameters: Mapping[str, MotionValue]) -> Candid
     values = {name: parameters.get(name, value) for name, value in candidate.values.items()}
     branch = {name: value for name, value in parameters.items() if name not in {**values, **candidate.binding}}
     return replace(candidate, values=values, branch=branch)
+
+
+def _few(lenses: Mapping[tuple[int, int, float], Camera]) -> list[Camera]:
+    """Of cameras by their lenses: that with the narrowest, a middle and the widest view."""
+    ordered = sorted(lenses.items(), key=lambda entry: entry[0][2])
+    chosen = dict.fromkeys([0, len(ordered) // 2, len(ordered) - 1])
+    return [ordered[number][1] for number in chosen]
 
 
 def _positions(one: CameraSearch) -> list[CameraMove]:

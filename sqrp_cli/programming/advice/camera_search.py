@@ -21,12 +21,17 @@ from sqrp_cli.programming.advice.room import CameraRoom
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study
+from sqrp_cli.programming.coverage.quality import interest_quality
 from sqrp_cli.programming.coverage.sampling import Sampling
-from sqrp_cli.programming.coverage.timeline import Timeline
+from sqrp_cli.programming.coverage.stage import Samples, Stage
+from sqrp_cli.programming.coverage.timeline import Timeline, observe
 from sqrp_cli.programming.coverage.verdict import HELP, NOTHING_MISSING, verdict
 
-_MARGIN_STEPS = 300
-"""Steps in which margins are searched."""
+_MARGIN_STEPS = 60
+"""Steps in which margins of poses are searched."""
+
+_WIDER = tuple(range(5, 305, 15))
+"""By how many more steps of the view a lens is tried for its margin."""
 
 MOST_MORE = {"m": 0.3, "rad": np.radians(30)}
 """A margin is not searched beyond the size itself and this."""
@@ -34,10 +39,10 @@ MOST_MORE = {"m": 0.3, "rad": np.radians(30)}
 _ROOM = (0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2)
 """Distances by which a further camera may be off [m] that are tried."""
 
-_DISTANCES = (0.4, 0.6, 0.8, 1.1, 1.4, 1.8)
+_DISTANCES = (0.5, 0.75, 1.0, 1.35, 1.8)
 """Distances of a further camera from what it must see [m]."""
 
-_DIRECTIONS = 160
+_DIRECTIONS = 90
 """Directions, over the upper half, in which a further camera may be."""
 
 _PLACES_DECIDED = 12
@@ -67,6 +72,36 @@ class Base:
     def observed(self, change: Change) -> Study:
         """The same motion with a changed camera."""
         return seen_by(change.in_cell(self.cell), self.study, self.sampling)
+
+    def failure(self, change: Change) -> Timeline | None:
+        """The events of interest with a changed camera if they miss the wish, where it is about nothing else.
+
+        That takes a fraction of the whole motion's time. None: they do not, or the wish is about more.
+        """
+        wish, study = self.wish, self.study
+        if not wish.only_events:
+            return None
+        which = np.array([number for number, piece in enumerate(study.stage.pieces) if piece.of_interest])
+        timeline = observe(
+            self._events,
+            change.in_cell(self.cell).observer,
+            study.targets,
+            self.sampling,
+            faults={},
+            T=study.T,
+            T_eoi=study.T_eoi,
+            full=False,
+        )
+        if (interest_quality(timeline) or 0.0) >= (wish.q_eoi or 0.0):
+            return None
+        samples = Samples(which[timeline.samples.piece], timeline.samples.t)
+        return replace(timeline, pieces=study.stage.pieces, samples=samples)
+
+    @cached_property
+    def _events(self) -> Stage:
+        study = self.study
+        pieces = [piece for piece in study.stage.pieces if piece.of_interest]
+        return Stage(study.stage.model, study.motion, pieces, study.world.X_WO)
 
 
 def limit_of(cell: Cell, found: Study) -> str:
@@ -135,7 +170,7 @@ class CameraSearch:
     def _search(self, move: CameraMove, reach: float) -> Search:
         return Search(
             test=lambda vectors: self._passes(move, vectors),
-            decide=lambda vector: self.decide(move.change(vector)) is not None,
+            decide=lambda vector: self._may(move.change(vector)),
             dimension=move.dimension,
             step=move.step,
             reach=reach,
@@ -164,15 +199,15 @@ class CameraSearch:
         lens = Lens(self.camera, self.aim)
         steps = round(change.values[0] / LENS_STEP)
         toward = 1 if steps > 0 else -1
-        most = int(MOST_MORE["rad"] / LENS_STEP)
-        further = [steps + toward * number for number in range(1, most + 1)]
         allowed = set(lens.steps().tolist())
-        count = 0
-        while count < most and further[count] in allowed and self._lens_passes(lens, further[count]):
-            count += 1
-        while count and self._lens_met(lens, further[count - 1]) is None:
-            count //= 2
-        return Margin(less=0.0, more=count * LENS_STEP)
+        passed = 0
+        for more in _WIDER:
+            if steps + toward * more not in allowed or not self._lens_passes(lens, steps + toward * more):
+                break
+            passed = more
+        while passed and self._lens_met(lens, steps + toward * passed) is None:
+            passed //= 2
+        return Margin(less=0.0, more=passed * LENS_STEP)
 
     def nearest_lens(self) -> Near:
         """The lens with which most of the samples are covered."""
@@ -196,12 +231,25 @@ class CameraSearch:
         """The candidate's figures with a change if they meet the wish, from the exact timeline."""
         if change.camera is None or not self._free(change.camera.X_FC[None])[0]:
             return None
+        failure = self.base.failure(change)
+        if failure is not None:
+            self._learn(failure)
+            return None
         study = self.base.observed(change)
         found = study.assessment("")
         if self.base.wish.met(found):
             return found
         self._learn(study.timeline)
         return None
+
+    def _may(self, change: Change) -> bool:
+        """Whether a change meets the wish, as far as the events of interest show where it is about nothing else."""
+        if self.base.wish.only_events and change.camera is not None and self._free(change.camera.X_FC[None])[0]:
+            failure = self.base.failure(change)
+            if failure is not None:
+                self._learn(failure)
+            return failure is None
+        return self.decide(change) is not None
 
     def margin(self, move: CameraMove, change: Change) -> Margin:
         """How much less and how much more of a change along the same direction meets the wish."""

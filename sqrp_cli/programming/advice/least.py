@@ -20,8 +20,8 @@ Decide = Callable[[Array], bool]
 FINE = 16
 """The fine grid has at most so many steps to every side."""
 
-COARSE = 6
-"""Steps of the grid of each shell to every side."""
+COARSE = {2: 12, 3: 4}
+"""Steps of the grid of each shell to every side, by the dimension."""
 
 _TOGETHER = 512
 """Vectors to test at once."""
@@ -32,10 +32,10 @@ _DECIDED = 6
 _ROUNDS = 10
 """Of the descent."""
 
-_DIRECTIONS = 30
+_DIRECTIONS = 20
 """Directions around the best one that each round of the descent looks at."""
 
-_SHORTER = np.array([1.0, 0.995, 0.985, 0.97, 0.95, 0.92, 0.88, 0.8])
+_SHORTER = np.array([0.995, 0.98, 0.95, 0.9, 0.8])
 """Lengths that each round looks at, as shares of the best."""
 
 
@@ -97,7 +97,7 @@ class Search:
             length = np.linalg.norm(found)
             turned = found / length + spread * rng.normal(size=(_DIRECTIONS, self.dimension)) / np.sqrt(self.dimension)
             turned = np.concatenate([found[None] / length, turned / np.linalg.norm(turned, axis=1)[:, None]])
-            lengths = length * np.append(_SHORTER[1:], _SHORTER[1] + 0.004)
+            lengths = length * _SHORTER
             tried = (lengths[:, None, None] * turned).reshape(-1, self.dimension)
             order = np.argsort(np.linalg.norm(tried, axis=1), kind="stable")
             nearer = self._first_of(tried[order])
@@ -113,7 +113,7 @@ def shells(dimension: int, step: float, reach: float) -> Iterator[Array]:
     inner = step
     while inner < reach:
         outer = min(2.0 * inner, reach)
-        points = _grid(dimension, COARSE) * (2.0 * inner / COARSE)
+        points = _grid(dimension, COARSE[dimension]) * (2.0 * inner / COARSE[dimension])
         lengths = np.linalg.norm(points, axis=1)
         yield points[(lengths > inner * (1 + 1e-9)) & (lengths <= outer * (1 + 1e-9))]
         inner = outer

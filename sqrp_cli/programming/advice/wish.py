@@ -37,6 +37,11 @@ class Wish:
         return ", ".join([*parts, *(f"{SHOWN[name]} {value:.4g} s" for name, value in self._stated(TIMES))])
 
     @property
+    def only_events(self) -> bool:
+        """Whether it is about Q_eoi and, at most, the duration."""
+        return self.q_eoi is not None and self.q_avg is None and self.delay is None
+
+    @property
     def thresholds(self) -> dict[str, float]:
         """The same as thresholds of a task in a workspace."""
         keys = {"q_eoi": "min_q_eoi", "q_avg": "min_q_avg", "time": "max_time", "delay": "max_delay"}
