@@ -15,7 +15,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = "sqrp_cli"
 RECORD_FIELDS = {
     "target's box": "encloses",
-    "fault's figures": "delay_worst",
+    "fault's figures": "blind_longest",
     "camera": "latency",
     "camera's pose": "X_FC",
 }

@@ -55,7 +55,7 @@ def rank(assessments: Sequence[Assessment], by: Criterion) -> tuple[Ranked, ...]
     usable = [column for column in columns if all(column(assessment) is not None for assessment in feasible)]
 
     def key(assessment: Assessment) -> tuple[list[float], list[tuple[float, str]]]:
-        values = [value for column in usable if (value := column(assessment)) is not None]
+        values = [compared_time(value) for column in usable if (value := column(assessment)) is not None]
         return values, _parameters(assessment)
 
     ordered = sorted(feasible, key=key)
@@ -79,6 +79,11 @@ def winners(assessments: Sequence[Assessment], by: Criterion) -> Counter[str]:
 def compared_quality(quality: float | None) -> float:
     """A quality as it is compared, in 0..1; one that is undefined counts as 1."""
     return 1.0 if quality is None else round(quality / _QUALITY_STEP) * _QUALITY_STEP
+
+
+def compared_time(seconds: float) -> float:
+    """A time as it is compared [s]; rounded qualities stay as they are."""
+    return round(seconds, _TIME_DECIMALS)
 
 
 def _rounded(quality: float | None) -> float | None:
@@ -124,7 +129,7 @@ def _undominated(assessment: Assessment, others: Sequence[Assessment]) -> bool:
 
 
 def _objectives(assessment: Assessment) -> tuple[float | None, ...]:
-    time = None if assessment.time is None else round(assessment.time, _TIME_DECIMALS)
+    time = None if assessment.time is None else compared_time(assessment.time)
     return _rounded(assessment.q_avg), _rounded(assessment.q_eoi), time
 
 

@@ -34,14 +34,14 @@ def written(sqrp, tabletop, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def opened(browser, written):
-    """The tabletop's page, opened once; every test leaves it with the last candidate at 12.4 s, seen from outside."""
+    """The tabletop's page, opened once; every test leaves it with `g1` at 12.4 s, seen from outside."""
     return Opened(browser, written)
 
 
 @pytest.fixture
 def shown(opened):
-    """The page with the last candidate, `g1`, chosen."""
-    opened.js("() => sqrp.select(4).then(() => { sqrp.look(null); sqrp.seek(12.4); })")
+    """The page with the fourth candidate, `g1`, chosen."""
+    opened.js("() => sqrp.select(3).then(() => { sqrp.look(null); sqrp.seek(12.4); })")
     return opened
 
 
@@ -207,7 +207,8 @@ def test_the_table_shows_the_figures_in_the_order_of_the_ranking(opened, ranked)
     candidates = ranked.document["candidates"]
     assert column(opened, 2) == [candidate["parameters"]["object"] for candidate in candidates]
     q_eoi = [f"{100 * candidate['q_eoi']:.1f} %" for candidate in candidates if candidate["feasible"]]
-    assert column(opened, 3)[:-1] == q_eoi
+    assert column(opened, 4)[:-1] == q_eoi
+    assert column(opened, 3)[0] == "left, 90 deg", "the way of g2"
     assert column(opened, 1)[-1] == "infeasible"
     assert column(opened, 3)[-1] == candidates[-1]["reasons"][0]
 
@@ -215,11 +216,11 @@ def test_the_table_shows_the_figures_in_the_order_of_the_ranking(opened, ranked)
 def test_a_click_on_a_title_sorts_and_another_one_turns_the_order(opened):
     button = opened.page.locator("#ranking th", has_text="time [s]").locator("button")
     button.click()
-    times = [float(text) for text in column(opened, 5)]
+    times = [float(text) for text in column(opened, 6)]
     assert times == sorted(times)
     assert opened.page.locator("#ranking th[aria-sort=ascending]").inner_text().startswith("time")
     button.press("Enter")
-    assert [float(text) for text in column(opened, 5)] == times[::-1]
+    assert [float(text) for text in column(opened, 6)] == times[::-1]
     assert column(opened, 2)[-1] == "g6", "without a figure, last in either order"
     opened.page.locator("#ranking th button").first.click()
     assert column(opened, 1)[0].startswith("1")
@@ -244,8 +245,8 @@ def test_a_candidate_is_chosen_in_table_and_plot_by_mouse_and_by_key(opened, ran
     by_name = {c["parameters"]["object"]: c for c in ranked.document["candidates"]}
     page = opened.page
     choices = {
-        "g3": lambda: page.locator("#ranking tbody tr", has_text="g3").click(),
-        "g4": lambda: page.locator("#plot circle[aria-label^='g4:']").click(),
+        "g4": lambda: page.locator("#ranking tbody tr", has_text="g4").click(),
+        "g3": lambda: page.locator("#plot circle[aria-label^='g3:']").click(),
         "g5": lambda: page.locator("#plot circle[aria-label^='g5:']").press("Enter"),
         "g1": lambda: page.locator("#ranking button", has_text="g1").press("Enter"),
     }
@@ -258,7 +259,7 @@ def test_a_candidate_is_chosen_in_table_and_plot_by_mouse_and_by_key(opened, ran
     page.locator("#plot circle[tabindex='0']").focus()
     page.keyboard.press("ArrowRight")
     page.keyboard.press(" ")
-    page.wait_for_function("() => document.querySelector('#name').textContent === 'g5' && sqrp.motion")
+    page.wait_for_function("() => document.querySelector('#name').textContent === 'g4' && sqrp.motion")
     page.locator("#ranking button", has_text="g6").click()
     assert opened.texts("#reasons li") == by_name["g6"]["reasons"]
     assert not page.locator("#study").is_visible()

@@ -22,7 +22,7 @@ from sqrp_cli.programming.coverage.assessment import (
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.feasibility import feasible_motion, impossible_start, skill_use
 from sqrp_cli.programming.motion.plan_motion import Motion, plan_branches, plan_motion
-from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, rank
+from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, compared_time, rank
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip, grips
 from sqrp_cli.programming.ways.prospect import Prospect, prospects
@@ -136,14 +136,14 @@ def _studied(
     waiting = sorted(hopeful, key=lambda prospect: _place(prospect, by))
     while waiting and not (prune and found and min(_place(one, by) for one in found) <= _place(waiting[0], by)):
         yield studied(waiting.pop(0))
-    for prospect in sorted(waiting, key=lambda prospect: prospect.time):
+    for prospect in sorted(waiting, key=lambda prospect: compared_time(prospect.time)):
         if all(map(prospect.is_worth_naming_beside, found)):
             yield studied(prospect)
 
 
 def _place(way: Prospect | Assessment, by: Criterion) -> tuple[float, ...]:
     """A key that puts the best way first: by what it is worth, or may be worth at most."""
-    q_avg, q_eoi, time = compared_quality(way.q_avg), compared_quality(way.q_eoi), way.time or 0.0
+    q_avg, q_eoi, time = compared_quality(way.q_avg), compared_quality(way.q_eoi), compared_time(way.time or 0.0)
     first = {"q_avg": -q_avg, "q_eoi": -q_eoi, "time": time}.get(by, 0.0)
     return first, -q_avg, time
 
@@ -177,7 +177,9 @@ def _optimal(ranked: Iterable[Ranked]) -> tuple[WayFigures, ...]:
     optimal = (one.assessment for one in ranked if one.pareto or one.rank == 1)
     found: dict[tuple[float, ...], Assessment] = {}
     for one in optimal:
-        found.setdefault((compared_quality(one.q_eoi), compared_quality(one.q_avg), round(one.time or 0.0, 6)), one)
+        found.setdefault(
+            (compared_quality(one.q_eoi), compared_quality(one.q_avg), compared_time(one.time or 0.0)), one
+        )
     return tuple(
         WayFigures(
             parameters=way.candidate.parameters,
