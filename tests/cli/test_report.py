@@ -210,7 +210,7 @@ def test_the_table_shows_the_figures_in_the_order_of_the_ranking(opened, ranked)
     assert column(opened, 4)[:-1] == q_eoi
     assert column(opened, 3)[0] == "left, 90 deg", "the way of g2"
     assert column(opened, 1)[-1] == "infeasible"
-    assert column(opened, 3)[-1] == candidates[-1]["reasons"][0]
+    assert column(opened, 4)[-1] == candidates[-1]["reasons"][0]
 
 
 def test_a_click_on_a_title_sorts_and_another_one_turns_the_order(opened):
