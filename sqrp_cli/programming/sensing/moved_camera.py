@@ -90,7 +90,7 @@ class MovedCamera:
         near = near_pairs(lines, poses, self._watched.opaque)
         visible = np.ones(len(look), dtype=bool)
         # Shares also detect free hulls, and faster.
-        seen = visible_shares(lines, poses, near.of_lines(least < 1))
+        seen = visible_shares(lines, poses, near.of_lines(least < 1), enough=least)
         visible[seen.line[seen.share < least[seen.line]]] = False
         visible[self._tester.met(lines, poses, near.of_lines(least >= 1), first_only=True).line] = False
         return visible

@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.geometry import Array, Indices, Mask, begins_run
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.camera.projection import Projection
 from sqrp_cli.programming.sensing.cause import Cause
@@ -27,7 +27,7 @@ from sqrp_cli.programming.targets import SoughtBox, Target
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
-_TOGETHER = 300
+_TOGETHER = 200
 """Least number of views to test at once, even if fewer might be enough: below it the call overhead dominates."""
 
 _BOXES_TOGETHER = 2000
@@ -262,19 +262,10 @@ class _Questions:
 def _one_per_question(order: Indices, question: Indices, count: Indices, needed: Indices) -> Iterator[Indices]:
     """Rounds over views ordered by question: in each, the next view of every question that needs more cameras.
 
-    A few views make one round.
+    As soon as few views are left, they make one round.
     """
-
-    def open_ones(views: Indices) -> Indices:
-        return views[count[question[views]] < needed[question[views]]]
-
-    order = open_ones(order)
-    if len(order) <= _TOGETHER:
-        if len(order):
-            yield order
-        return
-    _, first, counts = np.unique(question[order], return_index=True, return_counts=True)
-    for turn in range(int(counts.max())):
-        asked = open_ones(order[first[counts > turn] + turn])
-        if len(asked):
-            yield asked
+    left = order
+    while len(left := left[count[question[left]] < needed[question[left]]]):
+        now = begins_run(question[left]) | (len(left) <= _TOGETHER)
+        yield left[now]
+        left = left[~now]

@@ -66,12 +66,13 @@ def visible_shares(lines: SightLines, poses: SolidPoses, pairs: Pairs, *, enough
 
     pairs: of solids that may reach into the view hulls; no other solid can block. All corners of the boxes must lie in
     front of the camera. The share is 0 if the pose of box or camera is not finite. enough: for each of the v sight
-    lines, a share from which on it need not be exact; then it may be 1 instead.
+    lines, what the share is compared with, where it need not be exact: if it is that much, it may be 1 instead; if it
+    is less, any other share that is less too.
     """
     named = pairs.line[begins_run(pairs.line)]
     finite, shares = lines.finite[lines.hull[named]], np.zeros(len(named))
     pairs = pairs.some(lines.finite[lines.hull[pairs.line]])
-    shares[finite] = _measured(lines, poses, pairs, np.ones(len(lines.state)) if enough is None else enough)
+    shares[finite] = _measured(lines, poses, pairs, np.full(len(lines.state), np.nan) if enough is None else enough)
     return VisibleShares(named, shares)
 
 
@@ -90,12 +91,13 @@ def _measured(lines: SightLines, poses: SolidPoses, pairs: Pairs, enough: Array)
         view, hull = _SeenBoxes.of(lines, hull[begins]), np.cumsum(begins) - 1
         here = Pairs(number[within] - start, pairs.solid[within])
         solids = _SeenSolids.of(view, hull, poses, here, state[here.line])
-        doubtful = ~view.surely_seen(hull, solids, enough[named[chunk]])
+        least = enough[named[chunk]]
+        doubtful = ~view.surely_seen(hull, solids, least)
         if not doubtful.all():
             used, hull = np.unique(hull[doubtful], return_inverse=True)
             view, solids = view.some(used), solids.of_lines(doubtful, hull)
         if doubtful.any():
-            shares[start + np.flatnonzero(doubtful)] = _shares(view, hull, poses, solids)
+            shares[start + np.flatnonzero(doubtful)] = _shares(view, hull, poses, solids, least[doubtful])
     return shares
 
 
@@ -149,8 +151,12 @@ class _SeenSolids:
         )
 
 
-def _shares(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids) -> Array:
-    """Visible shares of l sight lines behind solids; hull: which of the views each has, shape (l,)."""
+def _shares(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolids, enough: Array) -> Array:
+    """Visible shares of l sight lines behind solids; hull: which of the views each has, shape (l,).
+
+    enough: as in `visible_shares`, shape (l,). Triangles that reach through the far side come last, and only where what
+    is wholly before it leaves enough.
+    """
     line, at, which, X_WP, X_CP, maps = seen.line, seen.hull, seen.solid, seen.X_WP, seen.X_CP, seen.maps
     hulls, lines, bounds_P = len(view.eyes), len(hull), seen.corners
     eyes_P, sides = inverse(X_CP)[:, :, 3].T.astype(np.float32), beyond_sides(maps, np.abs(bounds_P).max())
@@ -163,7 +169,7 @@ def _shares(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolid
         reaching[rows] = (np.bitwise_and.reduce(regions, axis=1) & _BEFORE) == 0
 
     # One layer for each silhouette, then one for the occluders of each line.
-    bends, marked, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
+    bends, crossing, layers = [view.bends()], [], np.concatenate([np.arange(hulls), hulls + line])
     for index in np.flatnonzero(np.bincount(which)).tolist():
         rows = np.flatnonzero(which == index)
         surface = Triangulation.of(poses.solids[index])
@@ -179,17 +185,48 @@ def _shares(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolid
                 front = turned[:-1, doubtful].T > 0
                 through &= front | ~front.any(axis=1, keepdims=True)
             turned[:-1, doubtful] *= ((regions & _BEFORE) != 0).T
-            row, triangle = np.nonzero(through)
-            corners_C = np.moveaxis(points_C[row[:, None], surface.triangles[triangle]], (2, 1), (0, 1))
-            rays = view.blocked(at[of[row]], corners_C)
-            marked.append((rays.column, line[of[row[rays.shape]]], rays.row))
+            crossing.append(_Crossing(of, *np.nonzero(through), points_C, surface.triangles))
         bends.append(Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
     inside = Silhouette.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
     silhouette, blocked = inside[:, :hulls], inside[:, hulls:]
-    for column, of_line, row in marked:
-        blocked[column, of_line, row] = True
-    free, all_rays = _count(silhouette[:, hull] & ~blocked), _count(silhouette)[hull]
-    return np.where(all_rays > 0, free / np.maximum(all_rays, 1), 1.0)  # a box without area in the image is not hidden
+    all_rays = _count(silhouette)[hull]
+
+    def shares() -> Array:
+        free = _count(silhouette[:, hull] & ~blocked)
+        return np.where(all_rays > 0, free / np.maximum(all_rays, 1), 1.0)  # without area in the image, nothing hides
+
+    found = shares()
+    open_ones = ~(found < enough)
+    for some in (triangles.of(open_ones[line]) for triangles in crossing):
+        pair = some.pairs[some.row]
+        rays = view.blocked(at[pair], some.corners_C)
+        blocked[rays.column, line[pair[rays.shape]], rays.row] = True
+    return shares() if crossing else found
+
+
+class _Crossing(NamedTuple):
+    """Triangles of a solid that reach through the far sides of boxes: n of them, in k pairs of sight line and solid."""
+
+    pairs: Indices
+    """Index of each pair, shape (k,)."""
+    row: Indices
+    """Place of each triangle's pair among these, shape (n,)."""
+    triangle: Indices
+    """Index of each, shape (n,)."""
+    points: Array
+    """The solid's in the optical frames, shape (k, V, 3) [m]."""
+    triangles: Indices
+    """The points of all triangles of the solid, by index, shape (F, 3)."""
+
+    def of(self, wanted: Mask) -> _Crossing:
+        """Those of some of all pairs."""
+        kept = wanted[self.pairs[self.row]]
+        return self._replace(row=self.row[kept], triangle=self.triangle[kept])
+
+    @property
+    def corners_C(self) -> Array:
+        """Of each triangle, in the optical frame, coordinate first, shape (3, 3, n) [m]."""
+        return np.moveaxis(self.points[self.row[:, None], self.triangles[self.triangle]], (2, 1), (0, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +300,7 @@ class _SeenBoxes:
 
         hull: which of the views each line has, enough: the share that it must see, shape (l,).
         """
-        if (enough >= 1.0).all():
+        if not (enough < 1.0).any():
             return np.zeros(len(hull), dtype=bool)
         # A row across a width of w cells holds at least w - 1 rays, and the widths add up to the area at least.
         least = self.areas[hull] - ROWS
