@@ -185,7 +185,10 @@ def _shares(view: _SeenBoxes, hull: Indices, poses: SolidPoses, seen: _SeenSolid
                 front = turned[:-1, doubtful].T > 0
                 through &= front | ~front.any(axis=1, keepdims=True)
             turned[:-1, doubtful] *= ((regions & _BEFORE) != 0).T
-            crossing.append(_Crossing(of, *np.nonzero(through), points_C, surface.triangles))
+            row, triangle = np.nonzero(through)
+            crossing.append(
+                _Crossing(pairs=of, row=row, triangle=triangle, points=points_C, triangles=surface.triangles)
+            )
         bends.append(Bends.of(surface, turned, sides.take(rows, axis=2), hulls + rows))
     inside = Silhouette.of(bends, np.concatenate([view.maps, maps], axis=2), layers).inside(hulls + lines)
     silhouette, blocked = inside[:, :hulls], inside[:, hulls:]
@@ -210,7 +213,7 @@ class _Crossing(NamedTuple):
     pairs: Indices
     """Index of each pair, shape (k,)."""
     row: Indices
-    """Place of each triangle's pair among these, shape (n,)."""
+    """Place of each one's pair among these, shape (n,)."""
     triangle: Indices
     """Index of each, shape (n,)."""
     points: Array
