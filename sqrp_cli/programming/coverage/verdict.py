@@ -52,6 +52,9 @@ _ADVICE = {
     Cause.HIDDEN: "move {camera} to where {by} is not in its way, or try another approach",
 }
 
+_OTHER_WAY = ", or try another approach"
+"""What is left out where all ways were tried already."""
+
 
 @dataclass(frozen=True)
 class CameraCause:
@@ -151,7 +154,8 @@ def _on_coverage(cell: Cell, study: Study) -> str:
     if not candidates:
         return NOTHING_MISSING
     stretch = explain_stretch(cell, study, max(candidates, key=lambda rows: t[rows[-1]] - t[rows[0]]))
-    return f"{stretch}{HELP}{stretch.advice}."
+    advice = stretch.advice.removesuffix(_OTHER_WAY) if study.candidate.branch else stretch.advice
+    return f"{stretch}{HELP}{advice}."
 
 
 def stretches(blind: NDArray[np.bool_]) -> Iterator[NDArray[np.int64]]:
