@@ -59,8 +59,6 @@ class TaskAdvice(Answer[AdviceDocument]):
     path: Path
     """Of the workspace, as it was given."""
     wish: Wish
-    expected: bool
-    """Whether the workspace lists the task."""
     way: Candidate
     """That changes of objects and cameras start from."""
     before: Assessment
@@ -128,12 +126,19 @@ class TaskAdvice(Answer[AdviceDocument]):
             raise InputError(Problem("bad-option", f"there is no advice {number}; {expected}"))
         return self._changed(self.advice[number - 1].change)
 
+    def is_there(self, number: int = 1) -> bool:
+        """Whether the workspace file says already what an advice says, by its number from 1."""
+        return self.patched(number) == self._file.content
+
     def apply(self, number: int = 1) -> None:
         """Write an advice into the workspace file, by its number from 1; comments stay.
 
-        Raises InputError where it cannot be written, and where the file has changed meanwhile.
+        Nothing is written where the file says it already. Raises InputError where it cannot be written, and where the
+        file has changed meanwhile.
         """
         content = self.patched(number)
+        if content == self._file.content:
+            return
         if read_workspace_document(self._file.path).content != self._file.content:
             message = "the workspace has changed meanwhile"
             raise InputError(Problem("changed-meanwhile", message, mend="run the same command again"))
@@ -154,6 +159,8 @@ class TaskAdvice(Answer[AdviceDocument]):
             content = self._changed(change)
         except InputError as error:
             return "", error.problems[0].message
+        if content == self._file.content:
+            return "", "the workspace says it already"
         return patch(self._file, content, from_here(self._file.path)), None
 
     def _changed(self, change: Change) -> bytes:
@@ -162,15 +169,26 @@ class TaskAdvice(Answer[AdviceDocument]):
             raise InputError(Problem("bad-option", change.unwritten))
         if change.parameters is None:
             return changed_file(self._file, self.session.workspace, change)
-        task = self.session.task.text if self.expected else None
-        return with_task(self._file, self._task(change.parameters), self.wish.thresholds, instead_of=task)
+        task = self._task(change.parameters)
+        return with_task(self._file, task, self.wish.thresholds, instead_of=self._listed_alone)
+
+    @property
+    def _listed_alone(self) -> str | None:
+        """The text of the listed task that has only the candidate; None if each has others as well."""
+        workspace, own = self.session.workspace, _key(self.before.candidate)
+        listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
+        return next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
 
     def _task(self, parameters: Mapping[str, MotionValue]) -> str:
-        """The text of a task that says a way."""
-        candidate = self.before.candidate
-        asked = candidate.parameters
-        said = in_words(candidate.skill, {n: value for n, value in parameters.items() if asked.get(n) != value})
-        return " ".join([candidate.task, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())])
+        """The text of a task that says a way, and has this candidate alone."""
+        candidate, workspace = self.before.candidate, self.session.workspace
+        text = candidate.task
+        if any(one.binding != candidate.binding for one in read_task(text, workspace).candidates):
+            text = " ".join([candidate.skill.name, *(f"{name}={one}" for name, one in candidate.binding.items())])
+        unsaid = [one.all_parameters for one in read_task(text, workspace).candidates]
+        stated = {name: value for name, value in parameters.items() if any(one.get(name) != value for one in unsaid)}
+        said = in_words(candidate.skill, stated)
+        return " ".join([text, *(f"{name}={value.replace(' ', '')}" for name, value in said.items())])
 
     def _outcome(self, answer: tuple[Advice, ...] | Miss) -> KindOutcome:
         if isinstance(answer, Miss):
@@ -242,7 +260,6 @@ def find_advice(
         session=session,
         path=path,
         wish=wish,
-        expected=expected is not None,
         way=adviser.way,
         before=replace(adviser.before, candidate=best.candidate),
         answers=(),

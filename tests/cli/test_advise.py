@@ -231,6 +231,40 @@ def test_with_the_motion_free_another_way_comes_first_and_can_be_stated(sqrp, ow
         assert only[figure] == pytest.approx(way[figure], abs=1e-9)
 
 
+def test_a_way_of_one_of_several_candidates_is_a_task_of_its_own_with_the_wish_and_is_added_once(sqrp, own):
+    file = own / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("task: pickup green,", 'task: "pickup object=g3,g4",'), encoding="utf-8")
+    command = ("advise", own, "pickup object=g3,g4", "--choose", "g3", "--want", "time 12 s", "--kinds", "way")
+    outcome = sqrp(*command, "--apply", 1)
+    assert outcome.code == 0
+    listed, added = load_workspace(own).tasks
+    assert (listed.task, listed.min_q_eoi, listed.max_time) == ("pickup object=g3,g4", 0.5, None)
+    assert added.task.startswith("pickup g3 ")
+    assert (added.max_time, added.min_q_eoi) == (12.0, None)
+    (only,) = sqrp("rank", own, added.task, "--json").document["candidates"]
+    assert only["time"] <= 12.0
+    before = file.read_bytes()
+    again = sqrp(*command, "--apply", 1)
+    assert again.code == 0
+    assert "already; nothing was written" in again.err
+    assert "--apply" not in again.out
+    assert file.read_bytes() == before
+
+
+def test_a_way_replaces_a_listed_task_that_has_only_this_candidate(sqrp, own):
+    file = own / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+    listed = "{task: pickup object=g3 lift=120mm, min_q_eoi: 0.5}"
+    file.write_text(text.replace("{task: pickup green, min_q_eoi: 0.5}", listed), encoding="utf-8")
+    command = ("advise", own, "pickup g3 lift=120mm", "--want", "time 12 s", "--kinds", "way", "--apply", 1)
+    assert sqrp(*command).code == 0
+    (task,) = load_workspace(own).tasks
+    assert {"pickup", "g3", "lift=120mm"} < set(task.task.split())
+    assert (task.max_time, task.min_q_eoi) == (12.0, 0.5)
+
+
+
 @pytest.fixture(scope="module")
 def others(sqrp, small):
     """What else would let g3 be seen."""

@@ -125,7 +125,8 @@ def _write(found: TaskAdvice, number: int | None, patch: Path | None) -> str:
     """Write a change as it was asked for; returns what was done."""
     if not found.advice or (number is None and patch is None):
         return ""
-    found.patched(number or 1)  # refuses a number that none has
+    if found.is_there(number or 1):  # refuses a number that none has
+        return f"change {number or 1} is in {found.path} already; nothing was written"
     if patch is not None:
         write_atomically(patch, f"{MARK}\n{found.document.advice[(number or 1) - 1].patch}")
         return f"change {number or 1} is in {patch}"

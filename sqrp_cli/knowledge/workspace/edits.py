@@ -11,7 +11,7 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
-from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, PIXELS, Dimension, read_quantity
+from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
 from sqrp_cli.knowledge.text.yaml_edit import appended, edited, respelled
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
@@ -19,6 +19,9 @@ from sqrp_cli.knowledge.workspace.workspace import Workspace
 
 _SAME = 1e-9
 """Numbers that differ by less are the same."""
+
+_LEAST = ("min_q_eoi", "min_q_avg")
+"""The thresholds of tasks that are least shares; the others are longest times."""
 
 
 def stated_look_at(workspace: Workspace, camera: str) -> tuple[Array, Array] | None:
@@ -79,12 +82,31 @@ def with_object(document: SourceDocument, name: str, X_WO: Array) -> bytes:
 
 
 def with_task(document: SourceDocument, task: str, thresholds: dict[str, float], instead_of: str | None) -> bytes:
-    """The file with a further task, or with another text of a task that it lists."""
-    if instead_of is not None:
-        for index, entry in enumerate(document.data.get("tasks") or []):
-            if isinstance(entry, dict) and entry.get("task") == instead_of:
-                return edited(document, {f"tasks.{index}.task": _flow(task)})
+    """The file with a further task, or with another text of a task that it lists, which keeps its thresholds.
+
+    thresholds: by key. One that the listed task has as well becomes the stricter of both. A task that the file lists
+    with this text gets no second entry. instead_of: the text of the listed task that is replaced; None: of none.
+    """
+    listed = [entry.get("task") for entry in document.data.get("tasks") or [] if isinstance(entry, dict)]
+    for text in (task, instead_of):
+        if text is not None and text in listed:
+            return _with_thresholds(document, listed.index(text), task, thresholds)
     return appended(document, ("tasks",), _flow({"task": task, **thresholds}))
+
+
+def _with_thresholds(document: SourceDocument, index: int, task: str, thresholds: dict[str, float]) -> bytes:
+    path: KeyPath = ("tasks", index)
+    stated = _at(document, path)
+    changed = {} if stated["task"] == task else {dotted((*path, "task")): _flow(task)}
+    for key in [key for key in thresholds if key in stated]:
+        text = _number(stated[key], thresholds[key], SHARE if key in _LEAST else TIME)
+        old, new = read_quantity(stated[key]), read_quantity(text)
+        if old is None or new is None or (new.value - old.value) * (1 if key in _LEAST else -1) > 0:
+            changed[dotted((*path, key))] = text
+    content = edited(document, changed) if changed else document.content
+    for key in [key for key in thresholds if key not in stated]:
+        content = appended(parse_yaml(document.path, content), path, f"{key}: {_flow(thresholds[key])}")
+    return content
 
 
 def _with_pose(document: SourceDocument, path: KeyPath, X: Array, look_at: Array | None, *, body: bool) -> bytes:

@@ -172,6 +172,22 @@ def test_a_task_is_added_or_told_more_exactly(file):
     assert added.tasks[1].min_q_eoi == 1.0
 
 
+def test_a_listed_task_keeps_its_thresholds_and_gets_those_that_are_missing_or_stricter(file):
+    text = file.read_text(encoding="utf-8")
+    listed = "tasks:\n  - task: pickup g1\n    min_q_eoi: 50 %  # half\n    max_time: 20 s\n"
+    file.write_text(text[: text.index("tasks:")] + listed, encoding="utf-8")
+    document = read_workspace_document(file)
+    wished = {"min_q_eoi": 0.8, "max_time": 25.0, "max_delay": 2.0}
+    content = with_task(document, "pickup g1 elbow=up", wished, instead_of="pickup g1")
+    (task,) = load_workspace(file, content).tasks
+    assert (task.task, task.min_q_eoi, task.max_time, task.max_delay) == ("pickup g1 elbow=up", 0.8, 20.0, 2.0)
+    assert b"min_q_eoi: 80 %  # half\n    max_time: 20 s\n    max_delay: 2\n" in content
+    file.write_bytes(content)
+    again = read_workspace_document(file)
+    assert with_task(again, "pickup g1 elbow=up", wished, instead_of=None) == content
+
+
+
 def test_the_first_task_of_a_file_is_added_at_its_end(file):
     text = file.read_text(encoding="utf-8")
     file.write_text(text[: text.index("tasks:")], encoding="utf-8")
