@@ -264,7 +264,6 @@ def test_a_way_replaces_a_listed_task_that_has_only_this_candidate(sqrp, own):
     assert (task.max_time, task.min_q_eoi) == (12.0, 0.5)
 
 
-
 @pytest.fixture(scope="module")
 def others(sqrp, small):
     """What else would let g3 be seen."""

@@ -187,7 +187,6 @@ def test_a_listed_task_keeps_its_thresholds_and_gets_those_that_are_missing_or_s
     assert with_task(again, "pickup g1 elbow=up", wished, instead_of=None) == content
 
 
-
 def test_the_first_task_of_a_file_is_added_at_its_end(file):
     text = file.read_text(encoding="utf-8")
     file.write_text(text[: text.index("tasks:")], encoding="utf-8")
