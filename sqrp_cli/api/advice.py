@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.skill.settings import MotionValue
     from sqrp_cli.programming.task import Candidate
+    from sqrp_cli.report.pages.advice_page import AdviceShown
     from sqrp_cli.scoring.scorecard import Progress
 
 
@@ -116,6 +117,19 @@ class TaskAdvice(Answer[AdviceDocument]):
             kinds=tuple(self._outcome(answer) for answer in self.answers),
             nearest=None if found or nearest is None else nearest_of(nearest, self.wish),
             interrupted=self.interrupted or None,
+        )
+
+    @property
+    def shown(self) -> AdviceShown:
+        """What its page shows."""
+        from sqrp_cli.report.pages.advice_page import AdviceShown
+
+        return AdviceShown(
+            document=self.document,
+            wish=self.wish,
+            assignment=self.session.assignment,
+            before=self.before,
+            advice=self.advice,
         )
 
     def patched(self, number: int) -> bytes:
@@ -261,7 +275,7 @@ def find_advice(
         path=path,
         wish=wish,
         way=adviser.way,
-        before=replace(adviser.before, candidate=best.candidate),
+        before=replace(adviser.before, candidate=best.candidate, best_way=adviser.question.fastest),
         answers=(),
     )
     if found.met:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import degrees
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.words import way_in_words
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.advice.change import Change
+    from sqrp_cli.programming.advice.change import Change, Kind
 
 _CRITERION_WORDS: dict[Criterion, str] = {
     "q_eoi": "best Q_eoi first",
@@ -23,6 +23,17 @@ _CRITERION_WORDS: dict[Criterion, str] = {
     "delay": "soonest noticed fault first",
     "expected_time": "soonest done after a fault first",
 }
+
+KIND_WORDS: Mapping[Kind, str] = {
+    "way": "another way",
+    "path": "another path",
+    "object": "moving an object",
+    "aim": "turning a camera",
+    "position": "moving a camera",
+    "lens": "another lens",
+    "camera": "another camera",
+}
+"""What kinds of changes are called."""
 
 _INTERVAL = re.compile(r"\b(?:always|eventually)\[[^\]]*\]")
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import groupby
 
 from sqrp_cli.programming.advice.wish import Wish
@@ -10,23 +9,12 @@ from sqrp_cli.report.documents.advice import (
     AdviceDocument,
     AdviceFound,
     AdvisedFigures,
-    ChangedCandidate,
     KindOutcome,
     NearestChange,
+    costs,
 )
-from sqrp_cli.report.sentences import shown_size
+from sqrp_cli.report.sentences import KIND_WORDS, shown_size
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, say_command
-
-KIND_WORDS = {
-    "way": "another way",
-    "path": "another path",
-    "object": "moving an object",
-    "aim": "turning a camera",
-    "position": "moving a camera",
-    "lens": "another lens",
-    "camera": "another camera",
-}
-"""What kinds are called."""
 
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "up to")
 
@@ -44,10 +32,8 @@ def print_advice(found: AdviceDocument, wish: Wish) -> None:
         columns += [Column(title, right=True) for title in _FIGURES]
         print_table(columns, [_row(number, one) for number, one in enumerate(found.advice, 1)])
     for number, one in enumerate(found.advice, 1):
-        for task in one.tasks:
-            worse = [f"{other.candidate} {', '.join(_shifts(other))}" for other in task.candidates if other.worse]
-            if worse:
-                say(joined([(f"#{number} costs", "red"), f" in {task.task}: {'; '.join(worse)}"]), indent=4)
+        for cost in costs(one.tasks):
+            say(joined([(f"#{number} costs", "red"), f" {cost}"]), indent=4)
     for why, same in groupby((one for one in found.kinds if not one.found), key=lambda one: one.why):
         outcomes = list(same)
         names = ", ".join(KIND_WORDS[outcome.kind] for outcome in outcomes)
@@ -107,17 +93,3 @@ def _figures(found: AdvisedFigures) -> str:
     if found.time is None:
         return "no feasible motion"
     return ", ".join([*parts, f"{found.time:.1f} s"])
-
-
-def _shifts(effect: ChangedCandidate) -> Iterator[str]:
-    for name, label, scale, pattern in (
-        ("q_eoi", "Q_eoi", 100.0, "{:.1f} %"),
-        ("q_avg", "Q_avg", 100.0, "{:.1f} %"),
-        ("time", "time", 1.0, "{:.2f} s"),
-        ("delay_worst", "seen after", 1.0, "{:.2f} s"),
-    ):
-        if name in effect.worse:
-            old, new = (scale * getattr(figures, name) for figures in (effect.before, effect.after))
-            yield f"{label} {pattern.format(old)} to {pattern.format(new)}"
-    if "feasible" in effect.worse:
-        yield "it can no longer be done"

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import re
 import shutil
+import signal
+import zlib
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -20,6 +24,7 @@ from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.timeline import observe
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import read_task
+from tests.cli.browser import Opened
 
 ROOT = Path(__file__).parents[2]
 TABLETOP = ROOT / "workspaces" / "tabletop"
@@ -265,11 +270,18 @@ def test_a_way_replaces_a_listed_task_that_has_only_this_candidate(sqrp, own):
 
 
 @pytest.fixture(scope="module")
-def others(sqrp, small):
-    """What else would let g3 be seen."""
+def page(tmp_path_factory) -> Path:
+    """Where the page about `others` is."""
+    return tmp_path_factory.mktemp("advice") / "page.html"
+
+
+@pytest.fixture(scope="module")
+def others(sqrp, small, page):
+    """What else would let g3 be seen, with its page."""
     command = ("advise", small, "pickup g3", "--ways", "fastest", "--kinds", "object,lens,camera", "--json")
-    outcome = sqrp(*command, "--jobs", 1)
+    outcome = sqrp(*command, "--jobs", 1, "--report", page)
     assert outcome.code == 0
+    assert outcome.err.endswith(f"open {page} in a browser\n")
     return outcome.document
 
 
@@ -289,6 +301,140 @@ def test_a_moved_part_stays_on_its_table(others):
     one = next(one for one in others["advice"] if one["kind"] == "object")
     assert (one["target"], one["change"][2]) == ("g3", 0.0)
     assert np.linalg.norm(one["change"]) == pytest.approx(one["size"])
+
+
+def test_the_page_has_a_row_as_it_is_and_one_for_each_change(others, page):
+    overview = carried(page, "overview")
+    assert overview["title"] == "what would help: pickup g3 in tabletop"
+    count = len(others["advice"])
+    assert overview["summary"] == f"g3 is to have Q_eoi 100 %: {count} changes meet it, each on its own."
+    rows = overview["entries"]
+    assert [row["labels"] for row in rows] == [
+        {"change": "as it is", "kind": ""},
+        *({"change": one["words"], "kind": one["kind"]} for one in others["advice"]),
+    ]
+    assert [row["mark"] for row in rows] == ["", *(f"#{number}" for number in range(1, count + 1))]
+    assert rows[0]["reasons"] == [f"Q_eoi is {100 * others['before']['q_eoi']:.1f} %, not 100 %"]
+    for row, one in zip(rows, [others["before"], *others["advice"]], strict=True):
+        for figure in ("q_eoi", "q_avg", "time"):
+            assert row["candidate"][figure] == pytest.approx(one[figure], abs=1e-6)
+        assert row["candidate"]["verdict"]
+        worst = max(fault["delay_worst"] for fault in row["candidate"]["faults"].values())
+        assert worst == pytest.approx(one["delay_worst"], abs=1e-6)
+    for row, one in zip(rows[1:], others["advice"], strict=True):
+        assert len(row["reasons"]) == len(one["worse"])
+        for reason, task in zip(row["reasons"], one["worse"], strict=True):
+            assert reason.startswith(f"costs in {task}: ")
+
+
+def test_the_page_says_where_its_finer_timeline_misses_the_wish(sqrp, tmp_path):
+    """Each reason, and its absence, against the share of the timeline that the page plays."""
+    page = tmp_path / "page.html"
+    command = ("advise", TABLETOP, "pickup g3", "--ways", "fastest", "--kinds", "aim", "--jobs", 1)
+    assert sqrp(*command, "--report", page).code == 0
+    shares = {}
+    for number, row in list(enumerate(carried(page, "overview")["entries"]))[1:]:
+        told = [reason for reason in row["reasons"] if reason.endswith(", if sampled as finely as the timeline below")]
+        shares[row["name"]] = share = carried(page, f"detail-{number}")["q_eoi"]
+        assert [reason.partition(",")[0] for reason in told] == [f"Q_eoi is {100 * share:.1f} %"] * (share < 1)
+        assert row["candidate"]["q_eoi"] == 1.0
+    assert len(shares) == 6
+
+
+@pytest.mark.parametrize("kind", [None, "object", "lens", "camera"])
+def test_every_row_of_the_page_plays_in_the_cell_that_the_patch_makes(sqrp, others, page, own, kind):
+    """Cameras, and where objects are as it begins, against the workspace with the patch."""
+    row = 0
+    if kind is not None:
+        row = 1 + [one["kind"] for one in others["advice"]].index(kind)
+        apply_patch(own, others["advice"][row - 1]["patch"])
+    cell = sqrp("show", own, "--json").document
+    overview, played = carried(page, "overview"), carried(page, f"detail-{row}")
+    cameras = overview["scenes"][overview["entries"][row]["scene"]]["cameras"]
+    assert list(cameras) == list(cell["cameras"]) == list(played["cameras"])
+    for camera in cameras:
+        for field in ("pose", "K"):
+            np.testing.assert_allclose(cameras[camera][field], cell["cameras"][camera][field], rtol=1e-6, atol=2e-6)
+    starts = {**played["still"], **played["samples"][0]["objects"]}
+    for thing, pose in starts.items():
+        np.testing.assert_allclose(pose, cell["objects"][thing]["pose"], atol=2e-6)
+    assert carried(page, f"model-{overview['entries'][row]['scene']}") == carried(page, "model-0")
+
+
+def carried(page: Path, name: str) -> dict:
+    """A document that a page carries."""
+    (data,) = re.findall(rf'id="{name}">([^<]*)<', page.read_text(encoding="utf-8"))
+    return json.loads(zlib.decompress(base64.b64decode(data)))
+
+
+def test_the_page_shows_the_changed_camera_and_the_moved_part(browser, others, page):
+    opened = Opened(browser, page)
+    assert opened.texts("#name") == ["as it is"]
+    assert opened.texts("#views button") == ["look around", "cam1", "cam2", "cam3"]
+    for one in others["advice"]:
+        opened.page.locator("#ranking button", has_text=one["words"]).click()
+        opened.page.wait_for_function(
+            "words => document.querySelector('#name').textContent === words && sqrp.motion", arg=one["words"]
+        )
+        added = [one["target"]] if one["kind"] == "camera" else []
+        assert opened.texts("#views button") == ["look around", "cam1", "cam2", "cam3", *added]
+        assert opened.page.locator("#view canvas").count() == 1
+        assert opened.texts("#place") == [opened.texts("#ranking tr[aria-selected=true] .mark")[0]]
+    assert opened.complaints == []
+    assert opened.requests == [page.as_uri()]
+    opened.context.close()
+
+
+def test_where_no_change_is_needed_the_page_shows_the_candidate(sqrp, watch, tmp_path):
+    page = tmp_path / "page.html"
+    command = ("advise", watch, "watch green", "--want", "q_avg 0 %")
+    outcome = sqrp(*command, "--report", page)
+    assert outcome.code == 0
+    assert outcome.out == sqrp(*command).out
+    overview = carried(page, "overview")
+    assert overview["summary"].endswith(" is to have Q_avg 0 %: that is met already.")
+    assert [row["name"] for row in overview["entries"]] == ["as it is"]
+    assert [row["reasons"] for row in overview["entries"]] == [[]]
+
+
+def test_where_a_row_is_about_another_way_the_page_says_which(sqrp, small, tmp_path):
+    page = tmp_path / "page.html"
+    assert sqrp("advise", small, TASK, "--kinds", "way", "--report", page).code == 0
+    first, second = carried(page, "overview")["entries"]
+    assert first["labels"]["way"] == "fastest"
+    assert second["labels"]["way"] == "left, flipped"
+    assert (first["candidate"]["q_eoi"], second["candidate"]["q_eoi"]) == (0, 1)
+
+
+def test_a_page_cannot_be_the_patch_nor_a_file_that_is_read(sqrp, own, tmp_path, monkeypatch):
+    """All is refused before anything is computed."""
+    monkeypatch.setattr("sqrp_cli.api.advice.find_advice", None)
+    file, before = own / "workspace.yaml", (own / "workspace.yaml").read_bytes()
+    same, missing = tmp_path / "one", tmp_path / "no" / "page.html"
+    for arguments, word in (
+        (("--report", same, "--patch", same), "--patch"),
+        (("--report", file), "workspace.yaml"),
+        (("--report", missing), "mkdir -p"),
+    ):
+        outcome = sqrp("advise", own, TASK, *arguments)
+        assert (outcome.code, outcome.out) == (2, "")
+        assert word in outcome.err
+    assert file.read_bytes() == before
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
+def test_ctrl_c_while_the_page_is_written_keeps_the_advice_and_writes_nothing(sqrp, own, tmp_path, monkeypatch):
+    def interrupted(*_, **__):
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr("sqrp_cli.report.pages.advice_page.write_advice", interrupted)
+    page, before = tmp_path / "page.html", (own / "workspace.yaml").read_bytes()
+    outcome = sqrp("advise", own, TASK, "--kinds", "way", "--report", page, "--apply", 1)
+    assert outcome.code == 130
+    assert "do g1 left, flipped" in outcome.out
+    assert outcome.err.endswith(f"interrupted before {page} was written\n")
+    assert not page.exists()
+    assert (own / "workspace.yaml").read_bytes() == before
 
 
 def test_paths_that_keep_sight_are_stated_by_the_task(sqrp, own):

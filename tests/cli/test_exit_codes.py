@@ -292,14 +292,6 @@ def test_schema_of_what_is_no_file_names_the_nearest(sqrp):
     assert outcome.err == "error: there is no schema of `skil`; did you mean `skill`?\n"
 
 
-@pytest.fixture
-def heeded_ctrl_c():
-    """Ctrl-C raises KeyboardInterrupt, as in a shell's foreground; background jobs may be started to ignore it."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @pytest.mark.usefixtures("heeded_ctrl_c")
 def test_ctrl_c_exits_130_and_keeps_what_is_finished(sqrp, watch, monkeypatch):
     finished = pipeline.Assignment.assess

@@ -11,6 +11,7 @@ from sqrp_cli.cli.options import (
     After,
     Jobs,
     Json,
+    Report,
     SampleCount,
     SampleStep,
     Seed,
@@ -18,14 +19,17 @@ from sqrp_cli.cli.options import (
     Tolerance,
     WorkspacePath,
     answer,
+    check_report,
     job_count,
     open_with_warnings,
     read_sampling,
 )
 from sqrp_cli.errors import ExitCode, InputError, Place, Problem, expected_names
-from sqrp_cli.platform.files import check_not_read, check_writable, write_atomically
+from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable, write_atomically
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sqrp_cli.api.advice import TaskAdvice
     from sqrp_cli.api.arguments import WaysOption
 
@@ -36,6 +40,7 @@ MARK = "# A change that `sqrp advise` found"
 
 
 def command(
+    context: typer.Context,
     workspace: WorkspacePath,
     task: TaskText,
     want: Annotated[
@@ -70,6 +75,7 @@ def command(
         Path | None,
         typer.Option("--patch", metavar="FILE", help="Write the first change, or that of --apply, as a patch instead."),
     ] = None,
+    report: Report = None,
     samples: SampleCount = None,
     dt: SampleStep = None,
     tolerance: Tolerance = None,
@@ -86,10 +92,13 @@ def command(
     from sqrp_cli.terminal.console import note, print_problems, progress
 
     sampling = read_sampling(samples, dt, tolerance)
+    check_distinct({"--patch": patch, "--report": report})
     if patch is not None:
         _check_patch(patch)
+    if report is not None:
+        check_report(report)
     cell = open_with_warnings(workspace, seed)
-    check_not_read([patch], [after, *(file.path for file in cell.workspace.files.values())])
+    check_not_read([patch, report], [after, *(file.path for file in cell.workspace.files.values())])
     print_problems(cell_warnings(cell.cell))
     found = cell.advise(
         task,
@@ -102,11 +111,14 @@ def command(
         jobs=job_count(jobs),
         progress=progress,
     )
-    message = "" if found.interrupted else _write(found, apply, patch)
+    interrupted = found.interrupted
+    if report is not None and not interrupted:
+        interrupted = not _page_is_written(found, report, context.obj, job_count(jobs))
+    message = "" if interrupted else _write(found, apply, patch)
     answer(found, as_json=as_json)
     if message:
         note(message)
-    if found.interrupted:
+    if interrupted:
         return ExitCode.INTERRUPTED
     return ExitCode.OK if found.found else ExitCode.NONE_FEASIBLE
 
@@ -119,6 +131,20 @@ def _ways(text: str) -> WaysOption:
         if ways == text:
             return ways
     raise InputError(Problem("bad-option", f"--ways is `{text}`; {expected_names(text, WAYS)}"))
+
+
+def _page_is_written(found: TaskAdvice, file: Path, arguments: Sequence[str], jobs: int) -> bool:
+    """Write the page about an advice; returns False if Ctrl-C came first."""
+    from sqrp_cli.report.pages.advice_page import write_advice
+    from sqrp_cli.terminal.console import note, progress
+
+    try:
+        write_advice(found.shown, file, arguments=arguments, jobs=jobs, progress=progress)
+    except KeyboardInterrupt:
+        note(f"interrupted before {file} was written")
+        return False
+    note(f"open {file} in a browser")
+    return True
 
 
 def _write(found: TaskAdvice, number: int | None, patch: Path | None) -> str:

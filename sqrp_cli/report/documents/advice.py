@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -113,6 +113,28 @@ class TaskEffect(Record):
                 if one.changed
             ),
         )
+
+
+def costs(effects: Sequence[TaskEffect]) -> Iterator[str]:
+    """What gets worse by a change, task by task, such as `in pickup green: g4 Q_eoi 63.4 % to 12.8 %`."""
+    for task in effects:
+        worse = [f"{one.candidate} {', '.join(_shifts(one))}" for one in task.candidates if one.worse]
+        if worse:
+            yield f"in {task.task}: {'; '.join(worse)}"
+
+
+def _shifts(effect: ChangedCandidate) -> Iterator[str]:
+    for name, label, scale, pattern in (
+        ("q_eoi", "Q_eoi", 100.0, "{:.1f} %"),
+        ("q_avg", "Q_avg", 100.0, "{:.1f} %"),
+        ("time", "time", 1.0, "{:.2f} s"),
+        ("delay_worst", "seen after", 1.0, "{:.2f} s"),
+    ):
+        if name in effect.worse:
+            old, new = (scale * getattr(figures, name) for figures in (effect.before, effect.after))
+            yield f"{label} {pattern.format(old)} to {pattern.format(new)}"
+    if "feasible" in effect.worse:
+        yield "it can no longer be done"
 
 
 @dataclass(frozen=True, kw_only=True)

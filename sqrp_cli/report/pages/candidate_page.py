@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.pipeline import Assignment, Explained
 from sqrp_cli.programming.ranking import Criterion, Ranked
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.document import Pose, Record
@@ -160,12 +160,17 @@ def origin(arguments: Sequence[str]) -> list[tuple[str, str]]:
     return [("command", shlex.join(["sqrp", *arguments])), ("SQRP", __version__)]
 
 
-def _detail(assignment: Assignment, ranked: Ranked) -> str | None:
-    explained, found = assignment.explain(ranked)
+def playback(assignment: Assignment, explained: Explained) -> str | None:
+    """What is shown of a candidate beside its figures, packed; None for an infeasible one."""
+    ranked, found = explained
     if found is None:
         return None
-    study = CandidateStudy.of_study(assignment.cell, found, explained, assignment.sampling)
+    study = CandidateStudy.of_study(assignment.cell, found, ranked, assignment.sampling)
     return packed(PlayedCandidate.of_candidate(study))
+
+
+def _detail(assignment: Assignment, ranked: Ranked) -> str | None:
+    return playback(assignment, assignment.explain(ranked))
 
 
 STEP = 1e-4

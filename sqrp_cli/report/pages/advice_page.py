@@ -1,0 +1,124 @@
+"""The page of an advice: the candidate as it is, and with each change that meets the wish."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from sqrp_cli.platform.processes import in_processes
+from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.pipeline import Assignment
+from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.report.documents.advice import costs
+from sqrp_cli.report.documents.candidates import CandidateFigures
+from sqrp_cli.report.documents.scene import ShowDocument
+from sqrp_cli.report.pages.candidate_page import cell_scene, origin, playback
+from sqrp_cli.report.pages.page import CellScene, PageContent, PageRow, write_page
+from sqrp_cli.report.sentences import KIND_WORDS, accuracy, way_of
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.advice.change import Advice
+    from sqrp_cli.programming.advice.wish import Wish
+    from sqrp_cli.report.documents.advice import AdviceDocument
+    from sqrp_cli.scoring.scorecard import Progress
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AdviceShown:
+    """An advice with all that its page needs."""
+
+    document: AdviceDocument
+    wish: Wish
+    assignment: Assignment
+    """The cell and the world without any change."""
+    before: Assessment
+    """The candidate without any change."""
+    advice: Sequence[Advice]
+    """Those of the document, in its order."""
+
+
+class _Row(NamedTuple):
+    """A row, and where it is computed."""
+
+    row: PageRow
+    """Without figures, cell and playback."""
+    found: Assessment
+    assignment: Assignment
+    """The cell and the world with the change."""
+
+
+def write_advice(shown: AdviceShown, path: Path, *, arguments: Sequence[str], jobs: int, progress: Progress) -> None:
+    """Write the page about an advice. arguments: of the command. jobs: processes to use at most."""
+    document, original = shown.document, shown.assignment
+    rows = list(_rows(shown))
+    scenes = [cell_scene(original.cell)]
+    entries = []
+    with progress("Writing the report", len(rows)) as advance:
+        studied = in_processes(lambda row: _studied(row, shown.wish), rows, min(jobs, len(rows)))
+        for (_, _, assignment), row in zip(rows, studied, strict=True):
+            same = assignment.cell is original.cell
+            if not same:
+                scenes.append(CellScene(ShowDocument.of(assignment.cell), scenes[0].model))  # cameras are no solids
+            entries.append(replace(row, scene=0 if same else len(scenes) - 1))
+            advance(1)
+    workspace = original.cell.workspace
+    about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest of its files", workspace.digest)]
+    if feasible := [Ranked(row.found, 1, pareto=False) for row in rows if row.found.feasible]:
+        about.append(("accuracy", accuracy(original.sampling, feasible)))
+    about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]
+    title = f"what would help: {document.task} in {document.workspace}"
+    write_page(PageContent(title, _summary(shown), "Changes", about, entries, scenes), path)
+
+
+def _summary(shown: AdviceShown) -> str:
+    """The wish in a sentence, and how many changes meet it."""
+    document = shown.document
+    if document.met:
+        met = "that is met already"
+    elif not document.advice:
+        nearest = document.nearest
+        near = "" if nearest is None else f"; to {nearest.words} comes nearest: {'; '.join(nearest.missing)}"
+        met = f"nothing that was tried meets it{near}"
+    else:
+        count = len(document.advice)
+        met = "one change meets it" if count == 1 else f"{count} changes meet it, each on its own"
+    return f"{document.candidate} is to have {shown.wish}: {met}."
+
+
+def _rows(shown: AdviceShown) -> Iterator[_Row]:
+    """The candidate as it is, then with each change."""
+    document, before, assignment = shown.document, shown.before, shown.assignment
+    several = any(one.found.way.parameters != before.way.parameters for one in shown.advice)
+
+    def row(name: str, mark: str, kind: str, found: Assessment, reasons: Sequence[str]) -> PageRow:
+        labels = {"change": name, "kind": kind}
+        if several:
+            labels["way"] = "fastest" if found.way.parameters == before.way.parameters else way_of(found)
+        retried = found.candidate.skill.retried_faults
+        return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
+
+    yield _Row(row("as it is", "", "", before, shown.wish.missed(before)), before, assignment)
+    for number, (one, advice) in enumerate(zip(document.advice, shown.advice, strict=True), 1):
+        change = advice.change
+        cell, world = change.in_cell(assignment.cell), change.in_world(assignment.world)
+        reasons = [f"costs {cost}" for cost in costs(one.tasks)]
+        mark = f"#{number}"
+        changed = replace(assignment, cell=cell, world=world)
+        yield _Row(row(one.words, mark, one.kind, advice.found, reasons), advice.found, changed)
+
+
+def _studied(item: _Row, wish: Wish) -> PageRow:
+    """A row with its figures, which are those of the advice, and its playback, with the verdict on that.
+
+    Playback has samples where any camera's verdict changes, so it may show what the figures are too coarse for.
+    """
+    row, found, assignment = item
+    ranked = Ranked(found, 1 if found.feasible else None, pareto=False)
+    explained = assignment.explain(ranked)
+    shown = explained.ranked.assessment
+    figures = CandidateFigures.of(replace(ranked, assessment=replace(found, verdict=shown.verdict)))
+    short = wish.missed(shown) if wish.met(found) else ()
+    reasons = [*row.reasons, *(f"{missed}, if sampled as finely as the timeline below" for missed in short)]
+    return replace(row, candidate=figures, reasons=reasons, detail=playback(assignment, explained))
