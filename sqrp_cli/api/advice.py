@@ -8,6 +8,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sqrp_cli.api.results import Answer
 from sqrp_cli.api.session import check_choice, choose_candidate
 from sqrp_cli.errors import InputError, Problem
@@ -181,6 +183,9 @@ class TaskAdvice(Answer[AdviceDocument]):
         """The workspace file with a change. Raises InputError for what it does not say itself."""
         if change.unwritten:
             raise InputError(Problem("bad-option", change.unwritten))
+        if change.X_WO is not None and not self._is_as_stated(change.target):
+            message = f"the program before has moved `{change.target}`, so its place is no line of the workspace"
+            raise InputError(Problem("bad-option", message, mend="change the program that puts it there"))
         if change.parameters is None:
             return changed_file(self._file, self.session.workspace, change)
         task = self._task(change.parameters)
@@ -192,6 +197,11 @@ class TaskAdvice(Answer[AdviceDocument]):
         workspace, own = self.session.workspace, _key(self.before.candidate)
         listed = ((one.task, read_task(one.task, workspace).candidates) for one in workspace.tasks)
         return next((text for text, candidates in listed if list(map(_key, candidates)) == [own]), None)
+
+    def _is_as_stated(self, name: str) -> bool:
+        """Whether an object is where the workspace says that it is, or was moved by the program before."""
+        stated, now = self.session.workspace.objects[name].X_WO, self.session.assignment.world.X_WO.get(name)
+        return stated is not None and now is not None and np.array_equal(stated, now)
 
     def _task(self, parameters: Mapping[str, MotionValue]) -> str:
         """The text of a task that says a way, and has this candidate alone."""

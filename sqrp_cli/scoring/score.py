@@ -9,6 +9,7 @@ from typing import Literal
 from sqrp_cli.errors import Problem
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.quality import falls_short
 from sqrp_cli.programming.coverage.verdict import HELP
 from sqrp_cli.programming.ranking import Ranked, rank
 from sqrp_cli.programming.task import Candidate
@@ -128,7 +129,7 @@ def _shortcomings(best: Assessment, expected: ExpectedTask) -> Iterator[str]:
             continue
         if quality is None:
             yield f"{label} of {name} is undefined, expected at least {100 * least:g} %"
-        elif quality < least:
+        elif falls_short(quality, least):
             yield f"{label} of {name} is {100 * quality:.1f} %, expected at least {100 * least:g} %: {lost}"
     if expected.max_time is not None and best.time is not None and best.time > expected.max_time:
         yield f"{name} takes {best.time:.2f} s, expected at most {expected.max_time:g} s"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from sqrp_cli.programming.coverage.assessment import Assessment, WayFigures
-from sqrp_cli.programming.ranking import Ranked
+from sqrp_cli.programming.ranking import Ranked, compared_quality
 from sqrp_cli.programming.ways.words import way_in_words
 from sqrp_cli.terminal.console import Column, Share, print_table, say
 
@@ -55,12 +55,18 @@ def print_ways(assessments: Sequence[Assessment]) -> None:
 
 
 def _fastest(assessment: Assessment) -> WayFigures | None:
-    """The fastest Pareto-optimal way of a candidate, if that is another than its best."""
+    """The fastest Pareto-optimal way of a candidate, if it sees less than its best."""
     if assessment.ways is None or len(assessment.ways.pareto) < 2:
         return None
     first, *others = assessment.ways.pareto
     fastest = min(others, key=lambda way: way.time)
-    return fastest if fastest.time < first.time else None
+    return fastest if fastest.time < first.time and _sees_less(fastest, first) else None
+
+
+def _sees_less(way: WayFigures, other: WayFigures) -> bool:
+    """Whether one of a way's qualities is below that of another way, as they are compared."""
+    pairs = ((way.q_eoi, other.q_eoi), (way.q_avg, other.q_avg))
+    return any(compared_quality(own) < compared_quality(of_other) for own, of_other in pairs)
 
 
 def _words(assessment: Assessment, way: WayFigures) -> str:

@@ -486,3 +486,19 @@ def test_no_point_of_a_fine_grid_is_nearer(advised):
             if interest_quality(timeline) == 1.0:
                 nearer.append(offset.tolist())
     assert not nearer, json.dumps(nearer)
+
+
+def test_the_place_of_an_object_that_a_program_moved_is_not_written_as_its_place_at_the_start(sqrp, tmp_path):
+    for name in ("workspaces", "skills"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    tower, program = tmp_path / "workspaces" / "tower", tmp_path / "tower.yaml"
+    before = (tower / "workspace.yaml").read_bytes()
+    assert sqrp("check", tower, "pickup blue", "--program", program).code == 0
+    options = ("--after", program, "--want", "time 7 s", "--kinds", "object", "--jobs", 1)
+    assert (
+        "has moved `red`"
+        in sqrp("advise", tower, "stack blue red", *options, "--json").document["advice"][0]["unwritten"]
+    )
+    refused = sqrp("advise", tower, "stack blue red", *options, "--apply", 1)
+    assert (refused.code, "has moved `red`" in refused.err) == (2, True)
+    assert (tower / "workspace.yaml").read_bytes() == before

@@ -29,3 +29,11 @@ def test_a_delay_is_explained_by_what_hides_the_fault():
 def test_a_delay_without_blind_time_is_explained_by_the_camera():
     (sentence,) = shortcomings(assessed(blind=0.0), EXPECTED, "")
     assert "only after 0.15 s, expected at most 0.1 s: so long take a frame and the latency" in sentence
+
+
+def test_a_quality_that_is_whole_but_for_rounding_is_whole():
+    expected = ExpectedTask(task="pickup", min_q_eoi=1.0, min_q_avg=1.0)
+    whole = replace(assessed(blind=0.0), q_eoi=0.9999999999999998, q_avg=0.9999999999999999)
+    assert shortcomings(whole, expected, "") == ()
+    (sentence,) = shortcomings(replace(whole, q_eoi=0.999999), expected, "")
+    assert "Q_eoi of g1 is 100.0 %, expected at least 100 %" in sentence

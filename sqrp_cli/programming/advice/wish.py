@@ -9,6 +9,7 @@ from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.text.units import SHARE, TIME, expected_quantity, read_quantity
 from sqrp_cli.knowledge.workspace.workspace import ExpectedTask
 from sqrp_cli.programming.coverage.assessment import Assessment
+from sqrp_cli.programming.coverage.quality import falls_short
 
 QUALITIES = ("q_eoi", "q_avg")
 TIMES = ("time", "delay")
@@ -76,7 +77,7 @@ class Wish:
             quality = figure(found, name)
             if quality is None:
                 yield f"{SHOWN[name]} is undefined"
-            elif quality < least:
+            elif falls_short(quality, least):
                 yield f"{SHOWN[name]} is {100 * quality:.1f} %, not {100 * least:.4g} %"
         for name, most in self._stated(TIMES):
             time = figure(found, name)
