@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -45,6 +46,8 @@ from sqrp_cli.report.documents.advice import (
     nearest_of,
 )
 from sqrp_cli.scoring.sweep import from_here
+from sqrp_cli.scoring.work.results import Results
+from sqrp_cli.scoring.work.searches import KeptSearches
 
 if TYPE_CHECKING:
     from sqrp_cli.api.session import Session
@@ -246,11 +249,28 @@ def find_advice(
     kinds: Sequence[Kind] | None,
     jobs: int,
     progress: Progress,
+    out: Path | None = None,
 ) -> TaskAdvice:
     """The least changes that meet a wish; at Ctrl-C what was found so far.
 
-    Raises InputError for a wish or a choice that cannot be read.
+    out: folder that keeps the answer of each kind. Raises InputError for a wish or a choice that cannot be read, and
+    for a folder that cannot be used.
     """
+    with closing(Results(out)) as results:
+        return _find(session, path, results, want=want, choose=choose, kinds=kinds, jobs=jobs, progress=progress)
+
+
+def _find(
+    session: Session,
+    path: Path,
+    results: Results,
+    *,
+    want: str | None,
+    choose: str,
+    kinds: Sequence[Kind] | None,
+    jobs: int,
+    progress: Progress,
+) -> TaskAdvice:
     from sqrp_cli.api.session import assess
 
     check_choice(session.task, choose)
@@ -290,15 +310,37 @@ def find_advice(
     )
     if found.met:
         return found
+    kept = None if results.folder is None else _kept(session, results, wish, best)
     answers: list[tuple[Advice, ...] | Miss] = []
     try:
         with progress(f"Searching for {wish}", len(KINDS if kinds is None else kinds)) as advance:
-            for answer in adviser.answers():
+            for answer in adviser.answers(kept):
                 answers.append(answer)
                 advance(1)
     except KeyboardInterrupt:
         return replace(found, answers=answers, interrupted=True)
     return replace(found, answers=answers)
+
+
+def _kept(session: Session, results: Results, wish: Wish, best: Assessment) -> KeptSearches:
+    """The searches that a folder keeps, by all that they depend on."""
+    workspace, assignment = session.workspace, session.assignment
+    world, sampling = assignment.world, assignment.sampling
+    about = (
+        workspace.digest,
+        session.task.text,
+        best.candidate.name,
+        vars(wish),
+        {"sampling": type(sampling).__name__, **asdict(sampling)},
+        session.cell.seed,
+        assignment.wanted.fastest,
+        dict(world.X_WO),
+        dict(world.joints),
+        world.held,
+        world.X_TO,
+        sorted(map(str, world.facts)),
+    )
+    return KeptSearches(results, about, workspace.skills)
 
 
 def _listed(session: Session, assessments: Sequence[Assessment], chosen: Assessment, jobs: int) -> tuple[TaskWays, ...]:

@@ -219,6 +219,7 @@ class OpenCell:
         ways: WaysOption = "best",
         sampling: Sampling | None = None,
         after: str | Path | None = None,
+        out: str | Path | None = None,
         jobs: int = 1,
         progress: Progress = silent,
     ) -> TaskAdvice:
@@ -226,7 +227,8 @@ class OpenCell:
 
         want: a wish such as `q_eoi 100 %, time 20 s`, by default the thresholds of the task in the workspace, else
         Q_eoi 100 %. choose: the candidate's name, or `best` for the first in the ranking. kinds: what may change; by
-        default cells only where no other motion is enough. ways: `fastest` leaves the motion as it is.
+        default cells only where no other motion is enough. ways: `fastest` leaves the motion as it is. out: folder in
+        which the answer of each kind is kept; those there are used.
         """
         from sqrp_cli.api.advice import find_advice
         from sqrp_cli.programming.advice.change import read_kinds
@@ -243,6 +245,7 @@ class OpenCell:
             want=want,
             choose=choose,
             kinds=read_kinds(kinds),
+            out=optional_path(out, "out"),
             jobs=jobs,
             progress=progress,
         )

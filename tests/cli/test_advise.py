@@ -17,6 +17,7 @@ import pytest
 
 from sqrp_cli.geometry import look_at
 from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.programming.advice.advise import Adviser
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import study
 from sqrp_cli.programming.coverage.quality import interest_quality
@@ -420,6 +421,67 @@ def test_a_page_cannot_be_the_patch_nor_a_file_that_is_read(sqrp, own, tmp_path,
         assert (outcome.code, outcome.out) == (2, "")
         assert word in outcome.err
     assert file.read_bytes() == before
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
+def test_an_interrupted_search_goes_on_with_the_kinds_that_are_missing(sqrp, small, others, tmp_path, monkeypatch):
+    """With the same bytes as without a folder; damaged files are searched again, and other wishes are others."""
+    searched, search = [], Adviser._answer
+    stop: list[str] = ["lens"]
+
+    def watched(adviser, kind):
+        if kind in stop:
+            signal.raise_signal(signal.SIGINT)
+        searched.append(kind)
+        return search(adviser, kind)
+
+    monkeypatch.setattr(Adviser, "_answer", watched)
+    command = ("advise", small, "pickup g3", "--ways", "fastest", "--kinds", "object,lens,camera", "--json")
+    command = (*command, "--jobs", 1, "--out", tmp_path / "kept")
+    first = sqrp(*command)
+    assert (first.code, searched) == (130, ["object"])
+    assert [one["kind"] for one in first.document["kinds"]] == ["object"]
+    stop.clear()
+    second = sqrp(*command)
+    assert (second.code, searched) == (0, ["object", "lens", "camera"])
+    assert second.document == others
+    again = sqrp(*command)
+    assert again.out == second.out
+    assert searched == ["object", "lens", "camera"]
+    files = sorted((tmp_path / "kept").glob("*/*.json"))
+    assert len(files) == 3
+    files[0].write_text("[]", encoding="utf-8")
+    files[1].write_text(files[1].read_text(encoding="utf-8").replace("g3", "g4"), encoding="utf-8")
+    files[2].write_bytes(files[2].read_bytes()[:-40])
+    searched.clear()
+    assert sqrp(*command).out == second.out
+    assert searched == ["object", "lens", "camera"]
+    searched.clear()
+    assert sqrp(*command, "--want", "q_eoi 99 %", "--kinds", "lens").code == 0
+    assert searched == ["lens"]
+
+
+def test_ways_paths_and_what_comes_nearest_are_kept_to_the_last_digit(sqrp, tmp_path, monkeypatch):
+    """The same output and page, with nothing searched; the page plays the kept path."""
+    page = tmp_path / "page.html"
+    command = ("advise", TABLETOP, "pickup g4", "--want", "q_avg 95 %", "--kinds", "way,path", "--json")
+    command = (*command, "--jobs", 1, "--out", tmp_path / "kept", "--report", page)
+    first, written = sqrp(*command), page.read_bytes()
+    assert [one["found"] for one in first.document["kinds"]] == [0, 1]
+    assert first.document["kinds"][0]["nearest"]["missing"]
+    assert carried(page, "detail-1")["q_avg"] >= 0.95
+    monkeypatch.setattr(Adviser, "_answer", None)
+    assert sqrp(*command).out == first.out
+    assert page.read_bytes() == written
+    assert len(list((tmp_path / "kept").glob("*/*.json"))) == 2
+
+
+def test_a_folder_that_cannot_be_used_is_refused(sqrp, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    outcome = sqrp("advise", TABLETOP, TASK, "--out", file)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert file.read_text() == "mine"
 
 
 @pytest.mark.usefixtures("heeded_ctrl_c")

@@ -11,6 +11,7 @@ from sqrp_cli.cli.options import (
     After,
     Jobs,
     Json,
+    Out,
     Report,
     SampleCount,
     SampleStep,
@@ -76,6 +77,7 @@ def command(
         typer.Option("--patch", metavar="FILE", help="Write the first change, or that of --apply, as a patch instead."),
     ] = None,
     report: Report = None,
+    out: Out = None,
     samples: SampleCount = None,
     dt: SampleStep = None,
     tolerance: Tolerance = None,
@@ -108,6 +110,7 @@ def command(
         ways=_ways(ways),
         sampling=sampling,
         after=after,
+        out=out,
         jobs=job_count(jobs),
         progress=progress,
     )

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -43,6 +43,20 @@ from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.find import WantedWay, find_way
 from sqrp_cli.programming.ways.time_limit import TimeLimit
 from sqrp_cli.programming.ways.words import way_in_words
+
+Answer = tuple[Advice, ...] | Miss
+"""Of a kind: the changes that meet the wish, the least first, or why there is none."""
+
+
+class Kept(Protocol):
+    """Answers of a run before this one."""
+
+    def get(self, kind: Kind) -> Answer | None:
+        """The answer of a kind, if it is known."""
+
+    def keep(self, kind: Kind, answer: Answer) -> None:
+        """Keep it for runs after this one."""
+
 
 Moves = Callable[[CameraSearch], Sequence[CameraMove]]
 """The ways to change a camera that count as one kind."""
@@ -115,8 +129,8 @@ class Adviser:
         question = self.question
         return question.fastest if question.fixed or question.wish.met(question.best) else question.best.way
 
-    def answers(self) -> Iterator[tuple[Advice, ...] | Miss]:
-        """For each kind in order the changes that meet the wish, the least first, or why there is none."""
+    def answers(self, kept: Kept | None = None) -> Iterator[Answer]:
+        """For each kind in order its answer; one that is kept is not searched for again."""
         suffices = False
         for kind in KINDS:
             if self.question.kinds is not None and kind not in self.question.kinds:
@@ -126,11 +140,15 @@ class Adviser:
                     kind=kind, why="not tried, because the motion is enough; --kinds names what to try", tried=False
                 )
                 continue
-            answer = self._answer(kind)
+            answer = None if kept is None else kept.get(kind)
+            if answer is None:
+                answer = self._answer(kind)
+                if kept is not None:
+                    kept.keep(kind, answer)
             suffices |= kind in MOTION and not isinstance(answer, Miss)
             yield answer
 
-    def _answer(self, kind: Kind) -> tuple[Advice, ...] | Miss:
+    def _answer(self, kind: Kind) -> Answer:
         if kind in MOTION and self.question.fixed:
             return Miss(kind=kind, why="not tried: the way is fixed", tried=False)
         why_not = self._why_cameras_cannot if kind in ("aim", "position", "lens", "camera") else ""
@@ -162,7 +180,7 @@ class Adviser:
         """What changes of objects and cameras start from."""
         return assessed(self.way, self._study)
 
-    def _other_way(self) -> tuple[Advice, ...] | Miss:
+    def _other_way(self) -> Answer:
         """The fastest of the ways that meet the wish."""
         question, best = self.question, self.question.best
         if not best.feasible or best.ways is None:
@@ -180,7 +198,7 @@ class Adviser:
             near += [Near(self._way_change(way), found)] if isinstance(found, Study) else []
         return self._miss("way", f"none of {best.ways.tried} meets the wish", near)
 
-    def _seen_path(self) -> tuple[Advice, ...] | Miss:
+    def _seen_path(self) -> Answer:
         """Paths of joint moves that the cameras can follow."""
         question, best = self.question, self.question.best
         moves = [move for move in best.candidate.skill.primitives if isinstance(move, JointMove)]
@@ -237,7 +255,7 @@ class Adviser:
             return f"a frame and the latency of the fastest camera take {response:.2f} s, not {wish.delay:.4g} s"
         return ""
 
-    def _of_cameras(self, kind: Kind, moves: Moves) -> tuple[Advice, ...] | Miss:
+    def _of_cameras(self, kind: Kind, moves: Moves) -> Answer:
         """The least change of every camera that helps."""
         hopeful = [index for index in range(len(self._cameras)) if self._search(index).hopeful]
         if not hopeful:
@@ -260,7 +278,7 @@ class Adviser:
         margins = self._shared(margin, best)
         return self._advice([_Answer(found[item], room) for item, room in zip(best, margins, strict=True)])
 
-    def _objects(self) -> tuple[Advice, ...] | Miss:
+    def _objects(self) -> Answer:
         """The least move of what is handled, and of what hides most."""
         question, found = self.question, self._study
         if isinstance(found, Infeasible):
@@ -288,7 +306,7 @@ class Adviser:
             )
         return self._miss("object", f"no place of {tried} within 32 cm meets the wish", near)
 
-    def _lenses(self) -> tuple[Advice, ...] | Miss:
+    def _lenses(self) -> Answer:
         """The least change of the lens of every camera that helps."""
         hopeful = [index for index in range(len(self._cameras)) if self._search(index).hopeful]
         if not hopeful:
@@ -304,7 +322,7 @@ class Adviser:
         near = self._shared(lambda index: self._search(index).nearest_lens(), hopeful)
         return self._miss("lens", "no lens of a single camera meets the wish", near)
 
-    def _further_camera(self) -> tuple[Advice, ...] | Miss:
+    def _further_camera(self) -> Answer:
         """One more camera, with the lens of each of those that there are: the one with the most room around it."""
         fixed = [camera for camera in self._cameras if camera.frame == WORLD]
         lenses = _few({(camera.width, camera.height, field_of_view(camera)): camera for camera in reversed(fixed)})

@@ -58,7 +58,7 @@ def content_digest(workspace: Workspace, skill: str) -> str:
         for role, file in sorted(workspace.files.items())
         if role != "workspace" and (not role.startswith("skills.") or role.startswith(f"skills.{skill}."))
     ]
-    return _digest([values, files])
+    return digest_of([values, files])
 
 
 def says_something(path: str) -> bool:
@@ -73,7 +73,7 @@ def says_something(path: str) -> bool:
 def candidate_key(content: str, candidate: Candidate, sampling: Sampling, seed: int, *, coverage: bool) -> str:
     """The key of a candidate's result; content: see `content_digest`. coverage: whether it has its `Coverage`, too."""
     parameters = list(candidate.parameters.items())
-    return _digest(
+    return digest_of(
         [
             program_digest(),
             content,
@@ -87,5 +87,6 @@ def candidate_key(content: str, candidate: Candidate, sampling: Sampling, seed: 
     )
 
 
-def _digest(value: object) -> str:
+def digest_of(value: object) -> str:
+    """Digest of a JSON value."""
     return hashlib.sha256(json.dumps(value, ensure_ascii=True).encode()).hexdigest()
