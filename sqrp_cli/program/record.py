@@ -15,6 +15,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.geometry import check_finite
+from sqrp_cli.knowledge.skill.settings import ANY, FASTEST
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.knowledge.text.entries import Entry, Finite, Stored, Written
 from sqrp_cli.knowledge.text.units import read_quantity
@@ -182,14 +183,18 @@ class Step(Entry):
     def own_task(self) -> str:
         """The short task with the motion parameters of the task, each with the chosen value."""
         settings = [word.split("=", 1) for word in self.task.split() if "=" in word]
-        chosen = [
-            f"{name}={text}"
-            for name, texts in settings
-            for text in texts.split(",")
-            if name in self.parameters and self.parameters[name] not in self.before.X_WO
-            if (text if (read := read_quantity(text)) is None else read.value) == self.parameters[name]
-        ]
+        of_motion = [(name, texts.split(",")) for name, texts in settings if self._is_of_motion(name)]
+        chosen = [f"{name}={text}" for name, texts in of_motion if (text := self._chosen(name, texts)) is not None]
         return " ".join([self.short_task, *chosen])
+
+    def _is_of_motion(self, name: str) -> bool:
+        return name in self.parameters and self.parameters[name] not in self.before.X_WO
+
+    def _chosen(self, name: str, texts: Sequence[str]) -> str | None:
+        """Which of the values that the task gave for a parameter was chosen; one that leaves it free stands for all."""
+        values = {text: text if (read := read_quantity(text)) is None else read.value for text in texts}
+        free = (text for text in texts if text in (ANY, FASTEST))
+        return next((text for text, value in values.items() if value == self.parameters[name]), next(free, None))
 
     @property
     def held_after(self) -> tuple[str | None, ...]:

@@ -86,7 +86,18 @@ def test_ranges_are_in_order_and_say_why() -> None:
 BOUNDED_ENOUGH = {
     *("up", "quaternion", "normal"),  # directions, whose length does not matter or is checked
     *("coefficients", "fx", "fy", "cx", "cy"),  # of a lens, checked together
-    *("id", "marker", "cameras", "count", "along", "across", "yaw", "turn", "tilt"),  # whose bounds are the usual ones
+    *(
+        "id",
+        "marker",
+        "symmetry",
+        "cameras",
+        "count",
+        "along",
+        "across",
+        "yaw",
+        "turn",
+        "tilt",
+    ),  # whose bounds are the usual ones
     *("home", "fingers"),  # positions of joints, checked against their limits
 }
 """Numbers that need no row: what is possible is also usual, or another finding tells of them."""
