@@ -30,7 +30,7 @@ from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.advice.advise import Adviser, Question
 from sqrp_cli.programming.advice.aiming import Aim
 from sqrp_cli.programming.advice.change import KINDS, Advice, Change, Kind, Miss
-from sqrp_cli.programming.advice.effects import Effects, TaskWays
+from sqrp_cli.programming.advice.effects import Effects, TaskWays, is_fastest
 from sqrp_cli.programming.advice.wish import Wish, read_wish, wish_of
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import assess_all
@@ -68,7 +68,7 @@ class TaskAdvice(Answer[AdviceDocument]):
     way: Candidate
     """That changes of objects and cameras start from."""
     before: Assessment
-    """In its fastest way, without any change."""
+    """Without any change, as `--ways fastest` has it; in its best way if that misses the wish alone."""
     answers: Sequence[tuple[Advice, ...] | Miss]
     """Of each kind that was searched."""
     interrupted: bool = False
@@ -167,7 +167,8 @@ class TaskAdvice(Answer[AdviceDocument]):
         """Print what `sqrp advise` prints."""
         from sqrp_cli.terminal.advice_table import print_advice
 
-        print_advice(self.document, self.wish)
+        fixed = self.session.assignment.wanted.fastest
+        print_advice(self.document, self.wish, fastest=is_fastest(self.before), fixed=fixed)
 
     @cached_property
     def _file(self) -> SourceDocument:
@@ -305,7 +306,7 @@ def _find(
         path=path,
         wish=wish,
         way=adviser.way,
-        before=replace(adviser.before, candidate=best.candidate, best_way=adviser.question.fastest),
+        before=adviser.before,
         answers=(),
     )
     if found.met:

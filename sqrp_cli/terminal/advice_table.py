@@ -12,6 +12,7 @@ from sqrp_cli.report.documents.advice import (
     KindOutcome,
     NearestChange,
     costs,
+    held_ways,
 )
 from sqrp_cli.report.sentences import KIND_WORDS, shown_size
 from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table, say, say_command
@@ -19,10 +20,15 @@ from sqrp_cli.terminal.console import Column, Styled, joined, plain, print_table
 _FIGURES = ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter", "up to")
 
 
-def print_advice(found: AdviceDocument, wish: Wish) -> None:
-    """The table with a row for each change that meets the wish, why other kinds do not, and what to do."""
+def print_advice(found: AdviceDocument, wish: Wish, *, fastest: bool, fixed: bool) -> None:
+    """The table with a row for each change that meets the wish, why other kinds do not, and what to do.
+
+    fastest: whether the figures of before are those with `--ways fastest`, else of the best way. fixed: whether the
+    motion stays as it is.
+    """
     say(joined([(found.task, "bold"), f" in {found.workspace}: {found.candidate} is to have {wish}\n"]))
-    say(f"In its fastest way it has {_figures(found.before)}.")
+    as_it_is = "As it moves with --ways fastest" if fastest else "In its best way, as rank takes it"
+    say(f"{as_it_is}, it has {_figures(found.before)}.")
     if found.met:
         say("\nThat is met already: nothing has to change.")
         return
@@ -34,6 +40,8 @@ def print_advice(found: AdviceDocument, wish: Wish) -> None:
     for number, one in enumerate(found.advice, 1):
         for cost in costs(one.tasks):
             say(joined([(f"#{number} costs", "red"), f" {cost}"]), indent=4)
+    if held := held_ways(found.advice, fixed=fixed):
+        say(held)
     for why, same in groupby((one for one in found.kinds if not one.found), key=lambda one: one.why):
         outcomes = list(same)
         names = ", ".join(KIND_WORDS[outcome.kind] for outcome in outcomes)

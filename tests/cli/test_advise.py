@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 import signal
+import subprocess
 import zlib
 from dataclasses import replace
 from itertools import product
@@ -19,12 +20,15 @@ from sqrp_cli.geometry import look_at
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.advice.advise import Adviser
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import study
+from sqrp_cli.programming.coverage.assessment import Assessment, study
 from sqrp_cli.programming.coverage.quality import interest_quality
 from sqrp_cli.programming.coverage.sampling import Adaptive
 from sqrp_cli.programming.coverage.timeline import observe
+from sqrp_cli.programming.feasibility import skill_use
+from sqrp_cli.programming.motion.plan_motion import plan_branches
 from sqrp_cli.programming.sensing.observer import Observer
 from sqrp_cli.programming.task import read_task
+from sqrp_cli.programming.ways.grips import grips
 from tests.cli.browser import Opened
 
 ROOT = Path(__file__).parents[2]
@@ -274,6 +278,81 @@ def test_a_way_replaces_a_listed_task_that_has_only_this_candidate(sqrp, own):
 def page(tmp_path_factory) -> Path:
     """Where the page about `others` is."""
     return tmp_path_factory.mktemp("advice") / "page.html"
+
+
+def test_the_advised_way_is_the_fastest_of_all_that_meet_the_wish(sqrp):
+    """All ways, each studied by itself; `rank` names few of them."""
+    command = ("advise", TABLETOP, "pickup g4", "--want", "time 26 s, q_eoi 100 %", "--kinds", "way", "--json")
+    (way,) = sqrp(*command).document["advice"]
+    enough = [one for one in all_ways("pickup g4") if one.time <= 26.0 and one.q_eoi == 1.0]
+    assert way["time"] == pytest.approx(min(one.time for one in enough), abs=1e-6)
+
+
+def test_a_way_is_found_for_a_delay(sqrp):
+    ways = all_ways("pickup g3")
+    least = min(one.delay_worst for one in ways)
+    wish = round(least + 0.001, 3)
+    command = ("advise", TABLETOP, "pickup g3", "--kinds", "way", "--json", "--want")
+    (way,) = sqrp(*command, f"delay {wish} s").document["advice"]
+    assert way["delay_worst"] <= wish
+    assert way["time"] == pytest.approx(min(one.time for one in ways if one.delay_worst <= wish), abs=1e-6)
+    none = sqrp(*command, f"delay {least - 0.001} s")
+    assert none.code == 1
+    assert none.document["kinds"][0]["why"] == "none of 32 meets the wish"
+
+
+def all_ways(task: str) -> list[Assessment]:
+    """The figures of every way of the only candidate of a task of the tabletop, from its grips and branches."""
+    cell = Cell.load(load_workspace(TABLETOP))
+    (candidate,) = read_task(task, cell.workspace).candidates
+    found = []
+    for grip in grips(cell, candidate, cell.initial_world):
+        branches = plan_branches(skill_use(cell, grip, cell.initial_world), cell.collision, cell.seed)
+        for branch in branches.feasible:
+            way = replace(grip, branch=branch.branch)
+            found.append(study(cell, way, cell.initial_world, Adaptive(), full=False).assessment(""))
+    return found
+
+
+def test_a_wish_that_the_fastest_way_meets_alone_is_met_once_the_task_says_the_way(sqrp, own):
+    """`score` takes the way with the best Q_eoi, which is too slow here."""
+    shutil.copy(TABLETOP / "workspace.yaml", own / "workspace.yaml")
+    file = own / "workspace.yaml"
+    text = file.read_text(encoding="utf-8")
+    listed = "{task: pickup g4, max_time: 20 s, min_q_eoi: 0.5}"
+    file.write_text(text.replace("{task: pickup green, min_q_eoi: 0.5}", listed), encoding="utf-8")
+    assert sqrp("score", own, "--jobs", 1).code == 1
+    outcome = sqrp("advise", own, "pickup g4", "--jobs", 1, "--apply", 1)
+    assert outcome.code == 0
+    assert "In its best way, as rank takes it, it has Q_eoi 100.0 %" in outcome.out
+    assert "nothing has to change" not in outcome.out
+    assert sqrp("score", own, "--jobs", 1).code == 0
+    (task,) = load_workspace(own).tasks
+    assert (task.max_time, task.min_q_eoi) == (20.0, 0.5)
+
+
+def test_whose_figures_they_are_is_said_where_the_motion_is_free(sqrp, small):
+    said = "\nFigures are of the ways that candidates have now; rank may find others then.\n"
+    assert said in sqrp("advise", small, "pickup g3", "--jobs", 1, "--kinds", "aim").out
+    way = sqrp("advise", small, "pickup g3", "--want", "time 12 s", "--kinds", "way").out
+    assert "As it moves with --ways fastest, it has Q_eoi " in way
+    assert said not in way
+
+
+def test_the_schema_says_which_units_there_are_and_whose_figures(sqrp):
+    text = " ".join(sqrp("schema", "advise").out.split())
+    assert "m, rad, or camera for a further one" in text
+    assert "candidates keep the ways that they have now, `rank` may find" in text
+
+
+@pytest.mark.skipif(shutil.which("git") is None, reason="there is no git")
+def test_git_applies_a_patch_as_the_page_says(sqrp, own, tmp_path, monkeypatch):
+    monkeypatch.chdir(own.parents[1])
+    command = ("advise", "workspaces/tabletop", "pickup g3", "--want", "time 12 s", "--kinds", "way")
+    assert sqrp(*command, "--patch", tmp_path / "advice.patch").code == 0
+    assert "`git apply -p0 FILE`" in (ROOT / "docs" / "howto" / "advise.md").read_text(encoding="utf-8")
+    subprocess.run([str(shutil.which("git")), "apply", "-p0", tmp_path / "advice.patch"], check=True)
+    assert load_workspace(own).tasks[-1].max_time == 12.0
 
 
 @pytest.fixture(scope="module")

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
+from math import inf
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -14,7 +15,7 @@ from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import inverse, transform
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
-from sqrp_cli.knowledge.skill.settings import SEEN, MotionValue, Reference
+from sqrp_cli.knowledge.skill.settings import SEEN, Reference
 from sqrp_cli.knowledge.skill.skill import JointMove
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.processes import in_processes
@@ -37,10 +38,10 @@ from sqrp_cli.programming.advice.object_search import ObjectSearch, objects_to_m
 from sqrp_cli.programming.advice.room import CameraRoom
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, WayFigures, study
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
-from sqrp_cli.programming.ways.find import WantedWay, find_way
+from sqrp_cli.programming.ways.find import WantedWay, find_way, studied_ways
 from sqrp_cli.programming.ways.time_limit import TimeLimit
 from sqrp_cli.programming.ways.words import way_in_words
 
@@ -118,10 +119,14 @@ class Adviser:
 
     @cached_property
     def before(self) -> Assessment:
-        """The candidate in its fastest way, without any change."""
+        """The candidate without any change, as with `--ways fastest`; in its best way if that misses the wish alone."""
         question = self.question
         found = study(question.cell, question.fastest, question.world, question.sampling, full=False)
-        return assessed(question.fastest, found)
+        fastest = replace(
+            assessed(question.fastest, found), candidate=question.best.candidate, best_way=question.fastest
+        )
+        alone = question.wish.met(fastest) and not question.wish.met(question.best)
+        return question.best if alone else fastest
 
     @cached_property
     def way(self) -> Candidate:
@@ -181,22 +186,37 @@ class Adviser:
         return assessed(self.way, self._study)
 
     def _other_way(self) -> Answer:
-        """The fastest of the ways that meet the wish."""
+        """The fastest of all ways that meet the wish."""
         question, best = self.question, self.question.best
         if not best.feasible or best.ways is None:
             return Miss(kind="way", why=f"none can be done: {'; '.join(best.reasons[:1])}")
         near = []
-        for figures in sorted(best.ways.pareto, key=lambda figures: figures.time):
-            way = best.way if figures == best.ways.pareto[0] else _with(best.candidate, figures.parameters)
-            found = study(question.cell, way, question.world, question.sampling, full=False)
-            if question.wish.met(assessed(way, found)):
-                after = replace(assessed(way, found), candidate=best.candidate, best_way=way)
-                change = self._way_change(way)
-                before = replace(self.before, candidate=best.candidate)
-                effect = Effect(task=question.task, candidates=(CandidateEffect(before=before, after=after),))
+        for found in self._hopeful_ways():
+            after = replace(found.assessment(""), candidate=best.candidate, best_way=found.candidate)
+            change = self._way_change(found.candidate)
+            if question.wish.met(after):
+                effect = Effect(task=question.task, candidates=(CandidateEffect(before=self.before, after=after),))
                 return (Advice(change=change, found=after, margin=None, effects=(effect,)),)
-            near += [Near(self._way_change(way), found)] if isinstance(found, Study) else []
-        return self._miss("way", f"none of {best.ways.tried} meets the wish", near)
+            near.append(Near(change, found))
+        return self._miss("way", f"none of {best.ways.tried} meets the wish", [*near, *self._named_ways()])
+
+    def _hopeful_ways(self) -> Iterator[Study]:
+        """Studies of all ways that may meet the wish, the fastest first."""
+        question = self.question
+        limit = TimeLimit(inf if question.wish.time is None else question.wish.time)
+        candidate, wish = question.best.candidate, question.wish
+        return studied_ways(
+            question.cell, candidate, question.world, question.sampling, limit=limit, worth=wish.may_be_met
+        )
+
+    def _named_ways(self) -> Iterator[Near]:
+        """The Pareto-optimal ways."""
+        question, best = self.question, self.question.best
+        for figures in best.ways.pareto if best.ways else ():
+            way = best.way if best.ways and figures == best.ways.pareto[0] else _with(best.candidate, figures)
+            found = study(question.cell, way, question.world, question.sampling, full=False)
+            if isinstance(found, Study):
+                yield Near(self._way_change(way), found)
 
     def _seen_path(self) -> Answer:
         """Paths of joint moves that the cameras can follow."""
@@ -222,8 +242,7 @@ class Adviser:
                 unwritten="" if limit is None else f"no task says it: use --max-time {limit.seconds:g}",
             )
             if question.wish.met(after):
-                before = replace(self.before, candidate=best.candidate)
-                effect = Effect(task=question.task, candidates=(CandidateEffect(before=before, after=after),))
+                effect = Effect(task=question.task, candidates=(CandidateEffect(before=self.before, after=after),))
                 return (Advice(change=change, found=after, margin=None, effects=(effect,)),)
             near.append(Near(change, found.study))
         if not near:
@@ -413,11 +432,12 @@ class Adviser:
         return list(in_processes(work, items, min(self.question.jobs, len(items))))
 
 
-def _with(candidate: Candidate, parameters: Mapping[str, MotionValue]) -> Candidate:
-    """A candidate in the way of these parameters."""
-    values = {name: parameters.get(name, value) for name, value in candidate.values.items()}
-    branch = {name: value for name, value in parameters.items() if name not in {**values, **candidate.binding}}
-    return replace(candidate, values=values, branch=branch)
+def _with(candidate: Candidate, way: WayFigures) -> Candidate:
+    """A candidate in a way."""
+    values = {name: way.parameters.get(name, value) for name, value in candidate.values.items()}
+    branch = {name: value for name, value in way.parameters.items() if name not in {**values, **candidate.binding}}
+    vias = {name: np.array(places) for name, places in way.vias.items()}
+    return replace(candidate, values=values, branch=branch, vias=vias)
 
 
 def _few(lenses: Mapping[tuple[int, int, float], Camera]) -> list[Camera]:

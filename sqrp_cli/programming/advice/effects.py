@@ -14,6 +14,7 @@ from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.timeline import observe
 from sqrp_cli.programming.task import Candidate
+from sqrp_cli.programming.ways.grips import first_grip
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +67,12 @@ class Effects:
 def assessed(way: Candidate, found: Study | Infeasible) -> Assessment:
     """The figures of a way, or why it cannot be done."""
     return found.assessment("") if isinstance(found, Study) else Assessment.infeasible(way, found.reasons)
+
+
+def is_fastest(found: Assessment) -> bool:
+    """Whether the figures of a candidate are those with `--ways fastest`."""
+    first = first_grip(found.candidate)
+    return found.way.parameters == first.parameters and not found.way.vias
 
 
 def seen_by(cell: Cell, found: Study, sampling: Sampling) -> Study:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 
@@ -81,6 +81,37 @@ def find_way(
         tried=planned.tried, feasible=len(allowed), pareto=_optimal(ranked), blind_ends=_blind_ends(candidate, chosen)
     )
     return BestWay(chosen, found)
+
+
+def studied_ways(
+    cell: Cell,
+    candidate: Candidate,
+    world: World,
+    sampling: Sampling,
+    *,
+    limit: TimeLimit,
+    worth: Callable[[Prospect], bool],
+) -> Iterator[Study]:
+    """Exact studies of all ways of a candidate within a limit that are worth one by their prospects, the fastest first.
+
+    Where looks do not bound figures (instants that a user chose), every prospect is that of a way that is always seen.
+    Nothing if it cannot be done.
+    """
+    if impossible_start(cell, candidate, world) is not None:
+        return
+    scenes = _planned(cell, candidate, world).scenes
+    allowed = scenes if isinstance(scenes, Infeasible) else limit.within(scenes)
+    if isinstance(allowed, Infeasible):
+        return
+    hopeful = prospects(cell.observer, allowed) if isinstance(sampling, Adaptive) else list(map(Prospect, allowed))
+    ordered = sorted(hopeful, key=lambda prospect: compared_time(prospect.time))
+    found: Iterator[Study] = (observed(cell, one.scene, sampling, full=False) for one in ordered if worth(one))
+    if candidate.open_paths:
+        longest = limit.longest(allowed)
+        known = [one for by in ("q_eoi", "q_avg") for one in _with_seen_paths(cell, [], allowed, sampling, longest, by)]
+        direct = (replace(one, candidate=one.candidate.with_paths({})) for one in found)
+        found = iter(sorted([*direct, *known], key=lambda one: compared_time(one.motion.time)))
+    yield from found
 
 
 def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sqrp_cli.knowledge.text.entries import completed
-from sqrp_cli.programming.advice.change import Kind
+from sqrp_cli.programming.advice.change import MOTION, Kind
 from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
 from sqrp_cli.report.sentences import change_in_words
 
@@ -115,6 +115,15 @@ class TaskEffect(Record):
         )
 
 
+HELD_WAYS = "Figures are of the ways that candidates have now; rank may find others then."
+"""What holds of changes of a cell where the motion is free."""
+
+
+def held_ways(advice: Sequence[AdviceFound], *, fixed: bool) -> str:
+    """`HELD_WAYS` if it matters, else nothing. fixed: whether the motion stays as it is."""
+    return "" if fixed or all(one.kind in MOTION for one in advice) else HELD_WAYS
+
+
 def costs(effects: Sequence[TaskEffect]) -> Iterator[str]:
     """What gets worse by a change, task by task, such as `in pickup green: g4 Q_eoi 63.4 % to 12.8 %`."""
     for task in effects:
@@ -139,7 +148,7 @@ def _shifts(effect: ChangedCandidate) -> Iterator[str]:
 
 @dataclass(frozen=True, kw_only=True)
 class ChangeFound(AdvisedFigures):
-    """A change, with the figures of the candidate with it."""
+    """A change, with the figures of the candidate with it, in the way from which the change starts."""
 
     kind: Kind
     """What is changed."""
@@ -151,7 +160,7 @@ class ChangeFound(AdvisedFigures):
     size: float
     """How large the change is, in `unit`."""
     unit: str
-    """m or rad; empty where there is nothing to measure."""
+    """m, rad, or camera for a further one; empty where there is nothing to measure."""
     words: str
     """The change as an instruction, such as `move cam1 10.9 cm, mostly -z`."""
 
@@ -179,7 +188,8 @@ class AdviceFound(ChangeFound):
     worse: tuple[str, ...]
     """The tasks of the workspace in which a candidate gets worse in a figure."""
     tasks: tuple[TaskEffect, ...]
-    """Every task of the workspace, before and after."""
+    """Every task of the workspace, before and after; candidates keep the ways that they have now, `rank` may find
+    others then."""
     patch: str
     """A unified diff of the workspace file; empty where nothing in the file says it."""
     unwritten: str | None = field(default=None, metadata=LEFT_OUT)
@@ -250,7 +260,7 @@ class AdviceDocument(TaskDocument):
     met: bool
     """Whether it meets the wish without any change."""
     before: AdvisedFigures
-    """The candidate without any change."""
+    """The candidate without any change, as with `--ways fastest`; in its best way if that misses the wish alone."""
     advice: Sequence[AdviceFound]
     """What meets the wish: the motion first, cameras last, of each kind the least change first."""
     kinds: Sequence[KindOutcome]

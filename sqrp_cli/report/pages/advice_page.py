@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from sqrp_cli.platform.processes import in_processes
+from sqrp_cli.programming.advice.effects import is_fastest
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.report.documents.advice import costs
+from sqrp_cli.report.documents.advice import costs, held_ways
 from sqrp_cli.report.documents.candidates import CandidateFigures
 from sqrp_cli.report.documents.scene import ShowDocument
 from sqrp_cli.report.pages.candidate_page import cell_scene, origin, playback
@@ -84,7 +85,8 @@ def _summary(shown: AdviceShown) -> str:
     else:
         count = len(document.advice)
         met = "one change meets it" if count == 1 else f"{count} changes meet it, each on its own"
-    return f"{document.candidate} is to have {shown.wish}: {met}."
+    held = held_ways(document.advice, fixed=shown.assignment.wanted.fastest)
+    return f"{document.candidate} is to have {shown.wish}: {met}. {held}".strip()
 
 
 def _rows(shown: AdviceShown) -> Iterator[_Row]:
@@ -95,7 +97,7 @@ def _rows(shown: AdviceShown) -> Iterator[_Row]:
     def row(name: str, mark: str, kind: str, found: Assessment, reasons: Sequence[str]) -> PageRow:
         labels = {"change": name, "kind": kind}
         if several:
-            labels["way"] = "fastest" if found.way.parameters == before.way.parameters else way_of(found)
+            labels["way"] = "fastest" if is_fastest(found) else way_of(found)
         retried = found.candidate.skill.retried_faults
         return PageRow(name, mark, labels, None, reasons, None, None, retried=retried)
 
