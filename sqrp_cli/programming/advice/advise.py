@@ -79,7 +79,7 @@ class Question:
     world: World
     sampling: Sampling
     fastest: Candidate
-    """The candidate in its fastest way."""
+    """The candidate as `--ways fastest` has it."""
     best: Assessment
     """The candidate by its best way; by the fastest one where the motion is fixed."""
     wish: Wish

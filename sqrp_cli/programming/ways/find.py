@@ -67,7 +67,8 @@ def find_way(
     allowed = planned.scenes
     longest = inf
     if wanted.limit is not None and not isinstance(allowed, Infeasible):
-        longest, allowed = wanted.limit.longest(allowed), wanted.limit.within(allowed)
+        whose = "its way with `--ways fastest`" if wanted.fastest else "its fastest way"
+        longest, allowed = wanted.limit.longest(allowed), wanted.limit.within(allowed, whose)
     if isinstance(allowed, Infeasible):
         return replace(allowed, tried=planned.tried)
     bounded = isinstance(sampling, Adaptive) and wanted.by in ("q_eoi", "q_avg", "time") and len(allowed) > 1

@@ -43,11 +43,11 @@ class TimeLimit:
         """The longest time of a way among all ways of a candidate [s]."""
         return self.times * min(scene.motion.time for scene in scenes) if self.seconds is None else self.seconds
 
-    def within(self, scenes: Sequence[Rehearsal]) -> Sequence[Rehearsal] | Infeasible:
-        """The ways that keep the limit, or by how much the fastest one exceeds it."""
+    def within(self, scenes: Sequence[Rehearsal], whose: str = "its fastest way") -> Sequence[Rehearsal] | Infeasible:
+        """The ways that keep the limit, or by how much the fastest one exceeds it. whose: what its reason calls it."""
         longest = self.longest(scenes)
         kept = [scene for scene in scenes if scene.motion.time <= longest + ROUNDING]
         if kept:
             return kept
         fastest = min(scene.motion.time for scene in scenes)
-        return Infeasible((f"its fastest way takes {fastest:.2f} s, {fastest - longest:.2f} s more than allowed",))
+        return Infeasible((f"{whose} takes {fastest:.2f} s, {fastest - longest:.2f} s more than allowed",))

@@ -153,3 +153,9 @@ def test_a_retry_takes_another_branch_where_that_of_the_program_is_blocked(cell:
     again = StepReplanner(cell.cell).replan(below_the_table, step.before)
     assert again is not None
     assert again.primitives[-1].trajectory.path.end == pytest.approx(step.primitives[-1].trajectory.path.end)
+
+
+def test_a_limit_that_the_way_of_ways_fastest_exceeds_says_that_other_ways_are_not_meant(cell: OpenCell) -> None:
+    (reason,) = only(cell, "pickup g3", max_time="10 s", ways="fastest").reasons
+    assert reason.startswith("its way with `--ways fastest` takes 18.30 s, 8.30 s more")
+    assert only(cell, "pickup g3", max_time="10 s").feasible
