@@ -10,7 +10,7 @@ from math import comb, prod
 from sqrp_cli.errors import InputError, Problem, counted, expected_names
 from sqrp_cli.geometry import Array
 from sqrp_cli.knowledge.scene import SceneObject
-from sqrp_cli.knowledge.skill.settings import ANY, DIRECT, SEEN, MotionValue, Reference
+from sqrp_cli.knowledge.skill.settings import DIRECT, SEEN, MotionValue, Reference
 from sqrp_cli.knowledge.skill.skill import JointMove, Skill
 from sqrp_cli.knowledge.text import units
 from sqrp_cli.knowledge.text.units import expected_quantity, read_quantity
@@ -69,13 +69,12 @@ class Candidate:
     def with_paths(self, vias: Mapping[str, Array]) -> Candidate:
         """The way in which joint moves with open paths bend around vias, by the name of the move, if they have any.
 
-        A path that is `any` becomes `seen` or `direct`; where moves share the parameter, the vias of any decide.
+        An open path becomes `seen` or `direct`; where moves share the parameter, the vias of any decide.
         """
         paths: dict[str, MotionValue] = {}
         for move in self._joint_moves:
             if isinstance(move.path, Reference) and self._path(move) != DIRECT:
-                known = paths.get(move.path.parameter, DIRECT if self._path(move) == ANY else SEEN)
-                paths[move.path.parameter] = SEEN if move.name in vias else known
+                paths[move.path.parameter] = SEEN if move.name in vias else paths.get(move.path.parameter, DIRECT)
         return replace(self, values={**self.values, **paths}, vias=vias)
 
     @property

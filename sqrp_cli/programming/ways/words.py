@@ -27,7 +27,10 @@ def way_in_words(skill: Skill, asked: Mapping[str, MotionValue], found: Mapping[
     values = in_words(skill, found)
     chosen = [(name, values[name]) for name, value in found.items() if asked.get(name) != value]
     chosen.sort(key=lambda pair: _ORDER.index(pair[1]) if pair[1] in _ORDER else len(_ORDER))
-    return ", ".join(_said(name, value) for name, value in chosen if value not in _UNSAID) or NOTHING_SPECIAL
+    said = [_said(name, value) for name, value in chosen if value not in _UNSAID]
+    if asked.get("path", "direct") != found.get("path", "direct") == "direct":
+        said.append("direct path")
+    return ", ".join(said) or NOTHING_SPECIAL
 
 
 def _said(name: str, value: str) -> str:

@@ -24,3 +24,9 @@ FREE = {"object": "g1", "approach_yaw": "any", "elbow": "any", "shoulder": "any"
 )
 def test_a_way_is_said_by_what_is_unusual(chosen: dict[str, float | str], words: str, tabletop: Workspace) -> None:
     assert way_in_words(tabletop.skills["pickup"], FREE, {**FREE, **chosen}) == words
+
+
+def test_a_path_that_was_to_be_seen_and_is_direct_is_said(tabletop: Workspace) -> None:
+    asked, found = {**FREE, "path": "seen"}, {**FREE, "shoulder": "left"}
+    assert way_in_words(tabletop.skills["pickup"], asked, found) == "left, direct path"
+    assert way_in_words(tabletop.skills["pickup"], asked, {**found, "path": "seen"}) == "left"
