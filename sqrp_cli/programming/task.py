@@ -106,7 +106,8 @@ def read_task(text: str, workspace: Workspace) -> Task:
     """
     words = text.split()
     skill = _skill(words, workspace)
-    settings = _settings([word for word in words[1:] if "=" in word], skill)
+    branch = _solutions(words[1:], skill)
+    settings = _settings([word for word in words[1:] if "=" in word and word.split("=")[0] not in branch], skill)
     filters = [word for word in words[1:] if "=" not in word]
     try:
         choices = _object_choices(skill, workspace, settings, filters)
@@ -116,7 +117,7 @@ def read_task(text: str, workspace: Workspace) -> Task:
         ) from error
     motion = [_motion_values(skill, name, settings) for name in (p.name for p in skill.motion_parameters)]
     _check_count(skill, list(map(len, [*choices, *motion])))
-    return Task(text, skill, tuple(_candidates(skill, choices, motion)))
+    return Task(text, skill, tuple(replace(one, branch=branch) for one in _candidates(skill, choices, motion)))
 
 
 def impossible_tasks(workspace: Workspace) -> Iterator[Problem]:
@@ -197,6 +198,16 @@ def _candidates(
                 bound,
                 " ".join(words) or skill.name,
             )
+
+
+def _solutions(words: Sequence[str], skill: Skill) -> dict[str, MotionValue]:
+    """The solutions of inverse kinematics that a task states by their numbers, such as `a1.solution=3`."""
+    moves = {f"{primitive.name}.solution" for primitive in skill.primitives if isinstance(primitive, JointMove)}
+    stated = dict(word.split("=", 1) for word in words if word.split("=", 1)[0] in moves)
+    for name, number in stated.items():
+        if not number.isdecimal():
+            raise InputError(Problem("wrong-value", f"`{name}={number}`: expected the number of a solution, from 0 on"))
+    return {name: float(number) for name, number in stated.items()}
 
 
 def _settings(words: Sequence[str], skill: Skill) -> dict[str, str]:

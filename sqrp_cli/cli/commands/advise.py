@@ -117,7 +117,11 @@ def command(
     interrupted = found.interrupted
     if report is not None and not interrupted:
         interrupted = not _page_is_written(found, report, context.obj, job_count(jobs))
-    message = "" if interrupted else _write(found, apply, patch)
+    try:
+        message = "" if interrupted else _write(found, apply, patch)
+    except InputError:
+        answer(found, as_json=as_json)  # the search took long, and says which change can be written
+        raise
     answer(found, as_json=as_json)
     if message:
         note(message)

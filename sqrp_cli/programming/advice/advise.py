@@ -34,7 +34,7 @@ from sqrp_cli.programming.advice.change import (
     Miss,
 )
 from sqrp_cli.programming.advice.effects import Effects, assessed
-from sqrp_cli.programming.advice.object_search import ObjectSearch, objects_to_move
+from sqrp_cli.programming.advice.object_search import ObjectSearch, handled, objects_to_move
 from sqrp_cli.programming.advice.room import CameraRoom
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
@@ -301,7 +301,7 @@ class Adviser:
         """The least move of what is handled, and of what hides most."""
         question, found = self.question, self._study
         if isinstance(found, Infeasible):
-            names: tuple[str, ...] = tuple(n for n in self.way.binding.values() if n in question.world.X_WO)
+            names: tuple[str, ...] = handled(question.cell, self.way, question.world)
         else:
             names = objects_to_move(question.cell, found, question.world)
         if not names:

@@ -153,12 +153,20 @@ class ObjectSearch:
 
 
 def objects_to_move(cell: Cell, found: Study, world: World) -> tuple[str, ...]:
-    """What is handled, then what hides most: objects at a known place that carry nothing, the most useful first."""
-    carriers = {obj.on for obj in cell.workspace.objects.values()}
-    handled = [name for name in found.candidate.binding.values() if not cell.workspace.objects[name].fixed]
-    names = dict.fromkeys([*handled, *_hiding(cell, found)])
-    movable = [name for name in names if name in world.X_WO and name not in carriers and name != world.held]
-    return tuple(movable[:MOST_OBJECTS])
+    """What is handled, then what hides most, the most useful first."""
+    names = dict.fromkeys([*handled(cell, found.candidate, world), *_hiding(cell, found)])
+    return tuple(name for name in names if _is_free(cell, name, world))[:MOST_OBJECTS]
+
+
+def handled(cell: Cell, way: Candidate, world: World) -> tuple[str, ...]:
+    """What a way handles that is not fixed and may be moved."""
+    names = (name for name in way.binding.values() if not cell.workspace.objects[name].fixed)
+    return tuple(name for name in names if _is_free(cell, name, world))
+
+
+def _is_free(cell: Cell, name: str, world: World) -> bool:
+    """Whether an object stands at a known place and carries nothing."""
+    return name in world.X_WO and name != world.held and all(o.on != name for o in cell.workspace.objects.values())
 
 
 def _hiding(cell: Cell, found: Study) -> Iterator[str]:

@@ -313,7 +313,7 @@ class _Planner:
 
     def _infeasible(self, tries: int = 0) -> Infeasible:
         """The collected reasons, with the number of tries to find a way around."""
-        reasons = self._failures.reasons(MAX_REASONS)
+        reasons = self._failures.reasons(MAX_REASONS) or ("it has no such branch",)
         if self._samples > REDUNDANCY_SAMPLES:
             joint = self._model.arm[FIRST_HELD]
             reasons = (f"{reasons[0]}, with {self._samples} positions of `{joint}` tried", *reasons[1:])

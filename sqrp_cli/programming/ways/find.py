@@ -140,7 +140,7 @@ def _fastest(cell: Cell, candidate: Candidate, world: World) -> _Planned:
 
 
 def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
-    """Every way of a candidate, planned."""
+    """Every way of a candidate, planned; of the branch that it states, if any."""
     tried, scenes = 0, []
     reasons: list[tuple[str, ...]] = []
     for grip in grips(cell, candidate, world):
@@ -148,10 +148,12 @@ def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
         if isinstance(branches, Infeasible):
             tried, reasons = tried + 1, [*reasons, branches.reasons]
             continue
-        tried, reasons = tried + branches.tried, [*reasons, branches.reasons]
-        ways = ((replace(grip, branch=found.branch), found.motion) for found in branches.feasible)
+        tried, reasons = tried + (1 if grip.branch else branches.tried), [*reasons, branches.reasons]
+        stated = (found for found in branches.feasible if {**found.branch, **grip.branch} == found.branch)
+        ways = ((replace(grip, branch=found.branch), found.motion) for found in stated)
         scenes += [rehearsal(cell, way, world, motion) for way, motion in ways]
-    return _Planned(tried, scenes or Infeasible(reasons[0]))
+    none = (*reasons[0], f"it has no branch {', '.join(candidate.branch)} as stated")
+    return _Planned(tried, scenes or Infeasible(none if candidate.branch else reasons[0]))
 
 
 def _studied(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sqrp_cli import open_cell
+from sqrp_cli import new_cell, open_cell
 from sqrp_cli.api.cell import OpenCell
 from sqrp_cli.errors import InputError
 from sqrp_cli.program.file import load_program
@@ -159,3 +159,29 @@ def test_a_limit_that_the_way_of_ways_fastest_exceeds_says_that_other_ways_are_n
     (reason,) = only(cell, "pickup g3", max_time="10 s", ways="fastest").reasons
     assert reason.startswith("its way with `--ways fastest` takes 18.30 s, 8.30 s more")
     assert only(cell, "pickup g3", max_time="10 s").feasible
+
+
+@pytest.fixture(scope="module")
+def seven_axes(tmp_path_factory: pytest.TempPathFactory) -> OpenCell:
+    """A cell whose arm has no words for its branches."""
+    arm = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
+    return open_cell(new_cell(tmp_path_factory.mktemp("cells") / "panda", urdf=arm).path)
+
+
+def test_ways_without_words_are_stated_by_the_numbers_of_their_solutions(seven_axes: OpenCell) -> None:
+    best = only(seven_axes, "pickup g2")
+    assert best.ways is not None
+    number = best.ways.pareto[0].parameters["a1.solution"]
+    stated = f"pickup g2 approach_yaw={best.ways.pareto[0].parameters['approach_yaw']} a1.solution={number:.0f}"
+    for ways in ("best", "fastest"):
+        same = only(seven_axes, stated, ways=ways)
+        assert same.ways is not None
+        assert (same.time, same.q_avg, same.ways.tried) == (best.time, best.q_avg, 1)
+
+
+@pytest.mark.parametrize("ways", ["best", "fastest"])
+def test_a_solution_that_there_is_not_is_infeasible(seven_axes: OpenCell, ways: str) -> None:
+    found = only(seven_axes, "pickup g2 a1.solution=999", ways=ways)
+    assert found.reasons == ("no way of its arm is called a1.solution=999",)
+    with pytest.raises(InputError, match="expected the number of a solution"):
+        seven_axes.rank("pickup g2 a1.solution=first")
