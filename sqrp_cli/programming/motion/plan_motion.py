@@ -209,8 +209,10 @@ class _Planner:
         ways = self._ways()
         if ways is None:
             return self._infeasible()
-        stations = _within(ways, self._masks(ways, branch)) if branch else ways
-        return self._fastest(ways, self._moves(ways), stations)
+        masks = self._masks(ways, branch)
+        if not all(mask.any() for mask in masks):
+            return no_such_branch(branch)
+        return self._fastest(ways, self._moves(ways), _within(ways, masks) if branch else ways)
 
     def plan_each(self) -> Branches:
         """The fastest motion of each branch."""
@@ -313,7 +315,7 @@ class _Planner:
 
     def _infeasible(self, tries: int = 0) -> Infeasible:
         """The collected reasons, with the number of tries to find a way around."""
-        reasons = self._failures.reasons(MAX_REASONS) or ("it has no such branch",)
+        reasons = self._failures.reasons(MAX_REASONS)
         if self._samples > REDUNDANCY_SAMPLES:
             joint = self._model.arm[FIRST_HELD]
             reasons = (f"{reasons[0]}, with {self._samples} positions of `{joint}` tried", *reasons[1:])
@@ -350,6 +352,12 @@ class _Planner:
         if world.held is not None and world.X_TO is not None:
             X_WO[world.held] = self._model.tool_pose(q) @ world.X_TO
         return replace(world, X_WO=X_WO, joints={**world.joints, **dict(zip(self._model.arm, q.tolist(), strict=True))})
+
+
+def no_such_branch(branch: Mapping[str, MotionValue]) -> Infeasible:
+    """Why a stated branch cannot be taken."""
+    words = (f"{name}={value:g}" if isinstance(value, float) else f"{name}={value}" for name, value in branch.items())
+    return Infeasible((f"no way of its arm is called {' '.join(words)}",))
 
 
 _Names = Mapping[str, MotionValue]

@@ -21,7 +21,7 @@ from sqrp_cli.programming.coverage.assessment import (
 )
 from sqrp_cli.programming.coverage.sampling import Adaptive, Sampling
 from sqrp_cli.programming.feasibility import feasible_motion, impossible_start, skill_use
-from sqrp_cli.programming.motion.plan_motion import Motion, plan_branches, plan_motion
+from sqrp_cli.programming.motion.plan_motion import Motion, no_such_branch, plan_branches, plan_motion
 from sqrp_cli.programming.ranking import Criterion, Ranked, compared_quality, compared_time, rank
 from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.grips import first_grip, grips
@@ -152,8 +152,8 @@ def _planned(cell: Cell, candidate: Candidate, world: World) -> _Planned:
         stated = (found for found in branches.feasible if {**found.branch, **grip.branch} == found.branch)
         ways = ((replace(grip, branch=found.branch), found.motion) for found in stated)
         scenes += [rehearsal(cell, way, world, motion) for way, motion in ways]
-    none = (*reasons[0], f"it has no branch {', '.join(candidate.branch)} as stated")
-    return _Planned(tried, scenes or Infeasible(none if candidate.branch else reasons[0]))
+    none = no_such_branch(candidate.branch) if candidate.branch else Infeasible(reasons[0])
+    return _Planned(tried, scenes or none)
 
 
 def _studied(
