@@ -29,7 +29,7 @@ rank: .venv/rank
 run: .venv/run
 	mkdir -p build && rm -f build/pick.yaml
 	$(BIN)/sqrp rank workspaces/tabletop "pickup green" --program build/pick.yaml
-	$(BIN)/sqrp run build/pick.yaml --sim --fault slip@a4+1
+	$(BIN)/sqrp run build/pick.yaml --sim --fault slip@a4+0.7
 
 # Digest of every file that tests may depend on.
 FILES := sqrp_cli skills tests workspaces docs mkdocs.yml Makefile README.md CHANGELOG.md pyproject.toml constraints.txt
