@@ -286,7 +286,8 @@ class OpenCell:
             doubts = (*self.findings, *impossible_tasks(self.workspace), *self._doubts())
             return Check(path, name, None, doubts)
         session = self.begin(task, after=after)
-        suggester = Suggester(session.cell, session.assignment.world, planner or find_plan, jobs)
+        candidates = len(session.task.candidates)
+        suggester = Suggester(session.cell, session.assignment.world, planner or find_plan, jobs, candidates)
         found = []
         with progress(f"Checking {task}", len(session.task.candidates)) as advance:
             for candidate in session.task.candidates:

@@ -26,6 +26,7 @@ from sqrp_cli.programming.pipeline import Assignment, assess_all
 from sqrp_cli.programming.program_update import world_after
 from sqrp_cli.programming.ranking import rank
 from sqrp_cli.programming.task import Candidate, Task, read_task
+from sqrp_cli.programming.ways.find import WantedWay
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,15 +84,25 @@ class Suggestion:
         return self.last is not None and self.last.feasible
 
 
+MOST_WITH_WAYS = 20
+"""Candidates after a plan of which all ways are tried."""
+
+
 class Suggester:
     """Suggests first steps in one world; results that several candidates share are computed once."""
 
-    def __init__(self, cell: Cell, world: World, planner: Planner = find_plan, jobs: int = 1) -> None:
-        """planner: finds the plans. jobs: most processes that score the candidates of a step."""
+    def __init__(
+        self, cell: Cell, world: World, planner: Planner = find_plan, jobs: int = 1, candidates: int = 1
+    ) -> None:
+        """planner: finds the plans. jobs: most processes that score the candidates of a step.
+
+        candidates: how many will be asked about; of more than `MOST_WITH_WAYS`, each counts in its fastest way.
+        """
         self.cell = cell
         self.world = world
         self.jobs = jobs
         self._planner = planner
+        self._wanted = WantedWay(fastest=candidates > MOST_WITH_WAYS)
         self._domain = merge_domains([skill.domain for skill in cell.workspace.skills.values()])
         self._plans: dict[tuple[str, ...], PlanningResult] = {}
         self._done: dict[tuple[PlanStep, ...], tuple[SuggestedStep, World | None]] = {}
@@ -142,7 +153,8 @@ class Suggester:
         if world is None:
             action = PlanStep(candidate.skill.action.name, tuple(candidate.binding.values()))
             return SuggestedStep(candidate.task, str(action), None, None)
-        return SuggestedStep.of(Assignment(self.cell, world, Adaptive()).assess(candidate), world)
+        assignment = Assignment(self.cell, world, Adaptive(), wanted=self._wanted)
+        return SuggestedStep.of(assignment.assess(candidate), world)
 
     def _world_after(self, assessment: Assessment, world: World) -> World | None:
         if not assessment.feasible:

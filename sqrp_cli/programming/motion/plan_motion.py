@@ -122,7 +122,7 @@ class Branches:
     """Why others fail, most useful first; not empty if all fail."""
 
 
-def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion | Infeasible:
+def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0, *, around: bool = True) -> Motion | Infeasible:
     """The fastest feasible motion of a skill among all branches of inverse kinematics, joint turns included.
 
     seed: of the random ways around and redundant joints. Every move keeps its clearance at all times. Joint moves are
@@ -130,12 +130,14 @@ def plan_motion(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Motion |
     the most promising combination first. For an arm with more than six axes, more positions of its redundant joints are
     tried if a few are not enough. Infeasible names, most useful first, what is out of reach, which joint is at its
     limit, or which contact occurs where. With a branch of `plan_branches`, exactly the motion that it has there.
+    around: whether ways around are searched at all.
     """
     planner = _first_planner(use, scene, seed)
     if isinstance(planner, Infeasible):
         return planner
-    motion = planner.plan(use.branch)
-    return planner.with_more_samples().plan(use.branch) if planner.needs_more_samples(motion) else motion
+    motion = planner.plan(use.branch, around=around)
+    more = planner.needs_more_samples(motion)
+    return planner.with_more_samples().plan(use.branch, around=around) if more else motion
 
 
 def plan_branches(use: SkillUse, scene: CollisionScene, seed: int = 0) -> Branches | Infeasible:
@@ -204,7 +206,7 @@ class _Planner:
         failed = isinstance(found, Infeasible) or (isinstance(found, Branches) and not found.feasible)
         return redundant and failed and not self._failures.out_of_reach
 
-    def plan(self, branch: Mapping[str, MotionValue]) -> Motion | Infeasible:
+    def plan(self, branch: Mapping[str, MotionValue], *, around: bool) -> Motion | Infeasible:
         """The fastest motion of a branch as `plan_each` names it; of all, if it is empty."""
         ways = self._ways()
         if ways is None:
@@ -212,7 +214,7 @@ class _Planner:
         masks = self._masks(ways, branch)
         if not all(mask.any() for mask in masks):
             return no_such_branch(branch)
-        return self._fastest(ways, self._moves(ways), _within(ways, masks) if branch else ways)
+        return self._fastest(ways, self._moves(ways), _within(ways, masks) if branch else ways, around=around)
 
     def plan_each(self) -> Branches:
         """The fastest motion of each branch."""

@@ -116,11 +116,15 @@ def studied_ways(
 
 
 def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
-    """The fastest motion of a candidate with the first grip that has one; else why the first has none."""
+    """The fastest motion of a candidate with the first grip that has one; else why the first has none.
+
+    Ways around are searched for the first grip only.
+    """
     first = feasible_motion(cell, first_grip(candidate), world)
-    if isinstance(first, Motion):
+    if isinstance(first, Motion) or impossible_start(cell, candidate, world) is not None:
         return first
-    motions = (feasible_motion(cell, grip, world) for grip in grips(cell, candidate, world)[1:])
+    others = (skill_use(cell, grip, world) for grip in grips(cell, candidate, world)[1:])
+    motions = (plan_motion(use, cell.collision, cell.seed, around=False) for use in others)
     return next((motion for motion in motions if isinstance(motion, Motion)), first)
 
 
