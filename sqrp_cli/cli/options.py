@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from sqrp_cli.api.arguments import LEAST_STEP, LEAST_TOLERANCE, MOST_SAMPLES
-from sqrp_cli.errors import InputError, Problem
+from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
@@ -101,6 +101,22 @@ Patch = Annotated[
         "--patch", metavar="FILE", help="With --vary: where the best variant goes; NAME-best.patch by default."
     ),
 ]
+
+
+def check_patch(path: Path, mark: str, whose: str) -> None:
+    """Raises InputError for a file that cannot be written, or that exists and does not begin with a mark.
+
+    whose: the patches that do, for the message.
+    """
+    from sqrp_cli.platform.files import check_writable
+
+    check_writable(path)
+    if path.is_file():
+        with path.open("rb") as file:
+            own = file.read(len(mark)) == mark.encode()
+        if not own:
+            message = f"this file is there already and is no patch {whose}; it was left as it is"
+            raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name: --patch FILE"))
 
 
 def open_with_warnings(path: Path, seed: int = 0) -> OpenCell:

@@ -20,13 +20,14 @@ from sqrp_cli.cli.options import (
     Tolerance,
     WorkspacePath,
     answer,
+    check_patch,
     check_report,
     job_count,
     open_with_warnings,
     read_sampling,
 )
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem, expected_names
-from sqrp_cli.platform.files import check_distinct, check_not_read, check_writable, write_atomically
+from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
+from sqrp_cli.platform.files import check_distinct, check_not_read, write_atomically
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -96,7 +97,7 @@ def command(
     sampling = read_sampling(samples, dt, tolerance)
     check_distinct({"--patch": patch, "--report": report})
     if patch is not None:
-        _check_patch(patch)
+        check_patch(patch, MARK, "of `sqrp advise`")
     if report is not None:
         check_report(report)
     cell = open_with_warnings(workspace, seed)
@@ -165,14 +166,3 @@ def _write(found: TaskAdvice, number: int | None, patch: Path | None) -> str:
         return f"change {number or 1} is in {patch}"
     found.apply(number or 1)
     return f"change {number} is in {found.path} now"
-
-
-def _check_patch(path: Path) -> None:
-    """Raises InputError for a file that cannot be written, or that exists and is no patch of this command."""
-    check_writable(path)
-    if path.is_file():
-        with path.open("rb") as file:
-            own = file.read(len(MARK)) == MARK.encode()
-        if not own:
-            message = "this file is there already and is no patch of `sqrp advise`; it was left as it is"
-            raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name: --patch FILE"))

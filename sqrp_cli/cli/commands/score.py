@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from sqrp_cli.cli import options as option
-from sqrp_cli.cli.options import answer, job_count, note_late, read_sampling
-from sqrp_cli.errors import ExitCode, InputError, Place, Problem
+from sqrp_cli.cli.options import answer, check_patch, job_count, note_late, read_sampling
+from sqrp_cli.errors import ExitCode, InputError, Problem
 from sqrp_cli.platform.files import check_distinct, check_writable
 
 if TYPE_CHECKING:
@@ -206,7 +206,7 @@ def _vary(
         raise InputError(Problem("bad-option", f"--vary is about one workspace, found {names}"))
     name = short_names(files)[files[0]]
     patch = wanted or Path(f"{name}-best.patch")
-    _check_patch(patch)
+    check_patch(patch, MARK, "that --vary wrote")
     with progress("Reading variants", len(values) + 1) as advance:
         document, read = read_variants(files[0], values, advance)
     with open_computer(means) as computer:
@@ -231,14 +231,3 @@ def _vary(
     if found.best.findings.count("error"):
         return ExitCode.BAD_INPUT
     return ExitCode.OK if found.best.findings.passed else ExitCode.NONE_FEASIBLE
-
-
-def _check_patch(path: Path) -> None:
-    """Raises InputError for a file that cannot be written, or that exists and was not written by a sweep."""
-    check_writable(path)
-    if path.is_file():
-        with path.open("rb") as file:
-            own = file.read(len(MARK)) == MARK.encode()
-        if not own:
-            message = "this file is there already and is no patch that --vary wrote; it was left as it is"
-            raise InputError(Problem("would-overwrite", message, Place(path), mend="choose another name: --patch FILE"))
