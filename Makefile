@@ -12,15 +12,15 @@ all: .venv/installed
 # Three steps, so that a first look does not install the tools of developers.
 .venv/rank: pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv
-	$(INSTALL) '.[ik,robots]'
+	$(INSTALL) '.[robots]'
 	@touch $@
 
 .venv/run: .venv/rank
-	$(INSTALL) '.[ik,robots,sim,report]'
+	$(INSTALL) '.[robots,sim,report]'
 	@touch $@
 
 .venv/installed: .venv/run
-	$(INSTALL) '.[ik,robots,sim,report,cluster,planners,dev]'
+	$(INSTALL) '.[robots,sim,report,cluster,planners,dev]'
 	@touch $@
 
 rank: .venv/rank

@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from tests.cli.test_determinism import WITHOUT_IK, assert_close
 
 G2 = "pickup g2 path=seen approach_yaw=90deg"
 GREEN = "pickup green path=seen"
@@ -38,15 +37,6 @@ def test_the_way_of_a_candidate_states_its_vias(g2: Any) -> None:
 
 def test_another_process_gives_the_same_bytes(g2: Any, sqrp_process: Callable[..., Any], tabletop: Path) -> None:
     assert sqrp_process("rank", tabletop, G2, "--json", "--jobs", 2, PYTHONHASHSEED="5").out == g2.out
-
-
-def test_the_paths_do_not_depend_on_how_inverse_kinematics_is_solved(
-    g2: Any,
-    sqrp_process: Callable[..., Any],
-    tabletop: Path,
-) -> None:
-    outcome = sqrp_process("rank", tabletop, G2, "--json", prelude=WITHOUT_IK)
-    assert_close(outcome.document, g2.document, 1e-6)
 
 
 def test_explain_is_about_the_motion_that_was_ranked(g2: Any, sqrp: Callable[..., Any], tabletop: Path) -> None:

@@ -1,6 +1,6 @@
 """Inverse kinematics: all joint positions that bring the tool frame to a pose, or why there are none.
 
-The only module that uses EAIK, an optional library of closed forms: D. Ostermeier, J. Kuelz, M. Althoff, Automatic
+The only module that uses EAIK, a library of closed forms: D. Ostermeier, J. Kuelz, M. Althoff, Automatic
 Geometric Decomposition for Analytical Inverse Kinematics, 2025. Its solutions seed a search on the exact model, which
 does not need them to be complete.
 """
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib.util import find_spec
 from itertools import combinations
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -126,7 +125,6 @@ def all_solutions(
     More than six joints: the branches with the redundant joints, counted from the third on, held at
     `redundancy_samples` positions: home, and positions spread over their limits that depend only on `seed`.
     Fewer than six: solutions exist only for the few full poses that such an arm can take.
-    The result does not depend on EAIK, which only saves time for arms with six joints.
     """
     if beyond_reach(model, X_WT) > 0.0:
         return IkResult(np.empty((0, len(model.arm))), why_unreachable(model, X_WT))
@@ -311,17 +309,12 @@ def _sorted(q: Array) -> Array:
     return ordered
 
 
-def is_installed() -> bool:
-    """Whether EAIK can be imported."""
-    return find_spec("eaik") is not None
-
-
 def approximate_solutions(model: RobotModel, X_WT: Array) -> Array:
     """Joint positions near the solutions for a tool pose X_WT (4, 4), shape (k, n); some are near none.
 
-    Empty if EAIK is missing or cannot decompose the arm: it needs six independent revolute joints.
+    Empty if EAIK cannot decompose the arm: it needs six independent revolute joints.
     """
-    solver = _solver(model) if is_installed() else None
+    solver = _solver(model)
     if solver is None:
         return np.empty((0, len(model.arm)))
     return np.array(solver.decomposition.IK(solver.X_BW @ X_WT @ solver.X_TE).Q).reshape(-1, len(model.arm))

@@ -1,4 +1,4 @@
-"""Inverse kinematics: every branch, and only true ones, with and without EAIK."""
+"""Inverse kinematics: every branch, and only true ones, with closed forms and by search alone."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.arm.reach import OutOfReach
 from tests.programming.robots import REAL_ARMS, ROBOTS, joint, real_arm, robot, spherical_wrist_arm, written_urdf
 
-with_eaik = pytest.mark.skipif(not inverse_kinematics.is_installed(), reason="needs the extra `ik`")
-
 
 @pytest.fixture
-def without_eaik(monkeypatch):
-    monkeypatch.setattr(inverse_kinematics, "is_installed", lambda: False)
+def no_closed_form(monkeypatch):
+    """Lets the arms be searched, as those that EAIK cannot decompose."""
+    monkeypatch.setattr(inverse_kinematics, "_solver", lambda _model: None)
 
 
 def angles_between(q: Array, other: Array) -> Array:
@@ -54,15 +53,14 @@ def test_solutions_are_true_and_hold_the_one_that_made_the_pose(name):
         assert angles_between(solutions, q).min() < 1e-6
 
 
-@with_eaik
 @pytest.mark.parametrize(("name", "count"), [("ur5", 60), ("z1", 20)])
-def test_the_same_branches_are_found_without_eaik(name, count, monkeypatch):
+def test_a_search_finds_the_branches_of_the_closed_form(name, count, request):
     model = real_arm(name)
-    for _, X_WT in reachable_poses(model, count, seed=1):
-        monkeypatch.setattr(inverse_kinematics, "is_installed", lambda: True)
-        expected = all_solutions(model, X_WT).solutions
-        monkeypatch.setattr(inverse_kinematics, "is_installed", lambda: False)
-        np.testing.assert_allclose(all_solutions(model, X_WT).solutions, expected, atol=1e-6)
+    poses = [X_WT for _, X_WT in reachable_poses(model, count, seed=1)]
+    expected = [all_solutions(model, X_WT).solutions for X_WT in poses]
+    request.getfixturevalue("no_closed_form")
+    for X_WT, solutions in zip(poses, expected, strict=True):
+        np.testing.assert_allclose(all_solutions(model, X_WT).solutions, solutions, atol=1e-6)
 
 
 def test_brute_force_finds_no_further_branch():
@@ -88,7 +86,7 @@ def plain_newton(model: RobotModel, q: Array, X_WT: Array) -> Array | None:
     return None
 
 
-@pytest.mark.usefixtures("without_eaik")
+@pytest.mark.usefixtures("no_closed_form")
 def test_an_arm_with_a_spherical_wrist_has_its_eight_branches(tmp_path):
     model = RobotModel.load(robot(spherical_wrist_arm(tmp_path, 0.5, 0.4), "tip"))
     X_WT = model.tool_pose(np.array([0.3, 0.6, 0.9, 0.4, 0.8, -0.5]))
@@ -106,8 +104,7 @@ def test_a_moved_base_changes_no_solution():
         np.testing.assert_allclose(all_solutions(moved, X_WB @ X_BT).solutions, expected, atol=1e-9)
 
 
-@with_eaik
-def test_a_calibrated_arm_is_solved_from_its_nominal_one(tmp_path, monkeypatch):
+def test_a_calibrated_arm_is_solved_from_its_nominal_one(tmp_path, request):
     rng = np.random.default_rng(5)
     tree = ET.parse(ROBOTS / REAL_ARMS["ur5"][0])  # noqa: S314
     for origin in tree.iterfind("joint/origin"):
@@ -121,7 +118,7 @@ def test_a_calibrated_arm_is_solved_from_its_nominal_one(tmp_path, monkeypatch):
     expected = all_solutions(model, X_WT).solutions
     assert_true(model, X_WT, expected)
     assert len(expected) == 8
-    monkeypatch.setattr(inverse_kinematics, "is_installed", lambda: False)
+    request.getfixturevalue("no_closed_form")
     np.testing.assert_allclose(all_solutions(model, X_WT).solutions, expected, atol=1e-6)
 
 
@@ -152,7 +149,7 @@ def test_limits_take_branches_away_and_whole_turns_bring_them_back():
     assert_true(turned, X_WT, solutions)
 
 
-@pytest.mark.usefixtures("without_eaik")
+@pytest.mark.usefixtures("no_closed_form")
 def test_nothing_depends_on_the_global_random_state():
     model = real_arm("panda")
     X_WT = model.tool_pose(np.array([0.1, -0.5, 0.2, -2.0, 0.3, 1.8, 0.4]))
