@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-
 G2 = "pickup g2 path=seen approach_yaw=90deg"
 GREEN = "pickup green path=seen"
 
