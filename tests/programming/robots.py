@@ -136,3 +136,42 @@ def torso_arm(folder: Path, joints: int = 8) -> Path:
     return written_urdf(
         folder / f"torso{joints}.urdf", *chain, joint("end", "hand", "tip", "fixed", "0 0 0.12", "0 0 1")
     )
+
+
+def turning(name: str, parent: str, child: str, xyz: str, axis: str, mimics: str = "", multiplier: float = -1) -> str:
+    """A joint that turns by 1.5 rad either way, or follows another one."""
+    limit = '<limit lower="-1.5" upper="1.5" velocity="1" effort="100"/>'
+    follow = f'<mimic joint="{mimics}" multiplier="{multiplier:g}"/>' if mimics else ""
+    return joint(name, parent, child, "revolute", xyz, axis, limit + follow)
+
+
+SIX_AXES = (
+    turning("joint_1", "base", "link_1", "0 0 0.4", "0 0 1"),
+    turning("joint_2", "link_1", "link_2", "0.3 0 0.3", "0 1 0"),
+    turning("joint_3", "link_2", "link_3", "0 0 1", "0 1 0"),
+    turning("joint_4", "link_3", "link_4", "0.6 0 0.2", "1 0 0"),
+    turning("joint_5", "link_4", "link_5", "0.5 0 0", "0 1 0"),
+    turning("joint_6", "link_5", "link_6", "0.2 0 0", "1 0 0"),
+    joint("end", "link_6", "tool0", "fixed", "0 0 0", "0 0 1"),
+)
+"""A large industrial arm."""
+
+LINKAGES = {
+    "rods beside the arm": (
+        *SIX_AXES,
+        turning("passive_1", "link_1", "crank", "0.3 0 0.3", "0 1 0", mimics="joint_3"),
+        turning("passive_2", "crank", "rod", "-0.4 0 0", "0 1 0", mimics="joint_2"),
+    ),
+    "a level flange": (
+        *SIX_AXES[:3],
+        turning("level", "link_3", "link_4", "1 0 0", "0 1 0", mimics="joint_3"),
+        turning("joint_4", "link_4", "tool0", "0 0 -0.1", "0 0 1"),
+    ),
+    "an elbow led by a rod": (
+        *SIX_AXES[:2],
+        turning("joint_3", "link_2", "link_3", "0 0 1", "0 1 0", mimics="motor_3"),
+        *SIX_AXES[3:],
+        turning("motor_3", "link_1", "crank", "0.3 0 0.3", "0 1 0"),
+    ),
+}
+"""Arms with a parallel linkage: passive joints mimic those of the arm."""

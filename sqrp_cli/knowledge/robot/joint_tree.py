@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -25,6 +25,19 @@ class Mount:
     def with_offset(self, X_LC: Array) -> Mount:
         """The mount of something fixed to the link at a pose X_LC, (4, 4)."""
         return Mount(self.joint, self.X_JL @ X_LC)
+
+
+def driving_joints(chain: Sequence[UrdfJoint], joints: Iterable[UrdfJoint]) -> list[UrdfJoint]:
+    """The joints that drive those of a chain, in its order: the arm's, where the chain leads to its tool.
+
+    They are the movable ones that follow no other. Where a joint with independent ones after it follows one beside the
+    chain, such as the motor of a parallel linkage, the arm is driven by that one. joints: all of the robot.
+    """
+    named = {joint.name: joint for joint in joints}
+    moving = [joint for joint in chain if joint.movable]
+    last = max((place for place, joint in enumerate(moving) if joint.mimic is None), default=-1)
+    within = [joint if joint.mimic is None else named[joint.mimic.joint] for joint in moving[: last + 1]]
+    return list(dict.fromkeys(within))
 
 
 @dataclass(frozen=True, eq=False)

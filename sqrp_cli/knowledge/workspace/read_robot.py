@@ -11,6 +11,7 @@ from pathlib import Path
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.frames import link_called
+from sqrp_cli.knowledge.robot.joint_tree import driving_joints
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot import (
     Fingers,
@@ -143,7 +144,7 @@ class RobotReader:
         return Tool(self.tool, link, read_only(self.entry.tool.pose.matrix()), file)
 
     def _arm(self) -> list[UrdfJoint]:
-        """The joints from the root to the tool frame that mimic no other, in order."""
+        """The joints that drive those from the root to the tool frame, in order."""
         frame = self.tool_frame
         if frame not in self.links:
             expected = expected_names(frame, self.links)
@@ -152,7 +153,8 @@ class RobotReader:
         on_tool: list[UrdfJoint] = []
         if self.tool is not None and self.entry.tool is not None and frame not in self.urdf.links:
             on_tool, frame = self.tool.chain(frame), link_called(self.entry.tool.link, self.urdf.links)
-        arm = [joint for joint in (*self.urdf.chain(frame), *on_tool) if joint.movable and joint.mimic is None]
+        chain = (*self.urdf.chain(frame), *on_tool)
+        arm = driving_joints(chain, [*self.urdf.movable_joints, *(self.tool.movable_joints if self.tool else ())])
         if not arm:
             message = f"no joint moves `{self.tool_frame}`; expected a link at the end of the arm"
             self._report("unmoved-tool-frame", ("robot", "tool_frame"), message)

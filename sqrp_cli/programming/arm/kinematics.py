@@ -12,7 +12,7 @@ import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, Indices, Mask, cross, inverse, read_only
-from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, Mount
+from sqrp_cli.knowledge.robot.joint_tree import Couplings, JointTree, Mount, driving_joints
 from sqrp_cli.knowledge.robot.pinocchio_model import PinocchioModel
 from sqrp_cli.knowledge.robot.robot import JointLimits, Robot
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint
@@ -100,7 +100,7 @@ class ToolMotion(NamedTuple):
 class RobotModel:
     """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
 
-    The arm's n joints are the movable ones from the robot's root to the tool frame. Joints of neither arm nor fingers
+    The arm's n joints are those that drive the ones from the robot's root to the tool frame. Joints of neither arm nor fingers
     rest at 0 or the limit nearest to it; joints that mimic another one follow it. Positions and limits of the arm's
     joints are in rad or m, and s, of shape (n,) each.
     """
@@ -146,7 +146,7 @@ class RobotModel:
         pinocchio = PinocchioModel(robot)
         tree = pinocchio.tree
         chain = tree.chain(robot.tool_frame)
-        arm = [index for index in chain if tree.joints[index].mimic is None]
+        arm = [tree.index(joint.name) for joint in driving_joints([tree.joints[k] for k in chain], tree.joints)]
         if not arm:
             message = f"no joint moves the tool frame `{robot.tool_frame}`"
             raise InputError(Problem("no-arm", message, Place(robot.urdf.path)))
@@ -281,15 +281,14 @@ class RobotModel:
         return ToolMotion(X_WT, np.swapaxes(columns, 1, 2) @ self._chain_couplings.ratios)
 
     @property
-    def followers(self) -> tuple[UrdfJoint, ...]:
-        """The joints that mimic one of the arm's."""
-        led = np.flatnonzero((self._couplings.ratios[:, : len(self.arm)] != 0.0).any(axis=1))
-        return tuple(joint for joint in (self.tree.joints[row] for row in led) if joint.mimic is not None)
+    def arm_ratios(self) -> Array:
+        """How far each of the N joints of `tree` moves with each of the arm's, shape (N, n); linkages have others."""
+        return self._couplings.ratios[:, : len(self.arm)]
 
     @property
     def joints_move_alone(self) -> bool:
         """Whether no joint on the way to the tool frame follows another one."""
-        return len(self._chain_tree.joints) == len(self.arm)
+        return all(joint.mimic is None for joint in self._chain_tree.joints)
 
     def joint_lines(self, q: Array) -> tuple[Array, Array]:
         """Axes of the arm's joints, unit vectors, and their origins [m], in the world, shape (m, n, 3) each.
@@ -297,7 +296,7 @@ class RobotModel:
         q: m arm positions, shape (m, n).
         """
         X_WJ = self._chain_tree.poses(self._chain_couplings.positions(q))
-        own = np.array([joint.mimic is None for joint in self._chain_tree.joints])
+        own = (self._chain_couplings.ratios != 0.0).argmax(axis=0)  # the first that a joint of the arm moves
         axes = (X_WJ[:, :, :3, :3] @ self._chain_tree.axes[:, :, None])[..., 0]
         return axes[:, own], X_WJ[:, :, :3, 3][:, own]
 

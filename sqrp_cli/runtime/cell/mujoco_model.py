@@ -179,7 +179,7 @@ class _ModelBuilder:
         slides = joint.type == "prismatic"
         kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
         added = body.add_joint(name=joint.name, type=kind, axis=joint.axis, armature=ARMATURE)
-        if np.isfinite([joint.lower, joint.upper]).all():
+        if joint.mimic is None and np.isfinite([joint.lower, joint.upper]).all():
             added.limited, added.range[:] = True, (joint.lower, joint.upper)
             added.solref_limit[:] = _STIFF
         if joint.mimic is not None:

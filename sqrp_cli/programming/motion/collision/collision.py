@@ -56,12 +56,13 @@ class CollisionScene:
         self.bodies = tuple(Body.of(load_solid(part)) for part in model.parts)
         self.object_bodies = {obj.name: tuple(Body.of(load_solid(part)) for part in obj.parts) for obj in objects}
         skipped = {pair(*names) for names in (*disabled_pairs, *model.adjacent_pairs)}
-        depth = self.bound.depth
+        depth, rods = self.bound.depth, self.bound.rods
         self.self_pairs = tuple(
-            (i, j) if depth[a.name] < depth[b.name] else (j, i)
+            (i, j) if depth[a.name] < depth[b.name] or (depth[a.name] == depth[b.name] and b.name in rods) else (j, i)
             for i, a in enumerate(self.bodies)
             for j, b in enumerate(self.bodies[:i])
-            if depth[a.name] != depth[b.name] and pair(a.name, b.name) not in skipped
+            if (depth[a.name], rods.get(a.name)) != (depth[b.name], rods.get(b.name))
+            and pair(a.name, b.name) not in skipped
         )
         every = [*self.bodies, *chain.from_iterable(self.object_bodies.values())]
         self._arrays, self._rows = BodyArrays.of(every), {body: row for row, body in enumerate(every)}
@@ -97,7 +98,8 @@ class CollisionScene:
                 carriers += [Mount(-1, X_WO)] * len(of_object)
                 clearance += [self._clearance[name]] * len(of_object)
         depth = [depths[body.name] for body in self.bodies] + [0] * (len(bodies) - len(self.bodies))
-        moving = np.flatnonzero(depth).tolist()
+        rods = {i: self.bound.rods[body.name] for i, body in enumerate(self.bodies) if body.name in self.bound.rods}
+        moving = [i for i, joints in enumerate(depth) if joints or i in rods]
         resting = range(len(self.bodies), len(bodies))
         pairs = [np.array(self.self_pairs, dtype=np.intp).reshape(-1, 2), _crossed(resting, moving)]
         if world.held is not None and world.X_TO is not None:
@@ -108,7 +110,7 @@ class CollisionScene:
             carriers += [mounts[self.model.tool_frame].with_offset(world.X_TO)] * len(held)
             depth += [depths[self.model.tool_frame]] * len(held)
         inner, outer = np.concatenate(pairs).T.copy()
-        placed = PlacedBodies.of(self._arrays, [self._rows[body] for body in bodies], depth, carriers)
+        placed = PlacedBodies.of(self._arrays, [self._rows[body] for body in bodies], depth, carriers, rods)
         body_pairs = BodyPairs.of(inner, outer, np.array(clearance)[inner], placed, self._low)
         fingers = self.model.finger_positions(world.joints)
         return PlacedScene(self.model, self.bound, self._low, placed, body_pairs, fingers)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import Array, Indices, Mask, transform
 from sqrp_cli.programming.arm.kinematics import RobotModel
 from sqrp_cli.programming.motion.collision.collision_body import Body
@@ -22,72 +21,98 @@ MOST_CORNERS = 256
 class MotionBound:
     """Upper bounds of the motion of the arm's links against each other, from the axes of its joints.
 
-    depth: for every link of robot and tool, how many of the arm's joints move it: the first `depth` ones.
-    joints: index of each of the arm's joints among all of the robot, n of them.
-    radii: distance [m] of the outermost link from each joint's axis at one configuration, shape (n,); 1 for a prismatic
-    joint. A measure of size, not a bound.
+    The spine are the joints on the way to the tool frame, those included that follow others. Rods, as those of a
+    parallel linkage, hang on joints beside it that follow joints of the arm.
+
+    depth: for every link of robot and tool, how many joints of the spine move it: the first `depth` ones.
+    rods: the joints beside the spine that move a link with the arm, from the spine outwards, by link; most have none.
+    spine: index of each joint of the spine among all of the robot, s of them.
+    radii: distance [m] of the outermost link from the axis of each of the arm's n joints at one configuration, shape
+    (n,); 1 for a prismatic joint. A measure of size, not a bound.
     """
 
     def __init__(self, model: RobotModel) -> None:
-        """Find the axes of the arm's joints.
-
-        Raises InputError if a joint of the arm mimics another one, which the bound does not cover.
-        """
-        if model.followers:
-            joint = model.followers[0]
-            leader = joint.mimic.joint if joint.mimic else ""
-            message = (
-                f"joint `{joint.name}` mimics `{leader}`, a joint of the arm, which collision checks do not support"
-            )
-            mend = f"if it is a rod of a linkage that does not matter here, make `{joint.name}` a fixed joint in a copy"
-            raise InputError(Problem("coupled-arm", message, joint.place, mend=mend))
+        """Find the axes of the joints."""
         tree, n = model.tree, len(model.arm)
-        self.joints = [tree.index(name) for name in model.arm]
-        self._axes = tree.axes[self.joints]
-        self._turns = model.turns
-        moved_by = {link: set(self.joints).intersection(tree.chain(link)) for link in tree.mounts}
-        self.depth = {link: max((self.joints.index(j) + 1 for j in by), default=0) for link, by in moved_by.items()}
+        ratios = np.abs(model.arm_ratios)
+        chain = tree.chain(model.tool_frame)
+        driven = set(np.flatnonzero(ratios.any(axis=1)).tolist())
+        self.spine = [joint for joint in chain if joint in driven]
+        self._axes, self._turns = tree.axes[self.spine], tree.turns[self.spine]
+        self._ratios, self._all_axes, self._all_ratios = ratios[self.spine], tree.axes, ratios
+        self._all_turn = tree.turns
+        self._alone = np.array_equal(self._ratios, np.eye(n))
+        moved_by = {link: [joint for joint in tree.chain(link) if joint in driven] for link in tree.mounts}
+        self.depth = {link: sum(joint in self.spine for joint in by) for link, by in moved_by.items()}
+        beside = {link: tuple(joint for joint in by if joint not in self.spine) for link, by in moved_by.items()}
+        self.rods = {link: joints for link, joints in beside.items() if joints}
         q = np.asarray(model.home) + 0.1 * np.arange(1, n + 1)
-        frames = model.frame_poses(model.with_fingers(q[None]))[0, self.joints]
+        frames = model.frame_poses(model.with_fingers(q[None]))[0, self.spine]
         origins = np.stack([X_WL[0, :3, 3] for X_WL in model.link_poses(q[None]).values()])
         axes = (frames[:, :3, :3] @ self._axes[:, :, None])[..., 0]
         distances = np.linalg.norm(np.cross(origins - frames[:, None, :3, 3], axes[:, None]), axis=-1).max(axis=1)
-        self.radii = np.where(self._turns, distances, 1.0)
+        sizes = np.where(self._turns, distances, 1.0)
+        self.radii = sizes if self._alone else self._ratios.T @ sizes
 
     def axes(self, X_WF: Array) -> Array:
-        """Unit vectors along the axes of the arm's joints in the world at m configurations, shape (m, n, 3).
+        """Unit vectors along the axes of the joints of the spine in the world at m configurations, shape (m, s, 3).
 
         X_WF: frames, as of `RobotModel.frame_poses`.
         """
-        axes: Array = (X_WF[:, self.joints, :3, :3] @ self._axes[:, :, None])[..., 0]
+        axes: Array = (X_WF[:, self.spine, :3, :3] @ self._axes[:, :, None])[..., 0]
         return axes
 
-    def between(self, X_WF: Array, variation: Array, centers: Array, radii: Array, depth: Indices) -> Array:
-        """How far any point of each of S spheres can move around m configurations [m], shape (m, S, n + 1).
+    def along_spine(self, variation: Array) -> Array:
+        """How much each joint of the spine may differ, (m, s), where those of the arm differ by a variation, (m, n)."""
+        return variation if self._alone else variation @ self._ratios.T
 
-        Entry k: against the links of depth k (0: against the world), for spheres no less deep.
+    def between(
+        self,
+        X_WF: Array,
+        variation: Array,
+        centers: Array,
+        radii: Array,
+        depth: Indices,
+        rods: Sequence[tuple[int, tuple[int, ...]]] = (),
+    ) -> Array:
+        """How far any point of each of S spheres can move around m configurations [m], shape (m, S, s + 1).
+
+        Entry k: against the links of depth k (0: against the world), for spheres no less deep. The last entry: against
+        the link of the spine that carries the sphere, 0 except for rods.
 
         X_WF: at the configurations, as of `RobotModel.frame_poses`. variation: how much each joint may differ, (m, n).
         centers: of the spheres at the configurations, in the world, (m, S, 3) [m]; radii (S,) [m]. depth: of the link
-        that carries each sphere, (S,).
+        that carries each sphere, (S,). rods: which spheres are on rods, with the joints beside the spine that move them.
 
         Turn the joints one after the other, the outermost first: joint j then still stands where it did, and moves a
         point by at most its angle times the point's distance from the axis, which is the distance at the configuration
         plus what the joints further out have moved the point. The motion of the whole is at most the sum.
         """
-        n = len(self.joints)
-        motion = np.zeros((n + 1, *centers.shape[:2]))
+        s = len(self.spine)
+        motion = np.zeros((s + 1, *centers.shape[:2]))
         if not variation.any():
             return motion.transpose(1, 2, 0)
+        for sphere, joints in rods:
+            motion[s, :, sphere] = self._beside(X_WF, variation, centers[:, sphere], float(radii[sphere]), joints)
         axes = self.axes(X_WF)[..., None]
-        arms = centers[:, None] - X_WF[:, self.joints][:, :, None, :3, 3]
+        arms = centers[:, None] - X_WF[:, self.spine][:, :, None, :3, 3]
         along = (arms @ axes)[..., 0]
         levers = np.sqrt(np.maximum(np.einsum("...i,...i", arms, arms) - along * along, 0.0)) + radii
-        steps = variation.T[:, :, None] * (depth > np.arange(n)[:, None, None])
-        for j in reversed(range(n)):
+        steps = self.along_spine(variation).T[:, :, None] * (depth > np.arange(s)[:, None, None])
+        for j in reversed(range(s)):
             lever = levers[:, j] + motion[j + 1] if self._turns[j] else 1.0
             motion[j] = motion[j + 1] + steps[j] * lever
         return motion.transpose(1, 2, 0)
+
+    def _beside(self, X_WF: Array, variation: Array, center: Array, radius: float, joints: Sequence[int]) -> Array:
+        """As `between` for one sphere of a rod with its centres (m, 3): against what carries the rod, shape (m,)."""
+        moved = np.zeros(len(center))
+        for joint in reversed(joints):
+            steps = variation @ self._all_ratios[joint]
+            arms, axes = center - X_WF[:, joint, :3, 3], X_WF[:, joint, :3, :3] @ self._all_axes[joint]
+            levers = np.linalg.norm(np.cross(arms, axes), axis=1) + radius + moved
+            moved = moved + steps * (levers if self._all_turn[joint] else 1.0)
+        return moved
 
 
 class LowBodies:
@@ -102,7 +127,7 @@ class LowBodies:
 
     def __init__(self, model: RobotModel, bound: MotionBound, bodies: Sequence[Body]) -> None:
         self._bound = bound
-        low = [i for i, body in enumerate(bodies) if _is_low(model, bound.depth[body.name], body)]
+        low = [i for i, body in enumerate(bodies) if _is_low(model, bound, body)]
         self.row = np.full(len(bodies), -1)
         self.row[low] = np.arange(len(low))
         mounts = [model.tree.mounts[bodies[i].name] for i in low]
@@ -111,7 +136,7 @@ class LowBodies:
         self._corners = np.empty((len(low), 3, most))  # in the frames
         self._levers = np.zeros((len(low), JOINTS, most))  # upper bounds of the corners' distances from the axes [m]
         X_WF = model.frame_poses(model.with_fingers(model.home[None]))
-        axes, origins = bound.axes(X_WF)[0], X_WF[0, bound.joints, :3, 3]
+        axes, origins = bound.axes(X_WF)[0], X_WF[0, bound.spine, :3, 3]
         for index, (i, mount) in enumerate(zip(low, mounts, strict=True)):
             corners = np.pad(bodies[i].corners, ((0, most - len(bodies[i].corners)), (0, 0)), mode="edge")
             corners = transform(mount.X_JL, corners)
@@ -143,7 +168,7 @@ class LowBodies:
         heights = sign[:, None] * corners[cases, axis] - half[cases, axis, None]
         cosines = (self._bound.axes(X_WF) @ R_BW[cases, axis, :, None])[..., 0]
         sines = np.sqrt(np.maximum(1.0 - cosines * cosines, 0.0))
-        moved = 0.0
+        moved, variation = 0.0, self._bound.along_spine(variation)
         for j in reversed(range(min(JOINTS, variation.shape[1]))):
             steps = variation[:, j, None] * (self._levers[row, j] + moved)
             heights -= sines[:, j, None] * steps
@@ -152,9 +177,10 @@ class LowBodies:
         return stays
 
 
-def _is_low(model: RobotModel, depth: int, body: Body) -> bool:
-    moves = 0 < depth <= JOINTS and bool(model.turns[:depth].all()) and body.name not in model.fingers.links
-    return moves and len(body.corners) <= MOST_CORNERS
+def _is_low(model: RobotModel, bound: MotionBound, body: Body) -> bool:
+    depth = bound.depth[body.name]
+    moves = 0 < depth <= JOINTS and bool(model.tree.turns[bound.spine[:depth]].all()) and body.name not in bound.rods
+    return moves and body.name not in model.fingers.links and len(body.corners) <= MOST_CORNERS
 
 
 def finger_steps(model: RobotModel, start: Array, end: Array, step: float) -> int:

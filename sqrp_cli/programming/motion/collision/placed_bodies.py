@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +55,7 @@ class PlacedBodies:
     """Index of the joint, -1 for the world, shape (S,)."""
 
     depth: Indices
-    """How many of the arm's joints move it, (S,)."""
+    """How many joints of the spine move it, (S,); see `MotionBound`."""
 
     X_FG: Array
     """Pose of the geometry, (S, 4, 4)."""
@@ -75,11 +75,24 @@ class PlacedBodies:
     moving: Indices
     """Those that the arm moves, by index."""
 
+    rods: tuple[tuple[int, tuple[int, ...]], ...]
+    """Those of a linkage, by index among `moving`, with the joints beside the spine that move them."""
+
     @staticmethod
-    def of(arrays: BodyArrays, rows: Sequence[int], depth: Sequence[int], mounts: Sequence[Mount]) -> PlacedBodies:
-        """Some of the bodies, by row, with the number of the arm's joints that move each, and its mount."""
+    def of(
+        arrays: BodyArrays,
+        rows: Sequence[int],
+        depth: Sequence[int],
+        mounts: Sequence[Mount],
+        rods: Mapping[int, tuple[int, ...]],
+    ) -> PlacedBodies:
+        """Some of the bodies, by row, with the number of joints of the spine that move each, and its mount.
+
+        rods: the joints beside the spine that move a body, by its index among those; see `MotionBound`.
+        """
         X_FP = np.array([mount.X_JL for mount in mounts]).reshape(-1, 4, 4)
         chosen = np.array(rows, dtype=np.intp)
+        moving = np.array([k for k, joints in enumerate(depth) if joints or k in rods], dtype=np.intp)
         return PlacedBodies(
             bodies=tuple(arrays.bodies[row] for row in rows),
             frame=np.array([mount.joint for mount in mounts], dtype=np.intp),
@@ -91,7 +104,8 @@ class PlacedBodies:
             radii=arrays.radii[chosen],
             X_FB=X_FP @ arrays.X_PB[chosen],
             half=arrays.half[chosen],
-            moving=np.flatnonzero(depth),
+            moving=moving,
+            rods=tuple((int(np.searchsorted(moving, k)), joints) for k, joints in rods.items()),
         )
 
     def world_centers(self, X_WF: Array) -> Array:
@@ -134,6 +148,9 @@ class BodyPairs:
     mover: Indices
     """Index of the outer one among `PlacedBodies.moving`."""
 
+    inner_mover: Indices
+    """That of the inner one, -1 if it rests."""
+
     reach: Array
     """Distance of the centres of their spheres from which the clearance is certain [m]."""
 
@@ -145,6 +162,8 @@ class BodyPairs:
         """low: those of the robot's bodies, with which `bodies` begins."""
         size = bodies.radii.max(axis=1)
         inner_is_larger = size[inner] >= size[outer]
+        movers = np.full(len(bodies.bodies), -1)
+        movers[bodies.moving] = np.arange(len(bodies.moving))
         low_row = np.full(len(bodies.bodies), -1)
         low_row[: len(low.row)] = low.row
         return BodyPairs(
@@ -154,6 +173,7 @@ class BodyPairs:
             boxed=np.where(inner_is_larger, inner, outer),
             covered=np.where(inner_is_larger, outer, inner),
             mover=np.searchsorted(bodies.moving, outer),
+            inner_mover=movers[inner],
             reach=bodies.radius[inner] + bodies.radius[outer] + clearance,
             low=np.where(inner_is_larger & (bodies.frame[inner] < 0), low_row[outer], -1),
         )
@@ -175,6 +195,7 @@ class BodyPairs:
             boxed=self.boxed[kept],
             covered=self.covered[kept],
             mover=self.mover[kept],
+            inner_mover=self.inner_mover[kept],
             reach=self.reach[kept],
             low=self.low[kept],
         )

@@ -169,7 +169,7 @@ class PlacedScene:
         bodies, pairs = self._bodies, self._pairs
         centers, moving = bodies.world_centers(X_WF), bodies.moving
         spheres = centers[:, moving], bodies.radius[moving], bodies.depth[moving]
-        motion = self.bound.between(X_WF, stretches.variation, *spheres)
+        motion = self.bound.between(X_WF, stretches.variation, *spheres, bodies.rods)
         close, bound = self._spheres_meet(stretches, centers, motion)
         stretch, near = stretches.split(close)
         gap = bodies.gap(X_WF, stretch, pairs.boxed[near], pairs.covered[near])
@@ -183,15 +183,18 @@ class PlacedScene:
         centers: of the spheres, (m, S, 3). motion: as of `MotionBound.between`, for those that move.
         """
         inner, outer, mover, reach = self._pairs.inner, self._pairs.outer, self._pairs.mover, self._pairs.reach
-        depth = self._bodies.depth[inner]
+        depth, inner_mover = self._bodies.depth[inner], self._pairs.inner_mover
+        of_rods = np.pad(motion[..., -1], ((0, 0), (0, 1))) if self._bodies.rods else None  # the last one rests
         if stretches.open is None:
             between = centers.take(inner, axis=1) - centers.take(outer, axis=1)
-            bound = motion[:, mover, depth].ravel()
+            bound = motion[:, mover, depth]
+            bound = (bound if of_rods is None else bound + of_rods[:, inner_mover]).ravel()
             combinations, reach = np.arange(len(bound)), np.tile(reach, len(centers))
         else:
             combinations, (at, pair) = stretches.open, stretches.split(stretches.open)
             between = centers[at, inner[pair]] - centers[at, outer[pair]]
             bound, reach = motion[at, mover[pair], depth[pair]], reach[pair]
+            bound = bound if of_rods is None else bound + of_rods[at, inner_mover[pair]]
         reach = reach + bound
         between = between.reshape(-1, 3)
         close = np.flatnonzero(np.einsum("ki,ki->k", between, between) < reach * reach)
