@@ -82,7 +82,7 @@ class MotionBound:
 
         X_WF: at the configurations, as of `RobotModel.frame_poses`. variation: how much each joint may differ, (m, n).
         centers: of the spheres at the configurations, in the world, (m, S, 3) [m]; radii (S,) [m]. depth: of the link
-        that carries each sphere, (S,). rods: which spheres are on rods, with the joints beside the spine that move them.
+        that carries each sphere, (S,). rods: which spheres are on rods, and the joints beside the spine that move them.
 
         Turn the joints one after the other, the outermost first: joint j then still stands where it did, and moves a
         point by at most its angle times the point's distance from the axis, which is the distance at the configuration

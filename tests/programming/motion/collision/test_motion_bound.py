@@ -93,8 +93,8 @@ def test_no_two_points_of_a_linkage_come_closer_than_the_bounds_of_both_say(link
 def test_rods_of_a_linkage_hit_things_as_a_fine_step_says(tmp_path: Path) -> None:
     """A rod that reaches out behind the arm, and a post there; the contact is where the first fine step finds it."""
     urdf = written_urdf(tmp_path / "arm.urdf", *LINKAGES["rods beside the arm"])
-    box = '<link name="rod"><collision><origin xyz="-0.3 0 0"/><geometry><box size="0.5 0.04 0.04"/></geometry></collision></link>'
-    urdf.write_text(urdf.read_text().replace('<link name="rod"/>', box))
+    box = '<collision><origin xyz="-0.3 0 0"/><geometry><box size="0.5 0.04 0.04"/></geometry></collision>'
+    urdf.write_text(urdf.read_text().replace('<link name="rod"/>', f'<link name="rod">{box}</link>'))
     model = RobotModel.load(robot(urdf, "tool0"))
     start, end = np.zeros(6), np.array([0.0, 0.9, -0.9, 0, 0, 0])
     middle = model.link_poses((start + 0.6 * (end - start))[None])["rod"][0] @ pose(position=(-0.5, 0, 0))
