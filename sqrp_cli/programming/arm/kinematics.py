@@ -100,9 +100,9 @@ class ToolMotion(NamedTuple):
 class RobotModel:
     """A robot with its tool, placed in the world, that moves with the joints of its arm and its fingers.
 
-    The arm's n joints are those that drive the ones from the robot's root to the tool frame. Joints of neither arm nor fingers
-    rest at 0 or the limit nearest to it; joints that mimic another one follow it. Positions and limits of the arm's
-    joints are in rad or m, and s, of shape (n,) each.
+    The arm's n joints are those that drive the ones from the robot's root to the tool frame. Joints of neither arm nor
+    fingers rest at 0 or the limit nearest to it; joints that mimic another one follow it. Positions and limits of the
+    arm's joints are in rad or m, and s, of shape (n,) each.
     """
 
     arm: tuple[str, ...]
