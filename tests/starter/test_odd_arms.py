@@ -15,6 +15,7 @@ from tests.programming.robots import LINKAGES, SIX_AXES, joint, turning, written
 
 pytestmark = pytest.mark.filterwarnings("error")
 
+
 def in_one_point(*axes: str) -> tuple[str, ...]:
     return tuple(turning(f"j{k}", f"l{k}", f"l{k + 1}", "0 0 0", axis) for k, axis in enumerate(axes))
 
