@@ -77,10 +77,10 @@ class OpenProgram:
     @classmethod
     def read(cls, path: Path, seed: int = 0) -> OpenProgram:
         """A program and its current workspace, whether or not they still fit."""
-        from sqrp_cli.program.file import load_program, workspace_path
+        from sqrp_cli.program.file import find_workspace, load_program
 
         program = load_program(path)
-        return cls(path, program, OpenCell.read(workspace_path(program, path)), seed)
+        return cls(path, program, OpenCell.read(find_workspace(program, path)), seed)
 
     def check(self) -> None:
         """Raises InputError for a program that has no steps or does not fit its workspace."""
@@ -313,7 +313,7 @@ class LoggedRun:
             why_flat = f"a log has no shapes; `{mend}` takes them from the workspace"
         elif workspace.name != header.workspace:
             why_flat = f"this program is for the workspace {workspace.name}, the run was in {header.workspace}"
-        elif workspace.digest != header.digest:
+        elif header.digest not in (workspace.digest, workspace.file_digest):
             why_flat = "the workspace of this program is not as it was in the run"
         return RunCell(header.workspace, header.cameras, header.digest, None if why_flat else workspace, why_flat)
 

@@ -11,7 +11,7 @@ from sqrp_cli.errors import Infeasible, InputError, Place, Problem, expected_nam
 from sqrp_cli.knowledge.workspace.workspace import Workspace, World
 from sqrp_cli.platform.files import alone, check_writable, real_path
 from sqrp_cli.program.check import flaws
-from sqrp_cli.program.file import check_program, load_program, new_program, save_program
+from sqrp_cli.program.file import check_program, load_program, made_for, new_program, save_program
 from sqrp_cli.program.record import Program
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, study
@@ -160,6 +160,7 @@ def add_steps(cell: Cell, steps: Sequence[ChosenStep], sampling: Sampling, path:
         if any(flaws(program)):
             message = "this program has changed meanwhile, and the new step does not begin where it ends now"
             raise InputError(Problem("changed-meanwhile", message, Place(path), mend="run the same command again"))
+        program = made_for(program, path, cell.workspace)
         save_program(program, path)
     return program
 

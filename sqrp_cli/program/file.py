@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shlex
 import string
 from collections.abc import Collection, Iterable, Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +19,8 @@ from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.knowledge.text.source import SourceDocument
 from sqrp_cli.knowledge.text.validation import validate
 from sqrp_cli.knowledge.text.yaml_file import MAX_BYTES, read_yaml
+from sqrp_cli.knowledge.workspace.load import load_workspace
+from sqrp_cli.knowledge.workspace.understood import digest_of_understood, what_changed, with_skills
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.logic.mtl_parser import parse_formula
 from sqrp_cli.platform.files import write_atomically
@@ -27,7 +31,17 @@ _KEYS = ("sqrp_program", "workspace", "digest", "steps")
 
 SHEBANG = "#!/usr/bin/env -S sqrp run --sim"
 
-_NOT_SUMMED = {"checksum", "marks", "workspace"}
+_NOT_SUMMED = {"checksum", "marks", "workspace", "made_for"}
+"""Keys that the checksum leaves out; `digest`, which it includes, is that of `made_for`."""
+
+_CHANGES_NAMED = 4
+"""Most changes of a workspace in a message."""
+
+_LIKE_NUMBERS = re.compile(r"[-+.]?[0-9].*")
+"""Text that needs quotes, so that no reader takes it for a number."""
+
+_MOST_PLACES = 50
+"""Most folders in which a renamed workspace is looked for."""
 
 _SIGNS = string.ascii_letters + string.digits + "+-"
 
@@ -62,6 +76,8 @@ def save_program(program: Program, path: Path) -> None:
     sums = {"checksum": _checksum(program), "marks": "".join(_marks(program).values())}
     numbers = {**_as_written(program), **sums}
     Program.model_validate(numbers)  # An invalid figure is a bug; find it before the file is written.
+    said = {subject: _OneLine(values) for subject, values in numbers.pop("made_for").items()}
+    numbers |= {"made_for": said} if said else {}
     text = head + yaml.dump(numbers, Dumper=_Dumper, sort_keys=False, width=120, allow_unicode=True)
     if len(text.encode()) > MAX_BYTES:
         message = f"with {len(program.steps)} steps this program would have more than {MAX_BYTES:,} bytes, the limit"
@@ -107,18 +123,24 @@ def _digest(value: Any) -> str:  # noqa: ANN401
 
 def new_program(workspace: Workspace, joints: tuple[str, ...], path: Path) -> Program:
     """A program without steps, to be saved at `path`."""
-    relative = os.path.relpath(workspace.path, path.absolute().parent)
-    return Program(workspace=relative, digest=workspace.digest, joints=joints, steps=())
+    return made_for(Program(workspace="", digest="", joints=joints, steps=()), path, workspace)
+
+
+def made_for(program: Program, path: Path, workspace: Workspace) -> Program:
+    """A program that is right for a workspace, to be saved at `path` with what that says now."""
+    said = with_skills(workspace.understood, program.skills)
+    where = os.path.relpath(workspace.path, path.absolute().parent)
+    return program.model_copy(update={"workspace": where, "digest": digest_of_understood(said), "made_for": said})
 
 
 def check_program(program: Program, path: Path, workspace: Workspace) -> None:
-    """Raises InputError if a program was made for another workspace, or if either has changed since."""
-    made_for = workspace_path(program, path)
-    if made_for != workspace.path:
-        message = f"this program was made for {made_for}, not for {workspace.path}"
+    """Raises InputError if a program was made for another workspace, or if either has changed since in what matters."""
+    where, doubt = workspace_path(program, path), stale(program, path, workspace)
+    if where != workspace.path and (where.exists() or doubt is not None):
+        message = f"this program was made for {where}, not for {workspace.path}"
         raise InputError(Problem("other-workspace", message, Place(path)))
-    if program.digest != workspace.digest:
-        raise InputError(stale(program, path, workspace))
+    if doubt is not None:
+        raise InputError(doubt)
     if any(flaws_in(program, workspace)):
         raise InputError(*_problems(read_yaml(path, keys=_KEYS), flaws_in(program, workspace)))
     check_unedited(program, path)
@@ -141,10 +163,46 @@ def workspace_path(program: Program, path: Path) -> Path:
     return Path(os.path.normpath(path.absolute().parent / program.workspace))
 
 
-def stale(program: Program, path: Path, workspace: Workspace) -> Problem:
-    """The problem of a program with a changed workspace, with the commands that make its steps again."""
+def find_workspace(program: Program, path: Path) -> Path:
+    """The workspace file of a program at `path`, also where one folder on the way to it has been renamed.
+
+    Then it is the only one beside the old place that the program holds in; if there is none, the old path.
+    """
+    where = workspace_path(program, path)
+    if where.exists():
+        return where
+    there = next(folder for folder in where.parents if folder.is_dir())
+    below = where.relative_to(there).parts[1:]
+    beside = (folder.joinpath(*below) for folder in sorted(there.iterdir()) if folder.is_dir() and below)
+    found = [file for file in islice(filter(Path.is_file, beside), _MOST_PLACES) if _holds_in(program, path, file)]
+    return found[0] if len(found) == 1 else where
+
+
+def _holds_in(program: Program, path: Path, file: Path) -> bool:
+    try:
+        return stale(program, path, load_workspace(file)) is None
+    except InputError:
+        return False
+
+
+def stale(program: Program, path: Path, workspace: Workspace) -> Problem | None:
+    """What has changed in a workspace so that a program no longer holds, with the commands that make its steps again.
+
+    None if it holds.
+    """
+    known = digest_of_understood(program.made_for) == program.digest
+    in_file = [subject.removeprefix("skill ") for subject in program.made_for if subject.startswith("skill ")]
+    now = with_skills(workspace.understood, in_file)
+    if program.digest in (digest_of_understood(now), workspace.file_digest):
+        return None
+    changes = what_changed(program.made_for, workspace.understood, program.skills) if known else ()
+    if known and not changes:
+        return None
     message = f"the workspace `{workspace.name}` has changed since this program was written, so it no longer holds"
-    return Problem("stale-program", message, Place(path), mend=_again(program, path))
+    more = len(changes) - _CHANGES_NAMED
+    what = "; ".join(changes[:_CHANGES_NAMED]) + (f"; and {more} more changes" if more > 1 else "; and one more" * more)
+    what = what or "an earlier version wrote it, which did not keep what the workspace said"
+    return Problem("stale-program", f"{message}: {what}", Place(path), mend=_again(program, path))
 
 
 def _again(program: Program, path: Path) -> str:
@@ -158,6 +216,10 @@ def _quoted(word: object) -> str:
     return shlex.quote(str(word))
 
 
+class _OneLine(dict[str, Any]):
+    """A mapping that the file has on one line, or as many as its values need."""
+
+
 class _Dumper(yaml.SafeDumper):
     """Lists of plain values on one line, everything else in blocks."""
 
@@ -168,3 +230,15 @@ class _Dumper(yaml.SafeDumper):
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ANN401, ARG002
         """No aliases: they would be refused, or surprise readers of the file."""
         return True
+
+    def represent_text(self, text: str) -> yaml.ScalarNode:
+        """Text, in quotes where it looks like a number."""
+        return self.represent_scalar("tag:yaml.org,2002:str", text, "'" if _LIKE_NUMBERS.fullmatch(text) else None)
+
+    def represent_line(self, values: _OneLine) -> yaml.MappingNode:
+        """A mapping on one line."""
+        return self.represent_mapping("tag:yaml.org,2002:map", values, flow_style=True)
+
+
+_Dumper.add_representer(str, _Dumper.represent_text)
+_Dumper.add_representer(_OneLine, _Dumper.represent_line)

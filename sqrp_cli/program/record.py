@@ -19,6 +19,7 @@ from sqrp_cli.knowledge.skill.settings import ANY, FASTEST
 from sqrp_cli.knowledge.skill.target_box import TargetBox
 from sqrp_cli.knowledge.text.entries import Entry, Finite, Stored, Written
 from sqrp_cli.knowledge.text.units import read_quantity
+from sqrp_cli.knowledge.workspace.understood import Plain
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.trajectory import Trajectory
 
@@ -211,15 +212,23 @@ class Program(Entry):
     workspace: str
     """Its file, relative to the program's."""
     digest: str
-    """Of the workspace that the program was made for."""
+    """Of `made_for`; without that, of the bytes of the workspace's files."""
     checksum: str = ""
-    """Of all that a file says apart from where its workspace is; empty until it is saved."""
+    """Of all that a file says apart from its workspace; empty until it is saved."""
     marks: str = ""
     """A sign for each value: they show where a file was changed whose checksum does not fit."""
     joints: tuple[str, ...]
     """Names of the joints of all trajectories, in their order."""
     steps: tuple[Step, ...]
     """In the order in which they are done."""
+    made_for: Mapping[str, Mapping[str, Plain]] = {}
+    """What the workspace said that matters, see `workspace.understood`: it tells what has changed since. Programs of
+    earlier versions lack it."""
+
+    @property
+    def skills(self) -> tuple[str, ...]:
+        """The skills of its steps, each once."""
+        return tuple(dict.fromkeys(step.skill for step in self.steps))
 
     def with_steps(self, steps: Sequence[Step]) -> Program:
         """The program with more steps at its end."""

@@ -194,7 +194,7 @@ def test_the_page_says_what_was_computed(opened, written, shown_document):
     about = dict(zip(opened.texts("#about dt"), opened.texts("#about dd"), strict=True))
     assert about["command"].startswith("sqrp rank ")
     assert f"--report {written}" in about["command"]
-    assert about["digest of its files"] == shown_document["digest"]
+    assert about["digest"] == shown_document["digest"]
     assert about["accuracy"].startswith("Sampled every 10 mm of motion or closer")
 
 

@@ -81,8 +81,8 @@ def _list(file: Path, drop_last: bool, export: Path | None, rate: str | None, as
     if (drop_last or export is not None) and doubts:
         raise InputError(*(replace(doubt, severity="error") for doubt in doubts))
     notes = []
-    if drop_last:
-        program, dropped = _without_last(program, file)
+    if drop_last and workspace is not None:
+        program, dropped = _without_last(program, file, workspace)
         notes.append(dropped)
     if export is not None and workspace is not None:
         notes.append(_export(program, workspace, file, export, _read_rate(rate)))
@@ -101,29 +101,29 @@ def _judged(program: Program, file: Path) -> tuple[Workspace | None, list[Proble
     Raises InputError if the program was edited, or contradicts an unchanged workspace.
     """
     from sqrp_cli.knowledge.workspace.load import load_workspace
-    from sqrp_cli.program.file import check_program, check_unedited, stale, workspace_path
+    from sqrp_cli.program.file import check_program, check_unedited, find_workspace, stale
 
-    path = workspace_path(program, file)
     try:
-        workspace = load_workspace(path)
+        workspace = load_workspace(find_workspace(program, file))
     except InputError as error:
         check_unedited(program, file)
         message = f"its workspace cannot be read, so whether it still holds is not known: {error.problems[0]}"
         return None, [Problem("no-workspace", message, Place(file), severity="warning")]
-    if program.digest != workspace.digest:
+    doubt = stale(program, file, workspace)
+    if doubt is not None:
         check_unedited(program, file)
-        return workspace, [replace(stale(program, file, workspace), severity="warning")]
+        return workspace, [replace(doubt, severity="warning")]
     check_program(program, file, workspace)
     return workspace, []
 
 
-def _without_last(program: Program, file: Path) -> tuple[Program, str]:
+def _without_last(program: Program, file: Path, workspace: Workspace) -> tuple[Program, str]:
     """Save a program without its last step; returns it with a message."""
-    from sqrp_cli.program.file import save_program
+    from sqrp_cli.program.file import made_for, save_program
 
     if not program.steps:
         raise InputError(Problem("no-steps", "this program has no step that could be dropped", Place(file)))
-    shorter = program.without_last_step()
+    shorter = made_for(program.without_last_step(), file, workspace)
     save_program(shorter, file)
     return shorter, f"dropped step {len(program.steps)}, {program.steps[-1].short_task}, from {file}"
 

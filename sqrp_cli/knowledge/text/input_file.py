@@ -104,10 +104,7 @@ class SourceFile:
 
 
 class ContentDigest:
-    """Collects the files of a workspace by their roles, and computes one SHA-256 of them.
-
-    It depends only on roles and contents, not on the files' folders or the order of reading.
-    """
+    """Collects the files of a workspace by their roles, with a digest of the content of each."""
 
     def __init__(self) -> None:
         self.files: dict[str, SourceFile] = {}
@@ -120,10 +117,6 @@ class ContentDigest:
         """Add a file that is read elsewhere, such as a mesh. Raises as `open_input`."""
         with open_input(path) as file:
             self.files[role] = SourceFile(path, hashlib.file_digest(file, "sha256").hexdigest())
-
-    def hexdigest(self) -> str:
-        """The digest of everything that was added."""
-        return digest_of((role, file.digest) for role, file in self.files.items())
 
 
 def digest_of(parts: Iterable[tuple[str, str]]) -> str:

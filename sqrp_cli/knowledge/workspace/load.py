@@ -65,7 +65,6 @@ def load_workspace(path: Path, content: bytes | None = None) -> Workspace:
         skills=skills,
         tasks=tuple(file.tasks),
         padding=file.padding,
-        digest=digest.hexdigest(),
         files=digest.files,
         values=document.leaves,
         warnings=_each_once(

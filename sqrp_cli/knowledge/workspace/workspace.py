@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated
 
@@ -29,9 +30,10 @@ from sqrp_cli.knowledge.text.entries import (
     Written,
     refused,
 )
-from sqrp_cli.knowledge.text.input_file import SourceFile
+from sqrp_cli.knowledge.text.input_file import SourceFile, digest_of
 from sqrp_cli.knowledge.text.source import LeafValue
 from sqrp_cli.knowledge.text.units import LENGTH, TIME
+from sqrp_cli.knowledge.workspace.understood import Understood, digest_of_understood, understood
 from sqrp_cli.logic.literal import Atom
 from sqrp_cli.shapes import Mesh, Part
 
@@ -122,16 +124,29 @@ class Workspace:
     tasks: tuple[ExpectedTask, ...]
     padding: float
     """Least distance that motions keep from fixed objects [m]."""
-    digest: str
-    """SHA-256 over the content of every file that was read, meshes included."""
     files: Mapping[str, SourceFile]
-    """Those files, by the role that each plays, such as `robot.urdf`."""
+    """The files that were read, meshes included, by the role that each plays, such as `robot.urdf`."""
     values: Mapping[str, LeafValue]
     """What the workspace file says, by dotted path."""
     warnings: tuple[Problem, ...]
     """Findings that do not prevent its use."""
     places: Mapping[str, Place]
     """Position of every key of the file, by dotted path."""
+
+    @cached_property
+    def understood(self) -> Understood:
+        """What it says, without what has no meaning for the cell."""
+        return understood(self, {file.path: file.digest for file in self.files.values()})
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of what was understood."""
+        return digest_of_understood(self.understood)
+
+    @property
+    def file_digest(self) -> str:
+        """SHA-256 of the bytes of all files, by which programs of earlier versions know a workspace."""
+        return digest_of((role, file.digest) for role, file in self.files.items())
 
     @property
     def whole_file(self) -> Place:

@@ -226,7 +226,7 @@ class ShowDocument(WorkspaceDocument):
     """What `sqrp show` prints."""
 
     digest: str
-    """Of all files that the workspace was read from."""
+    """Of what was understood of the workspace: the same whatever its comments, layout and folder."""
     robot: RobotScene
     """The robot with its tool."""
     cameras: Mapping[str, CameraScene]

@@ -65,7 +65,7 @@ def write_advice(shown: AdviceShown, path: Path, *, arguments: Sequence[str], jo
             entries.append(replace(row, scene=0 if same else len(scenes) - 1))
             advance(1)
     workspace = original.cell.workspace
-    about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest of its files", workspace.digest)]
+    about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest", workspace.digest)]
     if feasible := [Ranked(row.found, 1, pareto=False) for row in rows if row.found.feasible]:
         about.append(("accuracy", accuracy(original.sampling, feasible)))
     about += [(KIND_WORDS[kind.kind], kind.why) for kind in document.kinds if kind.why is not None]

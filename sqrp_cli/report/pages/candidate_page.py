@@ -58,7 +58,7 @@ def write_ranking(
     entries = [
         _candidate(ranked, differing, detail, choice=choice) for ranked, detail in zip(ranking, details, strict=True)
     ]
-    about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest of its files", workspace.digest)]
+    about = [*origin(arguments), ("workspace", str(workspace.path)), ("digest", workspace.digest)]
     if feasible := [ranked for ranked in ranking if ranked.rank is not None]:
         about.append(("accuracy", accuracy(assignment.sampling, feasible)))
     title = f"{task} in {workspace.name}"

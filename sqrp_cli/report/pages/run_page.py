@@ -51,7 +51,7 @@ WITNESSED = (
 
 @dataclass(frozen=True, eq=False)
 class RunCell:
-    """The cell of a run. digest: of its workspace's files at the time.
+    """The cell of a run. digest: of its workspace at the time.
 
     workspace: None if its files are not at hand. why_flat: why there is no playback in three dimensions, if so.
     """
@@ -94,7 +94,7 @@ def write_run(cell: RunCell, report: RunReport, events: Sequence[Event], path: P
     )
     title = f"A run in {cell.name}"
     summary = f"{', '.join(names)}: {report.outcome} at {report.time:.2f} s."
-    about = [*origin(arguments), ("workspace", cell.name), ("digest of its files", cell.digest)]
+    about = [*origin(arguments), ("workspace", cell.name), ("digest", cell.digest)]
     write_page(PageContent(title, summary, "Steps", about, [entry], scenes, of_images=True), path)
 
 

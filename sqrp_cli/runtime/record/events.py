@@ -104,7 +104,7 @@ class RunBegan(_Event):
     workspace: str
     """Name of the workspace."""
     digest: str
-    """Of the workspace's files."""
+    """Of what was understood of the workspace."""
     seed: int = 0
     """Of everything random in the run."""
     cameras: list[str]

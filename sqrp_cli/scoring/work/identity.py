@@ -9,6 +9,7 @@ from functools import cache
 from importlib import metadata, resources
 from pathlib import Path
 
+from sqrp_cli.knowledge.workspace.understood import digest_of_understood, with_skills
 from sqrp_cli.knowledge.workspace.workspace import Workspace
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.task import Candidate
@@ -49,16 +50,9 @@ def code_digest(root: Path) -> str:
 def content_digest(workspace: Workspace, skill: str) -> str:
     """Digest of everything in a workspace that the figures of a skill's candidates depend on.
 
-    That is the workspace file without its tasks and thresholds, comments and layout; and the content of every file
-    that it names, except for other skills.
+    That is what was understood of it, see `knowledge.workspace.understood`, except for other skills.
     """
-    values = [(path, value) for path, value in workspace.values.items() if says_something(path)]
-    files = [
-        (role, file.digest)
-        for role, file in sorted(workspace.files.items())
-        if role != "workspace" and (not role.startswith("skills.") or role.startswith(f"skills.{skill}."))
-    ]
-    return digest_of([values, files])
+    return digest_of_understood(with_skills(workspace.understood, [skill]))
 
 
 def says_something(path: str) -> bool:

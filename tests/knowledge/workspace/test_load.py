@@ -168,31 +168,6 @@ def test_objects_may_be_named_with_words_that_yaml_1_1_takes_for_booleans(damage
     assert Atom("on_table", ("off",)) in workspace.state
 
 
-def test_the_digest_depends_on_contents_and_not_on_places(cell: Path, tmp_path: Path) -> None:
-    elsewhere = shutil.copytree(cell, tmp_path / "elsewhere" / "cell")
-    assert load_workspace(cell).digest == load_workspace(elsewhere).digest
-
-
-@pytest.mark.parametrize(
-    ("file", "old", "new"),
-    [
-        ("workspace.yaml", "# A small cell", "# The small cell"),
-        ("arm.urdf", 'upper="2"', 'upper="1.9"'),
-        ("arm.srdf", 'value="1.5"', 'value="1.4"'),
-        ("cup.urdf", "0.04", "0.05"),
-        ("side.yaml", "617.20", "617.21"),
-        ("cube.stl", "vertex 0.5 0.5 0.5", "vertex 0.5 0.5 0.6"),
-        ("pickup/skill.yaml", "retreat: 2 cm", "retreat: 3 cm"),
-        ("pickup/pickup.pddl", "(:requirements", "; changed\n (:requirements"),
-    ],
-)
-def test_the_digest_changes_with_every_file_that_is_read(cell: Path, file: str, old: str, new: str) -> None:
-    before = load_workspace(cell).digest
-    path = cell / file
-    path.write_text(path.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-    assert load_workspace(cell).digest != before
-
-
 @pytest.mark.parametrize(
     ("asked", "entries", "meant"),
     [
