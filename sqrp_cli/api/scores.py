@@ -69,10 +69,13 @@ class ScoreRun:
         parts += ["the others were known"] if not interrupted and computed + failed < total else []
         return ", ".join(parts) + (", then interrupted" if interrupted else "")
 
-    def compare(self, findings: Scorecard, baseline: Baseline, allowance: float) -> Scorecard:
-        """The findings compared with a baseline; at Ctrl-C without. allowance: see `comparison.compare`."""
+    def compare(
+        self, findings: Scorecard, baseline: Baseline, allowance: float, *, may_vanish: bool = False
+    ) -> Scorecard:
+        """The findings compared with a baseline; at Ctrl-C without. allowance, may_vanish: see `compare_with`."""
+        lookup = self._lookup
         try:
-            return compare_with(findings, self.cells, baseline, allowance, self._lookup, self.progress)
+            return compare_with(findings, self.cells, baseline, allowance, lookup, self.progress, may_vanish=may_vanish)
         except KeyboardInterrupt:
             return replace(findings, interrupted=True)
 

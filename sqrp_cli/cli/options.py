@@ -74,6 +74,9 @@ Allow = Annotated[
     float,
     typer.Option("--allow", metavar="POINTS", min=0.0, help="What may get worse: points of Q, percent of times."),
 ]
+AllowMissing = Annotated[
+    bool, typer.Option("--allow-missing", help="Pass though the baseline has workspaces or tasks that are gone.")
+]
 Junit = Annotated[Path | None, typer.Option("--junit", metavar="FILE", help="Write a JUnit file for a CI server.")]
 Summary = Annotated[Path | None, typer.Option("--summary", metavar="FILE", help="Write a Markdown summary.")]
 Out = Annotated[

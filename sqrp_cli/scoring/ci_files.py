@@ -23,12 +23,19 @@ def write_junit(scorecard: Scorecard, path: Path) -> None:
 
     A task that is not good enough, or worse than its baseline, is a `failure`; what cannot be scored is an `error`.
     """
-    root = Xml.Element("testsuites", {"name": "sqrp score", **_counts(scorecard.results)})
+    gone = [] if scorecard.may_vanish else scorecard.vanished
+    root = Xml.Element("testsuites", {"name": "sqrp score", **_counts(scorecard.results, len(gone))})
     for workspace, group in groupby(scorecard.results, key=lambda result: result.score.workspace):
         results = list(group)
         suite = Xml.SubElement(root, "testsuite", {"name": one_line(workspace), **_counts(results)})
         for result in results:
             _case(suite, result)
+    for workspace, tasks in groupby(gone, key=lambda task: task.workspace):
+        names = [one_line(task.task) for task in tasks]
+        suite = Xml.SubElement(root, "testsuite", {"name": one_line(workspace), **_counts([], len(names))})
+        for name in names:
+            case = Xml.SubElement(suite, "testcase", classname=one_line(workspace), name=name)
+            Xml.SubElement(case, "failure", message="it is only in the baseline", type="vanished")
     Xml.indent(root)
     write_atomically(path, Xml.tostring(root, encoding="unicode", xml_declaration=False).join((_HEAD, "\n")))
 
@@ -46,6 +53,7 @@ def write_summary(scorecard: Scorecard, path: Path) -> None:
     for result in scorecard.results:
         lines += [f"- **{result.score.status}** {_name(result)}: {_text(reason)}" for reason in result.score.reasons]
     lines += [f"- **vanished** {_text(gone.workspace)}, {_text(gone.task)}" for gone in scorecard.vanished]
+    lines += [f"- **renamed** {_text(name)} is {_text(was)} of the baseline" for name, was in scorecard.renamed.items()]
     for result in scorecard.results:
         comparison = result.comparison
         if comparison is not None and comparison.verdict == "new":
@@ -64,8 +72,9 @@ def write_summary(scorecard: Scorecard, path: Path) -> None:
     write_atomically(path, "\n".join(lines) + "\n")
 
 
-def _counts(results: Sequence[ComparedScore]) -> dict[str, str]:
-    statuses = [result.score.status for result in results]
+def _counts(results: Sequence[ComparedScore], gone: int = 0) -> dict[str, str]:
+    """gone: how many tasks vanished that must not."""
+    statuses = [result.score.status for result in results] + ["failed"] * gone
     counts = {"tests": len(statuses), "failures": statuses.count("failed"), "errors": statuses.count("error")}
     return {name: str(count) for name, count in {**counts, "skipped": 0}.items()}
 

@@ -12,7 +12,7 @@ from sqrp_cli.errors import InputError
 from sqrp_cli.knowledge.workspace.load import workspace_file
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, VanishedTask, baseline_of, vanished
+from sqrp_cli.scoring.baselines.baseline import Baseline, TaskRecord, VanishedTask, baseline_of, identified, vanished
 from sqrp_cli.scoring.baselines.changes import Change, workspace_changes
 from sqrp_cli.scoring.baselines.comparison import Comparison, changed_ways, compare
 from sqrp_cli.scoring.cells import ScoredCell, read_cell
@@ -44,6 +44,10 @@ class Scorecard:
     """By workspace, since the baseline."""
     vanished: tuple[VanishedTask, ...] = ()
     """Tasks that exist only in the baseline."""
+    may_vanish: bool = True
+    """Whether that is no failure."""
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    """The baseline's name of each workspace that it knows by another one, by its name now."""
     interrupted: bool = False
     unfinished: int = 0
     """How many results are missing because the run was interrupted."""
@@ -55,7 +59,8 @@ class Scorecard:
     @property
     def passed(self) -> bool:
         """Whether nothing failed and nothing is wrong."""
-        return not self.interrupted and all(result.score.status == "passed" for result in self.results)
+        complete = self.may_vanish or not self.vanished
+        return not self.interrupted and complete and all(one.score.status == "passed" for one in self.results)
 
 
 def score_cells(cells: Sequence[ScoredCell], computer: Computer, progress: Progress) -> Scorecard:
@@ -101,23 +106,24 @@ def compare_with(
     allowance: float,
     lookup: CoverageLookup,
     progress: Progress,
+    *,
+    may_vanish: bool,
 ) -> Scorecard:
     """The scorecard with every task compared with its baseline; a task that got worse has failed.
 
-    allowance: see `compare`. Raises InputError where results cannot be kept.
+    allowance: see `compare`. may_vanish: whether it is no failure if the baseline has a workspace, a task or a choice
+    of objects that is no longer there. Raises InputError where results cannot be kept.
     """
-    records = {
-        (workspace, task): record
-        for workspace, found in baseline.workspaces.items()
-        for task, record in found.tasks.items()
-    }
+    known = identified(baseline, cells)
     changes = {
-        cell.name: workspace_changes(baseline.workspaces[cell.name].files, baseline.fields, cell.workspace)
+        cell.name: workspace_changes(record.digest, record.files, baseline.fields, cell.workspace)
         for cell in cells
-        if cell.workspace is not None and cell.name in baseline.workspaces
+        if cell.workspace is not None and cell.name in known
+        for record in [baseline.workspaces[known[cell.name]]]
     }
     scores = [result.score for result in scorecard.results]
-    pairs = [(one, records.get((one.workspace, one.task or ""))) for one in scores]
+    tasks = {name: baseline.workspaces[before].tasks for name, before in known.items()}
+    pairs = [(one, tasks.get(one.workspace, {}).get(one.task or "")) for one in scores]
     lookup.prepare(
         [
             (one, one.ways[change.way])
@@ -128,11 +134,20 @@ def compare_with(
         ],
         progress,
     )
-    results = [_compared(one, record, allowance, lookup, changes.get(one.workspace, ())) for one, record in pairs]
-    names = {cell.name: [task.text for task in cell.tasks] for cell in cells if cell.workspace is not None}
-    unreadable = {cell.name for cell in cells if cell.workspace is None}
-    gone = tuple(task for task in vanished(baseline, names) if task.workspace not in unreadable)
-    return replace(scorecard, results=tuple(results), changes=changes, vanished=gone)
+    results = [
+        _compared(one, record, allowance, lookup, changes.get(one.workspace, ()), may_vanish=may_vanish)
+        for one, record in pairs
+    ]
+    names = {known.get(cell.name, ""): [task.text for task in cell.tasks] for cell in cells}
+    unreadable = {known.get(cell.name) for cell in cells if cell.workspace is None}
+    return replace(
+        scorecard,
+        results=tuple(results),
+        changes=changes,
+        vanished=tuple(task for task in vanished(baseline, names) if task.workspace not in unreadable),
+        may_vanish=may_vanish,
+        renamed={name: before for name, before in known.items() if name != before},
+    )
 
 
 def listed(changes: Sequence[Change]) -> str:
@@ -183,7 +198,8 @@ def difference(
     # Only what is worse than before counts as failed, not what is below a threshold in both.
     results_now = (replace(result, score=_expecting_nothing(result.score)) for result in second.results)
     second = replace(second, results=tuple(results_now))
-    return compare_with(second, [after], baseline, allowance, CoverageLookup([after], computer), progress)
+    lookup = CoverageLookup([after], computer)
+    return compare_with(second, [after], baseline, allowance, lookup, progress, may_vanish=True)
 
 
 def _compared(
@@ -192,15 +208,18 @@ def _compared(
     allowance: float,
     lookup: CoverageLookup,
     changes: Sequence[Change],
+    *,
+    may_vanish: bool,
 ) -> ComparedScore:
     if result.status == "error":
         return ComparedScore(result, None)
     comparison = compare(record, result, allowance, lookup)
-    worse = [change for change in comparison.ways if change.worse]
-    if not worse:
-        return ComparedScore(result, comparison)
     since = f"; since the baseline {listed(changes)}" if changes else ""
-    reasons = tuple(f"{result.task} got worse for {change}{since}" for change in worse)
+    reasons = [f"{result.task} got worse for {change}{since}" for change in comparison.ways if change.worse]
+    if not may_vanish:
+        reasons += [f"{result.task} for {way} is in the baseline, and no longer here{since}" for way in comparison.gone]
+    if not reasons:
+        return ComparedScore(result, comparison)
     return ComparedScore(replace(result, status="failed", reasons=(*result.reasons, *reasons)), comparison)
 
 

@@ -55,8 +55,14 @@ def print_comparison(findings: Scorecard) -> None:
             say(joined(["\n", ("new", "yellow"), f" {_name(result)} is not in the baseline"]))
         for way in comparison.gone:
             say(joined(["\n", ("gone", "yellow"), f" {_name(result)} for {way}: there is no such way any more"]))
+    for name, before in findings.renamed.items():
+        say(joined(["\n", ("renamed", "yellow"), f" {name} is {before} of the baseline"]))
+    style = "yellow" if findings.may_vanish else "red"
     for gone in findings.vanished:
-        say(joined(["\n", ("vanished", "yellow"), f" {gone.workspace}, {gone.task} is only in the baseline"]))
+        say(joined(["\n", ("vanished", style), f" {gone.workspace}, {gone.task} is only in the baseline"]))
+    missing = findings.vanished or any(one.comparison and one.comparison.gone for one in findings.results)
+    if missing and not findings.may_vanish:
+        say("\nWhat is gone fails: --allow-missing lets it pass, --save-baseline makes a new baseline.")
     worse = {result.score.workspace for result in findings.results if result.comparison and result.comparison.ways}
     for workspace, changes in findings.changes.items():
         if changes and workspace not in worse:
@@ -98,6 +104,7 @@ def verdict(findings: Scorecard) -> str:
     counts += [f"{findings.count('failed')} failed"] if findings.count("failed") else []
     errors = findings.count("error")
     counts += [f"{errors} could not be scored"] if errors else []
+    counts += [f"{len(findings.vanished)} vanished"] if findings.vanished and not findings.may_vanish else []
     return ", ".join(counts) + "."
 
 

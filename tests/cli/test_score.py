@@ -16,6 +16,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.platform.files import os as files_os
 from sqrp_cli.programming.pipeline import Assignment
 from sqrp_cli.terminal.score_table import column_titles
@@ -62,7 +63,7 @@ def test_a_broken_workspace_is_an_error_and_the_others_are_scored(sqrp, cells, t
     assert results["good"]["best"]["parameters"] == {"object": "seen"}
     assert results["good"]["best"]["q_avg"] == pytest.approx(1.0)
     assert not outcome.document["passed"]
-    root = ElementTree.parse(junit).getroot()  # noqa: S314 - our own file
+    root = ElementTree.parse(junit).getroot()  # noqa: S314  # noqa: S314 - our own file
     assert (root.get("tests"), root.get("failures"), root.get("errors")) == ("3", "1", "1")
     assert {suite.get("name") for suite in root} == set(results)
     assert root.find(".//error").get("message") == results["broken"]["reasons"][0]
@@ -139,14 +140,84 @@ def test_a_camera_moved_by_10_cm_turns_the_build_red_and_restoring_it_green(sqrp
     assert restored.document["results"][0]["baseline"]["verdict"] == "unchanged"
 
 
-def test_new_and_vanished_tasks_are_named(sqrp, own_watch, tmp_path):
-    baseline = tmp_path / "baseline.json"
+def test_what_vanished_fails_unless_that_is_allowed(sqrp, own_watch, tmp_path):
+    baseline, junit = tmp_path / "baseline.json", tmp_path / "junit.xml"
     assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
     edit(own_watch, "watch green", "watch seen")
-    outcome = sqrp("score", own_watch, "--baseline", baseline, "--json")
-    assert outcome.code == 0
+    outcome = sqrp("score", own_watch, "--baseline", baseline, "--junit", junit, "--json")
+    assert (outcome.code, outcome.document["passed"]) == (1, False)
     assert outcome.document["results"][0]["baseline"]["verdict"] == "new"
     assert outcome.document["vanished"] == [{"workspace": "watch", "task": "watch green"}]
+    root = ElementTree.parse(junit).getroot()  # noqa: S314
+    assert root.attrib["failures"] == "1"
+    assert [case.attrib["name"] for case in root.iter("testcase") if case.find("failure") is not None] == [
+        "watch green"
+    ]
+    printed = sqrp("score", own_watch, "--baseline", baseline)
+    assert printed.code == 1
+    assert "--allow-missing" in printed.out
+    assert printed.out.endswith("1 of 1 task passed, 1 vanished.\n")
+    outcome = sqrp("score", own_watch, "--baseline", baseline, "--allow-missing", "--json")
+    assert (outcome.code, outcome.document["passed"]) == (0, True)
+
+
+def test_a_choice_of_objects_that_vanished_fails_its_task(sqrp, own_watch, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+    edit(own_watch, "turned: {type: cube, color: green", "turned: {type: cube, color: blue")
+    outcome = sqrp("score", own_watch, "--baseline", baseline, "--json")
+    assert outcome.code == 1
+    (reason,) = outcome.document["results"][0]["reasons"]
+    assert reason.startswith("watch green for turned is in the baseline, and no longer here; since the baseline ")
+    assert sqrp("score", own_watch, "--baseline", baseline, "--allow-missing").code == 0
+
+
+@pytest.mark.parametrize("edited", [False, True], ids=["", "and edited"])
+def test_a_workspace_whose_folder_is_renamed_is_still_compared(sqrp, own_watch, tmp_path, edited):
+    """The file's own task got worse: 60 % is asked of `turned`, which is seen for 60 % of the time, not of `seen`."""
+    baseline = tmp_path / "baseline.json"
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+    renamed = own_watch.rename(tmp_path / "renamed")
+    if edited:
+        edit(renamed, "position: [0, 0, 1], look_at: [1, 0, 1]", "position: [0, 0, 1], look_at: [-1, 0, 1]")
+    outcome = sqrp("score", renamed, "--baseline", baseline, "--json")
+    assert outcome.code == (1 if edited else 0)
+    assert outcome.document["renamed"] == {"renamed": "watch"}
+    assert outcome.document["vanished"] == []
+    assert outcome.document["results"][0]["baseline"]["verdict"] == ("regressed" if edited else "unchanged")
+
+
+def test_workspaces_that_swap_their_names_keep_their_baselines(sqrp, own_watch, tmp_path):
+    cells = tmp_path / "cells"
+    (first := cells / "a").parent.mkdir()
+    shutil.copytree(own_watch, first)
+    shutil.copytree(own_watch, cells / "b")
+    edit(cells / "b", "near: 50 cm", "near: 51 cm")
+    baseline = tmp_path / "baseline.json"
+    assert sqrp("score", cells, "--save-baseline", baseline).code == 0
+    first.rename(cells / "c")
+    (cells / "b").rename(first)
+    (cells / "c").rename(cells / "b")
+    outcome = sqrp("score", cells, "--baseline", baseline, "--json")
+    assert outcome.code == 0
+    assert outcome.document["renamed"] == {"a": "b", "b": "a"}
+    assert [one["baseline"]["verdict"] for one in outcome.document["results"]] == ["unchanged"] * 2
+
+
+def test_a_baseline_of_an_earlier_version_knows_a_workspace_by_its_bytes(sqrp, own_watch, tmp_path):
+    baseline = tmp_path / "baseline.json"
+    assert sqrp("score", own_watch, "--save-baseline", baseline).code == 0
+    data = json.loads(baseline.read_text(encoding="utf-8"))
+    data["workspaces"]["watch"]["digest"] = load_workspace(own_watch).file_digest
+    baseline.write_text(json.dumps(data), encoding="utf-8")
+    outcome = sqrp("score", own_watch.rename(tmp_path / "renamed"), "--baseline", baseline, "--json")
+    assert (outcome.code, outcome.document["renamed"]) == (0, {"renamed": "watch"})
+
+
+def test_allow_missing_is_about_a_baseline(sqrp, own_watch):
+    outcome = sqrp("score", own_watch, "--allow-missing")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "--baseline" in outcome.err
 
 
 @pytest.fixture

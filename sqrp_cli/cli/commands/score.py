@@ -53,12 +53,24 @@ class Outputs:
             check_libraries()
 
 
+@dataclass(frozen=True)
+class Expected:
+    """What scores are compared with."""
+
+    baseline: Path | None
+    allowance: float
+    """What may get worse: points of Q, percent of times."""
+    may_vanish: bool
+    """Whether workspaces, tasks and choices of objects of the baseline may be gone."""
+
+
 def command(
     context: typer.Context,
     paths: option.Paths,
     baseline: option.Baseline = None,
     save_baseline: option.SaveBaseline = None,
     allow: option.Allow = option.DEFAULT_ALLOWANCE,
+    allow_missing: option.AllowMissing = False,
     junit: option.Junit = None,
     summary: option.Summary = None,
     report: option.Report = None,
@@ -87,6 +99,8 @@ def command(
     if not vary and (draws is not None or patch is not None):
         given = "--draws" if draws is not None else "--patch"
         raise InputError(Problem("bad-option", f"{given} is about --vary, which is missing"))
+    if allow_missing and baseline is None:
+        raise InputError(Problem("bad-option", "--allow-missing is about --baseline, which is missing"))
     outputs = Outputs(junit, summary, save_baseline, report)
     if vary and (baseline is not None or outputs.paths):
         raise InputError(Problem("bad-option", "--vary goes without baselines and reports"))
@@ -97,13 +111,13 @@ def command(
         means = Means(read_sampling(samples, dt, tolerance), job_count(jobs), workers, out, seed)
         if vary:
             return _vary(paths, vary, draws, patch, means, as_json=as_json)
-        return _score(paths, baseline, allow, outputs, means, context.obj, as_json=as_json)
+        expected = Expected(baseline, allow, allow_missing)
+        return _score(paths, expected, outputs, means, context.obj, as_json=as_json)
 
 
 def _score(
     paths: Sequence[str],
-    against: Path | None,
-    allowance: float,
+    expected: Expected,
     outputs: Outputs,
     means: Means,
     arguments: Sequence[str],
@@ -121,14 +135,14 @@ def _score(
     from sqrp_cli.scoring.baselines.baseline import load_baseline
     from sqrp_cli.terminal.console import note, progress
 
-    check_not_read(outputs.paths, [against])
-    baseline = None if against is None else load_baseline(against, means.sampling)
+    check_not_read(outputs.paths, [expected.baseline])
+    baseline = None if expected.baseline is None else load_baseline(expected.baseline, means.sampling)
     findings = None
     try:
         with ScoreRun.open(paths, outputs.paths, means, progress) as run:
             findings = _findings(run)
             if baseline is not None and not findings.interrupted:
-                findings = run.compare(findings, baseline, allowance)
+                findings = run.compare(findings, baseline, expected.allowance, may_vanish=expected.may_vanish)
                 if findings.interrupted:
                     note("interrupted before everything was compared with the baseline")
             if not findings.interrupted:

@@ -127,12 +127,14 @@ class ScoreDocument(Document):
     """By workspace, since the baseline."""
     vanished: tuple[VanishedTask, ...]
     """Tasks that exist only in the baseline."""
+    renamed: Mapping[str, str]
+    """The baseline's name of each workspace that it knows by another one, by its name now."""
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
     """True if Ctrl-C came before everything was scored."""
     unfinished: int | None = field(default=None, metadata=LEFT_OUT)
     """If so, how many results are missing."""
     passed: bool
-    """Whether every task passed and none is missing."""
+    """Whether every task passed and none is missing; a vanished one is, unless that is allowed."""
 
     @classmethod
     def of(cls, findings: Scorecard) -> ScoreDocument:
@@ -141,6 +143,7 @@ class ScoreDocument(Document):
             results=[TaskResult.of(result) for result in findings.results],
             changes={name: list(changes) for name, changes in findings.changes.items() if changes},
             vanished=findings.vanished,
+            renamed=findings.renamed,
             interrupted=findings.interrupted or None,
             unfinished=findings.unfinished if findings.interrupted else None,
             passed=findings.passed,

@@ -22,7 +22,7 @@ from sqrp_cli.platform.files import write_atomically
 from sqrp_cli.programming.coverage.blind_spans import Coverage
 from sqrp_cli.programming.coverage.sampling import DEFAULT_TOLERANCE, Adaptive, FixedCount, FixedStep, Sampling
 from sqrp_cli.programming.ranking import Ranked
-from sqrp_cli.scoring.baselines.changes import fields_of
+from sqrp_cli.scoring.baselines.changes import WORKSPACE, fields_of
 from sqrp_cli.scoring.cells import ScoredCell
 from sqrp_cli.scoring.score import TaskScore
 from sqrp_cli.scoring.work.results import CoverageRecord, Seconds
@@ -119,6 +119,7 @@ class WorkspaceRecord(Entry):
     """A workspace with its tasks by their text."""
 
     digest: str
+    """Of what was understood of it, see `Workspace.digest`; in earlier versions of the bytes of its files."""
     files: dict[str, str]
     """The digest of each file by its role."""
     tasks: dict[str, TaskRecord]
@@ -233,8 +234,50 @@ class VanishedTask:
     """As the baseline has it."""
 
 
+LEAST_ALIKE = 0.5
+"""Least share of equal values by which a workspace is taken for one of another name in a baseline."""
+
+
+def identified(baseline: Baseline, cells: Sequence[ScoredCell]) -> dict[str, str]:
+    """The name in a baseline of each workspace that it knows, by its name now.
+
+    A workspace is the one that meant the same; else the one of its name; else, as its folder may be renamed and its
+    file edited at once, the one with most equal values, if at least `LEAST_ALIKE` of all are equal.
+    """
+    found: dict[str, str] = {}
+    for test in (_means_the_same, _has_its_name, None):
+        left = [cell for cell in cells if cell.name not in found]
+        free = {name: record for name, record in baseline.workspaces.items() if name not in found.values()}
+        pairs = [(cell, name) for cell in left for name in free]
+        if test is None:
+            alike = {pair: _likeness(baseline, *pair) for pair in pairs}
+            pairs = sorted((pair for pair in pairs if alike[pair] >= LEAST_ALIKE), key=lambda pair: -alike[pair])
+        else:
+            pairs = [pair for pair in pairs if test(pair[0], pair[1], free[pair[1]])]
+        for cell, name in sorted(pairs, key=lambda pair: pair[0].name != pair[1]) if test else pairs:
+            if cell.name not in found and name not in found.values():
+                found[cell.name] = name
+    return found
+
+
+def _means_the_same(cell: ScoredCell, _name: str, record: WorkspaceRecord) -> bool:
+    return cell.workspace is not None and record.digest in (cell.workspace.digest, cell.workspace.file_digest)
+
+
+def _has_its_name(cell: ScoredCell, name: str, _record: WorkspaceRecord) -> bool:
+    return cell.name == name
+
+
+def _likeness(baseline: Baseline, cell: ScoredCell, name: str) -> float:
+    """The share of the values of either workspace file that are equal in both."""
+    before = baseline.fields.get(baseline.workspaces[name].files.get(WORKSPACE, ""), {})
+    now = {} if cell.workspace is None else cell.workspace.values
+    equal = sum(path in now and now[path] == value for path, value in before.items())
+    return float(equal / max(1, len(before.keys() | now.keys())))
+
+
 def vanished(baseline: Baseline, names: Mapping[str, Sequence[str]]) -> tuple[VanishedTask, ...]:
-    """Every task of a baseline that no longer exists; names: tasks by workspace."""
+    """Every task of a baseline that no longer exists; names: tasks by the baseline's name of their workspace."""
     return tuple(
         VanishedTask(workspace, task)
         for workspace, record in baseline.workspaces.items()

@@ -51,14 +51,14 @@ class Change:
 
 
 def workspace_changes(
-    before: Mapping[str, str], known: Mapping[str, Mapping[str, LeafValue]], now: Workspace
+    digest: str, before: Mapping[str, str], known: Mapping[str, Mapping[str, LeafValue]], now: Workspace
 ) -> tuple[Change, ...]:
-    """The differences that may matter, without those of comments and layout.
+    """The differences that may matter; none if `digest`, of what was understood before, is the same.
 
     before: the digest of each file by its role. known: fields of files by digest. Tasks and their thresholds are not
     compared.
     """
-    return tuple(_changes(before, known, now))
+    return () if digest == now.digest else tuple(_changes(before, known, now))
 
 
 def _changes(

@@ -25,7 +25,8 @@ def own_cell(tmp_path: Path) -> Path:
 def changes(cell: Path) -> list[str]:
     """What changed in a copy of the cell."""
     before = baseline_of([read_cell(CELL / "workspace.yaml", "cell")], [], lambda *_: None, Adaptive())
-    found = workspace_changes(before.workspaces["cell"].files, before.fields, load_workspace(cell))
+    record = before.workspaces["cell"]
+    found = workspace_changes(record.digest, record.files, before.fields, load_workspace(cell))
     same = content_digest(load_workspace(cell), "pickup") == content_digest(load_workspace(CELL), "pickup")
     assert not (found and same), found
     return [str(change) for change in found]
