@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sqrp_cli.api.results import Answer
-from sqrp_cli.api.session import check_choice, choose_candidate
+from sqrp_cli.api.session import assess, check_choice, choose_candidate
 from sqrp_cli.errors import InputError, Problem
 from sqrp_cli.geometry import read_only
 from sqrp_cli.knowledge.text.source import SourceDocument
@@ -25,16 +25,18 @@ from sqrp_cli.knowledge.workspace.edits import (
     with_task,
 )
 from sqrp_cli.knowledge.workspace.load import read_workspace_document
-from sqrp_cli.knowledge.workspace.workspace import Workspace
+from sqrp_cli.knowledge.workspace.workspace import ExpectedTask, Workspace
 from sqrp_cli.platform.files import write_atomically
-from sqrp_cli.programming.advice.advise import Adviser, Question
+from sqrp_cli.programming.advice.advise import Adviser, Kept
 from sqrp_cli.programming.advice.aiming import Aim
-from sqrp_cli.programming.advice.change import KINDS, Advice, Change, Kind, Miss
+from sqrp_cli.programming.advice.change import KINDS, Advice, Kind, Miss, ProposedChange
 from sqrp_cli.programming.advice.effects import Effects, TaskWays, is_fastest
+from sqrp_cli.programming.advice.question import Question
 from sqrp_cli.programming.advice.wish import Wish, read_wish, wish_of
 from sqrp_cli.programming.coverage.assessment import Assessment
 from sqrp_cli.programming.pipeline import assess_all
 from sqrp_cli.programming.ranking import rank
+from sqrp_cli.programming.suggestion import Suggester
 from sqrp_cli.programming.task import in_words, read_task
 from sqrp_cli.programming.ways.grips import first_grip
 from sqrp_cli.report.documents.advice import (
@@ -71,6 +73,8 @@ class TaskAdvice(Answer[AdviceDocument]):
     """Without any change, as `--ways fastest` has it; in its best way if that misses the wish alone."""
     answers: Sequence[tuple[Advice, ...] | Miss]
     """Of each kind that was searched."""
+    first: str = ""
+    """What has to be done before, where the precondition does not hold."""
     interrupted: bool = False
     """Whether some are missing because of Ctrl-C."""
 
@@ -108,8 +112,7 @@ class TaskAdvice(Answer[AdviceDocument]):
         for advice in self.advice:
             text, unwritten = self._patch(advice.change)
             found.append(AdviceFound.of_advice(advice, text, unwritten))
-        near = [miss for miss in self.misses if miss.found is not None]
-        nearest = min(near, key=lambda miss: self.wish.shortfall(_known(miss.found)), default=None)
+        nearest = min(self.misses, key=lambda miss: self.wish.shortfall(miss.found), default=None)
         return AdviceDocument(
             workspace=self.session.workspace.name,
             task=self.session.task.text,
@@ -121,6 +124,7 @@ class TaskAdvice(Answer[AdviceDocument]):
             advice=tuple(found),
             kinds=tuple(self._outcome(answer) for answer in self.answers),
             nearest=None if found or nearest is None else nearest_of(nearest, self.wish),
+            first=self.first or None,
             interrupted=self.interrupted or None,
         )
 
@@ -144,6 +148,11 @@ class TaskAdvice(Answer[AdviceDocument]):
             expected = f"expected 1 to {count}" if count else "there is none"
             raise InputError(Problem("bad-option", f"there is no advice {number}; {expected}"))
         return self._changed(self.advice[number - 1].change)
+
+    @property
+    def first_with_patch(self) -> int:
+        """The number of the first advice that the workspace file can say, from 1; 1 if it can say none."""
+        return next((number for number, one in enumerate(self.document.advice, 1) if one.patch), 1)
 
     def is_there(self, number: int = 1) -> bool:
         """Whether the workspace file says already what an advice says, by its number from 1."""
@@ -174,7 +183,7 @@ class TaskAdvice(Answer[AdviceDocument]):
     def _file(self) -> SourceDocument:
         return read_workspace_document(self.session.workspace.whole_file.file)
 
-    def _patch(self, change: Change) -> tuple[str, str | None]:
+    def _patch(self, change: ProposedChange) -> tuple[str, str | None]:
         try:
             content = self._changed(change)
         except InputError as error:
@@ -183,7 +192,7 @@ class TaskAdvice(Answer[AdviceDocument]):
             return "", "the workspace says it already"
         return patch(self._file, content, from_here(self._file.path)), None
 
-    def _changed(self, change: Change) -> bytes:
+    def _changed(self, change: ProposedChange) -> bytes:
         """The workspace file with a change. Raises InputError for what it does not say itself."""
         if change.unwritten:
             raise InputError(Problem("bad-option", change.unwritten))
@@ -224,12 +233,7 @@ class TaskAdvice(Answer[AdviceDocument]):
         return KindOutcome(kind=answer[0].change.kind, found=len(answer), why=None, nearest=None)
 
 
-def _known(found: Assessment | None) -> Assessment:
-    assert found is not None  # noqa: S101 - it was asked for
-    return found
-
-
-def changed_file(document: SourceDocument, workspace: Workspace, change: Change) -> bytes:
+def changed_file(document: SourceDocument, workspace: Workspace, change: ProposedChange) -> bytes:
     """A workspace file with a change. Raises InputError for one that the file does not state."""
     if change.X_WO is not None:
         return with_object(document, change.target, change.X_WO)
@@ -258,69 +262,62 @@ def find_advice(
     for a folder that cannot be used.
     """
     with closing(Results(out)) as results:
-        return _find(session, path, results, want=want, choose=choose, kinds=kinds, jobs=jobs, progress=progress)
+        check_choice(session.task, choose)
+        wish = wish_of(_expected(session)) if want is None else read_wish(want)
+        question = _question(session, wish, choose, kinds, jobs, progress)
+        adviser, best = Adviser(question), question.best
+        found = TaskAdvice(session=session, path=path, wish=wish, way=adviser.way, before=adviser.before, answers=())
+        if found.met:
+            return found
+        if not best.feasible:
+            suggester = Suggester(session.cell, question.world, jobs=jobs)
+            found = replace(found, first=suggester.suggest(best.candidate).words)
+        kept = None if results.folder is None else _kept(session, results, wish, best)
+        return _answered(found, adviser, kept, progress)
 
 
-def _find(
-    session: Session,
-    path: Path,
-    results: Results,
-    *,
-    want: str | None,
-    choose: str,
-    kinds: Sequence[Kind] | None,
-    jobs: int,
-    progress: Progress,
-) -> TaskAdvice:
-    from sqrp_cli.api.session import assess
-
-    check_choice(session.task, choose)
-    workspace, assignment = session.workspace, session.assignment
-    expected = next((task for task in workspace.tasks if task.task == session.task.text), None)
-    wish = wish_of(expected) if want is None else read_wish(want)
-    assessments = list(assess(session, jobs, progress))
-    best = choose_candidate(rank(assessments, "q_eoi"), choose).assessment
-    adviser = Adviser(
-        Question(
-            task=session.task.text,
-            cell=session.cell,
-            world=assignment.world,
-            sampling=assignment.sampling,
-            fastest=first_grip(best.candidate),
-            best=best,
-            wish=wish,
-            aims=_aims(workspace),
-            effects=Effects(
-                session.cell,
-                assignment.world,
-                assignment.sampling,
-                lambda: _listed(session, assessments, best, jobs),
-            ),
-            kinds=kinds,
-            fixed=assignment.wanted.fastest,
-            jobs=jobs,
-        )
-    )
-    found = TaskAdvice(
-        session=session,
-        path=path,
-        wish=wish,
-        way=adviser.way,
-        before=adviser.before,
-        answers=(),
-    )
-    if found.met:
-        return found
-    kept = None if results.folder is None else _kept(session, results, wish, best)
+def _answered(found: TaskAdvice, adviser: Adviser, kept: Kept | None, progress: Progress) -> TaskAdvice:
+    """With the answers of all kinds, or at Ctrl-C of the finished ones."""
     answers: list[tuple[Advice, ...] | Miss] = []
+    kinds = adviser.question.kinds
     try:
-        with progress(f"Searching for {wish}", len(KINDS if kinds is None else kinds)) as advance:
+        with progress(f"Searching for {found.wish}", len(KINDS if kinds is None else kinds)) as advance:
             for answer in adviser.answers(kept):
                 answers.append(answer)
                 advance(1)
     except KeyboardInterrupt:
         return replace(found, answers=answers, interrupted=True)
     return replace(found, answers=answers)
+
+
+def _question(
+    session: Session, wish: Wish, choose: str, kinds: Sequence[Kind] | None, jobs: int, progress: Progress
+) -> Question:
+    """What is asked, once all candidates are assessed."""
+    cell, assignment = session.cell, session.assignment
+    world, sampling = assignment.world, assignment.sampling
+    assessments = list(assess(session, jobs, progress))
+    best = choose_candidate(rank(assessments, "q_eoi"), choose).assessment
+    return Question(
+        task=session.task.text,
+        cell=cell,
+        world=world,
+        sampling=sampling,
+        fastest=first_grip(best.candidate),
+        best=best,
+        assessments=assessments,
+        wish=wish,
+        aims=_aims(session.workspace),
+        effects=Effects(cell, world, sampling, lambda: _listed(session, assessments, best, jobs)),
+        kinds=kinds,
+        fixed=assignment.wanted.fastest,
+        jobs=jobs,
+    )
+
+
+def _expected(session: Session) -> ExpectedTask | None:
+    """The task as the workspace lists it, if it does."""
+    return next((task for task in session.workspace.tasks if task.task == session.task.text), None)
 
 
 def _kept(session: Session, results: Results, wish: Wish, best: Assessment) -> KeptSearches:

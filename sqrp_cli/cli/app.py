@@ -25,7 +25,7 @@ app = typer.Typer(
 )
 
 for module in (check, rank, explain, advise, program, run_program, audit, score, diff, show, rules, schema, init):
-    app.command(module.NAME)(module.command)
+    app.command(module.NAME, cls=getattr(module, "Parser", None))(module.command)
 
 
 def _print_version(wanted: bool) -> None:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from sqrp_cli.api.arguments import LEAST_STEP, LEAST_TOLERANCE, MOST_SAMPLES
-from sqrp_cli.errors import InputError, Place, Problem
+from sqrp_cli.api.arguments import LEAST_STEP, LEAST_TOLERANCE, MOST_SAMPLES, WAYS
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.platform.memory import keep_all_so_far
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.api.program import OpenProgram
     from sqrp_cli.api.results import Answer, AnyDocument
@@ -40,6 +43,14 @@ Tolerance = Annotated[
 ]
 Jobs = Annotated[int | None, typer.Option("--jobs", min=1, help="Processes at most; by default one per core.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything that is drawn at random.")]
+Ways = Annotated[
+    str,
+    typer.Option(
+        "--ways",
+        metavar="best|all|fastest",
+        help="Show each candidate by its best way, all that are Pareto-optimal, or take the fastest, seen or not.",
+    ),
+]
 MaxTime = Annotated[
     str | None,
     typer.Option("--max-time", metavar="T", help="How long a way may take: 20 s, or 1.25x the time of the fastest."),
@@ -219,6 +230,35 @@ def read_calibration(text: str | None, seed: int) -> Calibration | None:
             raise _refused(f"--calibration is `{text}`, expected up to 1 m and up to 1 rad, such as `5 mm, 0.5 deg`")
         deviations[quantity.dimension] = quantity.value
     return Calibration(deviations[LENGTH], deviations[ANGLE], seed)
+
+
+class WaysRead(NamedTuple):
+    """What `--ways` says."""
+
+    wanted: WaysOption
+    """By which way each candidate counts."""
+    all_shown: bool
+    """Whether the other Pareto-optimal ways are shown, too."""
+
+
+def read_ways(text: str, known: Sequence[str] = ("best", "all", "fastest")) -> WaysRead:
+    """The value of `--ways`. known: the values that the command has. Raises InputError for another one."""
+    if text not in known:
+        raise _refused(f"--ways is `{text}`; {expected_names(text, known)}")
+    return WaysRead(next((way for way in WAYS if way == text), "best"), text == "all")
+
+
+def page_is_written(file: Path, write: Callable[[Path], None]) -> bool:
+    """Write a page, and say where it is; returns False if Ctrl-C came first."""
+    from sqrp_cli.terminal.console import note
+
+    try:
+        write(file)
+    except KeyboardInterrupt:
+        note(f"interrupted before {file} was written")
+        return False
+    note(f"open {file} in a browser")
+    return True
 
 
 def check_max_time(text: str | None) -> None:

@@ -22,16 +22,22 @@ def feasible_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | 
 
 def impossible_start(cell: Cell, candidate: Candidate, world: World) -> Infeasible | None:
     """Why a candidate cannot even begin in a world; None if it can."""
-    unmet = unmet_preconditions(cell, candidate, world)
-    if unmet:
-        return Infeasible(unmet)
-    lost = [name for name in candidate.binding.values() if name not in world.X_WO]
-    if lost:
-        return Infeasible(tuple(f"it is not known where `{name}` is" for name in lost))
+    unready = unready_world(cell, candidate, world)
+    if unready is not None:
+        return unready
     contact = cell.collision.contact_in(world)
     if contact is not None:
         return Infeasible((f"{contact} before anything moves",))
     return None
+
+
+def unready_world(cell: Cell, candidate: Candidate, world: World) -> Infeasible | None:
+    """What a candidate needs and a world lacks: its precondition, and where its objects are; None if nothing."""
+    unmet = unmet_preconditions(cell, candidate, world)
+    if unmet:
+        return Infeasible(unmet)
+    lost = [name for name in candidate.binding.values() if name not in world.X_WO]
+    return Infeasible(tuple(f"it is not known where `{name}` is" for name in lost)) if lost else None
 
 
 def skill_use(cell: Cell, candidate: Candidate, world: World) -> SkillUse:

@@ -83,6 +83,16 @@ class Suggestion:
         """Whether every step of a plan is feasible, the candidate itself included."""
         return self.last is not None and self.last.feasible
 
+    @property
+    def words(self) -> str:
+        """How planning ended; if a step of the plan cannot be done, which one and why."""
+        steps = (*(self.steps or ()), *((self.last,) if self.last else ()))
+        failing = next((step for step in steps if not step.feasible), None)
+        if failing is None:
+            return self.explanation
+        then = "after that" if failing is self.last else "but"
+        return f"{self.explanation}, {then} {failing.task} cannot be done: {'; '.join(failing.reasons)}"
+
 
 MOST_WITH_WAYS = 20
 """Candidates after a plan of which all ways are tried."""

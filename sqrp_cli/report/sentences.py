@@ -14,7 +14,7 @@ from sqrp_cli.programming.task import Candidate
 from sqrp_cli.programming.ways.words import way_in_words
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.advice.change import Change, Kind
+    from sqrp_cli.programming.advice.change import Kind, ProposedChange
 
 _CRITERION_WORDS: dict[Criterion, str] = {
     "q_eoi": "best Q_eoi first",
@@ -85,7 +85,7 @@ def short_times(text: str) -> str:
     return _INTERVAL.sub(lambda interval: _TIME.sub(lambda t: f"{float(t[0]):.2f}", interval[0]), text)
 
 
-def change_in_words(change: Change) -> str:
+def change_in_words(change: ProposedChange) -> str:
     """A change as an instruction, such as `move cam1 10.9 cm, mostly -z`."""
     size, values = shown_size(change.size, change.unit), change.values
     match change.kind:

@@ -57,11 +57,7 @@ def _conclude(found: AdviceDocument) -> None:
     if found.interrupted:
         say("Interrupted before all kinds were searched.")
     if not found.advice:
-        nearest = found.nearest
-        if nearest is None:
-            say("Nothing that was tried meets the wish.")
-            return
-        say(f"Nothing meets the wish. To {nearest.words} comes nearest: {'; '.join(nearest.missing)}.")
+        _conclude_without(found)
         return
     motion = ("way", "path")
     number = next((n for n, one in enumerate(found.advice, 1) if one.kind in motion or not one.worse), 1)
@@ -71,6 +67,20 @@ def _conclude(found: AdviceDocument) -> None:
     say(f"{words[0].upper()}{words[1:]}: {found.candidate} then has {_figures(one)}, and {cost}.")
     if one.patch:
         say_command("To have it, add", f"--apply {number}")
+    elif one.unwritten:
+        say(f"No patch: {one.unwritten}.")
+
+
+def _conclude_without(found: AdviceDocument) -> None:
+    """What comes nearest, and what has to be done before, where nothing was found."""
+    nothing = "Nothing that was searched so far" if found.interrupted else "Nothing"
+    if found.nearest is not None:
+        say(f"{nothing} meets the wish. To {found.nearest.words} comes nearest: {'; '.join(found.nearest.missing)}.")
+    elif found.first:
+        say(f"No change helps: {found.first}.")
+        say_command("These steps as a program:", "sqrp check WORKSPACE TASK --program FILE")
+    elif found.kinds:
+        say("Nothing that was tried meets the wish.")
 
 
 def _row(number: int, one: AdviceFound) -> list[Styled]:

@@ -11,7 +11,7 @@ from rich.text import Text
 from sqrp_cli.checks.dependency_check import Feasibility
 from sqrp_cli.checks.registry import Rule
 from sqrp_cli.errors import Problem
-from sqrp_cli.programming.suggestion import SuggestedStep, Suggestion
+from sqrp_cli.programming.suggestion import SuggestedStep
 from sqrp_cli.terminal.console import SEVERITY_STYLES, Column, Share, plain, print_table, say, say_command, say_line
 
 
@@ -34,7 +34,7 @@ def print_candidates(
             feasibility.candidate.name,
             plain("yes", "green") if feasibility.feasible else plain("no", "red"),
             f"{feasibility.time:.2f}" if feasibility.time is not None else "",
-            "; ".join(filter(None, [*feasibility.reasons, _plan_in_words(feasibility.suggestion)])),
+            "; ".join(filter(None, [*feasibility.reasons, feasibility.suggestion.words])),
         )
         for feasibility in found
     ]
@@ -80,16 +80,6 @@ def print_rule(rule: Rule) -> None:
         say(f"\n{title}{of}:")
         for line in example.splitlines():
             say_line(f"  {line}")
-
-
-def _plan_in_words(suggestion: Suggestion) -> str:
-    """How planning ended; if a step of the plan cannot be done, which one and why."""
-    steps = (*(suggestion.steps or ()), *((suggestion.last,) if suggestion.last else ()))
-    failing = next((step for step in steps if not step.feasible), None)
-    if failing is None:
-        return suggestion.explanation
-    then = "after that" if failing is suggestion.last else "but"
-    return f"{suggestion.explanation}, {then} {failing.task} cannot be done: {'; '.join(failing.reasons)}"
 
 
 def _severity(severity: str) -> Text:

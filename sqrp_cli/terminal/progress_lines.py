@@ -42,7 +42,7 @@ def progress_lines(title: str, total: int | None, write: Callable[[str], None]) 
     def tell() -> None:
         began = time.monotonic()
         pause = PERIOD
-        while not ended.wait(pause):
+        while not ended.wait(min(pause, threading.TIMEOUT_MAX)):
             passed = time.monotonic() - began
             parts = f" {done} of {total}" if total else ""
             try:

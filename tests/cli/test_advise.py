@@ -16,6 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sqrp_cli.api.cell import open_cell
+from sqrp_cli.cli.commands import advise as advise_command
+from sqrp_cli.errors import InputError
 from sqrp_cli.geometry import look_at
 from sqrp_cli.knowledge.workspace.load import load_workspace
 from sqrp_cli.programming.advice.advise import Adviser
@@ -159,6 +162,22 @@ def test_a_patch_is_written_and_only_patches_are_overwritten(sqrp, own, tmp_path
     assert patch.read_text() == "mine"
 
 
+def test_alone_the_patch_is_of_the_first_change_that_has_one(small, tmp_path):
+    found = open_cell(small).advise("pickup g3", ways="fastest", kinds=["aim"])
+    first, *others = found.advice
+    unwritten = replace(first, change=replace(first.change, unwritten="the file of cam6 would have to say 1, 2 and 3"))
+    found = replace(found, answers=[(unwritten, *others)])
+    file = tmp_path / "advice.patch"
+    assert advise_command._write(found, None, file) == f"change 2 is in {file}"
+    assert file.read_text().endswith(found.document.advice[1].patch)
+    with pytest.raises(InputError, match="would have to say"):
+        advise_command._write(found, 1, file)
+    least = replace(others[0], change=replace(others[0].change, unwritten="so does that of cam3"))
+    assert "No patch: the file of cam6 would have to say 1, 2 and 3." in str(
+        replace(found, answers=[(unwritten, least)])
+    )
+
+
 def test_where_nothing_helps_it_says_what_comes_nearest_and_which_limit_is_in_the_way(sqrp, own):
     file = own / "workspace.yaml"
     text = file.read_text(encoding="utf-8")
@@ -183,6 +202,61 @@ def test_a_wish_that_no_camera_is_fast_enough_for(sqrp):
     outcome = sqrp("advise", TABLETOP, TASK, "--want", "delay 0.1 s", "--ways", "fastest", "--kinds", "aim,position")
     assert outcome.code == 1
     assert "take 0.15 s, not 0.1 s" in " ".join(outcome.out.split())
+
+
+def test_where_the_time_is_missed_the_limit_is_the_motion(sqrp):
+    """The figure from the document of `explain`, whose longest part it is."""
+    command = ("advise", TABLETOP, "pickup g3", "--want", "time 5 s", "--kinds", "way", "--json")
+    nearest = sqrp(*command).document["nearest"]
+    way = [f"{name}={value}" for name, value in nearest["change"].items() if name not in ("object", "lift", "speed")]
+    primitives = sqrp("explain", TABLETOP, f"pickup g3 {' '.join(way)}", "--json").document["primitives"]
+    longest = max(primitives, key=lambda one: one["end"] - one["start"])
+    seconds = longest["end"] - longest["start"]
+    assert nearest["limit"] == f"its motion takes that long, {seconds:.1f} s of it {longest['name']}"
+
+
+TOWER = ROOT / "workspaces" / "tower"
+
+
+def test_what_has_to_be_done_first_is_said(sqrp):
+    """As `check` says it, and no kind of change blames anything else."""
+    needed = "`pickup` needs `hand_empty`, which does not hold"
+    outcome = sqrp("advise", TOWER, "pickup blue")
+    assert outcome.code == 1
+    assert "No change helps: first do place(red, table).\n" in outcome.out
+    assert "sqrp check WORKSPACE TASK --program FILE" in outcome.out
+    document = sqrp("advise", TOWER, "pickup blue", "--json").document
+    assert {kind["why"] for kind in document["kinds"]} == {needed}
+    assert document["first"] == "first do place(red, table)"
+    (checked,) = sqrp("check", TOWER, "pickup blue", "--json").document["candidates"]
+    assert [step["action"] for step in checked["plan"]] == ["place(red, table)"]
+
+
+@pytest.mark.usefixtures("heeded_ctrl_c")
+def test_an_interrupted_search_does_not_say_that_nothing_helps(sqrp, monkeypatch):
+    search = Adviser._answer
+
+    def stopped(adviser, kind):
+        if kind == "path":
+            signal.raise_signal(signal.SIGINT)
+        return search(adviser, kind)
+
+    monkeypatch.setattr(Adviser, "_answer", stopped)
+    outcome = sqrp("advise", TABLETOP, "pickup g3", "--want", "time 5 s", "--kinds", "way,path")
+    assert outcome.code == 130
+    said = " ".join(outcome.out.split())
+    assert "Interrupted before all kinds were searched." in said
+    assert "Nothing that was searched so far meets the wish. To do g3 left, 90 deg comes nearest" in said
+    assert "Nothing meets" not in said
+
+
+def test_a_way_names_the_first_of_all_candidates_of_the_task(sqrp):
+    command = ("advise", TABLETOP, "pickup green", "--choose", "g1", "--kinds", "way", "--json")
+    (way,) = sqrp(*command).document["advice"]
+    (task,) = way["tasks"]
+    first = sqrp("rank", TABLETOP, "pickup green", "--json").document["candidates"][0]
+    assert task["first_before"] == task["first_after"] == name(first)
+    assert [one["candidate"] for one in task["candidates"]] == ["g1"]
 
 
 def test_a_wish_about_time_is_nothing_for_cameras(sqrp):
@@ -407,18 +481,44 @@ def test_the_page_has_a_row_as_it_is_and_one_for_each_change(others, page):
             assert reason.startswith(f"costs in {task}: ")
 
 
-def test_the_page_says_where_its_finer_timeline_misses_the_wish(sqrp, tmp_path):
-    """Each reason, and its absence, against the share of the timeline that the page plays."""
-    page = tmp_path / "page.html"
-    command = ("advise", TABLETOP, "pickup g3", "--ways", "fastest", "--kinds", "aim", "--jobs", 1)
-    assert sqrp(*command, "--report", page).code == 0
-    shares = {}
-    for number, row in list(enumerate(carried(page, "overview")["entries"]))[1:]:
-        told = [reason for reason in row["reasons"] if reason.endswith(", if sampled as finely as the timeline below")]
-        shares[row["name"]] = share = carried(page, f"detail-{number}")["q_eoi"]
-        assert [reason.partition(",")[0] for reason in told] == [f"Q_eoi is {100 * share:.1f} %"] * (share < 1)
-        assert row["candidate"]["q_eoi"] == 1.0
-    assert len(shares) == 6
+LOOK_AT_OF_CAM6 = "look_at: [0.334, 0.25, 0.421]"
+TOO_LITTLE = "look_at: [0.334, 0.252, 0.401]"
+"""Turned by 1.0 degrees: enough for g3 by the samples of `rank`, but not by the finer ones of `explain`."""
+
+
+def test_no_command_contradicts_an_advice(sqrp, own):
+    """Where a smaller turn of cam6 would satisfy `rank` alone."""
+    command = ("rank", own, "pickup g3", "--ways", "fastest", "--json")
+    explain = ("explain", own, "pickup g3", "--ways", "fastest", "--json")
+    file = own / "workspace.yaml"
+    shutil.copy(TABLETOP / "workspace.yaml", file)
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace(LOOK_AT_OF_CAM6, TOO_LITTLE), encoding="utf-8")
+    assert sqrp(*command).document["candidates"][0]["q_eoi"] == 1.0
+    assert sqrp(*explain).document["q_eoi"] < 1.0
+    task = "{task: pickup g3, min_q_eoi: 1.0}"
+    file.write_text(text.replace("{task: pickup green, min_q_eoi: 0.5}", task), encoding="utf-8")
+    advise = ("advise", own, "pickup g3", "--ways", "fastest", "--kinds", "aim", "--json", "--jobs", 1)
+    first = sqrp(*advise, "--apply", 1).document["advice"][0]
+    assert first["target"] == "cam6"
+    assert np.degrees(first["size"]) < 1.2
+    assert sqrp(*command).document["candidates"][0]["q_eoi"] == 1.0
+    assert sqrp(*explain).document["q_eoi"] == 1.0
+    assert sqrp("score", own, "--jobs", 1).code == 0
+
+
+def test_the_page_says_where_its_finer_timeline_misses_a_wish_that_is_met(sqrp, own, tmp_path):
+    """Against the share of the timeline that the page plays."""
+    page, file = tmp_path / "page.html", own / "workspace.yaml"
+    text = (TABLETOP / "workspace.yaml").read_text(encoding="utf-8")
+    file.write_text(text.replace(LOOK_AT_OF_CAM6, TOO_LITTLE), encoding="utf-8")
+    outcome = sqrp("advise", own, "pickup g3", "--ways", "fastest", "--want", "q_eoi 100 %", "--report", page)
+    assert "nothing has to change" in outcome.out
+    (row,) = carried(page, "overview")["entries"]
+    share = carried(page, "detail-0")["q_eoi"]
+    assert share < 1
+    reason = f"Q_eoi is {100 * share:.1f} %, not 100 %, if sampled as finely as the timeline below"
+    assert row["reasons"] == [reason]
 
 
 @pytest.mark.parametrize("kind", [None, "object", "lens", "camera"])

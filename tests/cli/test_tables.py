@@ -91,6 +91,7 @@ def printed(sqrp):
     return run
 
 
+@pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning")
 @pytest.mark.parametrize("columns", [80, 60])
 def test_no_line_is_longer_than_the_terminal_and_none_is_cut_off(printed, arguments, columns):
     outcome = printed(columns, *arguments)

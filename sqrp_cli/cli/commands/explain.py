@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from sqrp_cli.cli.options import (
     After,
@@ -22,30 +25,61 @@ from sqrp_cli.cli.options import (
     job_count,
     open_with_warnings,
     read_sampling,
+    read_ways,
 )
-from sqrp_cli.errors import ExitCode, InputError, Problem
+from sqrp_cli.errors import ExitCode, InputError, Problem, nearest
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
+    from collections.abc import Iterator, Sequence
 
+    from sqrp_cli.api.results import Explanation
     from sqrp_cli.programming.cell import Cell
     from sqrp_cli.programming.coverage.assessment import Study
 
 NAME = "explain"
 
+_WAYS = ("best", "all", "fastest")
+
+
+class Parser(TyperCommand):
+    """Takes `--ways` with and without a value."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401 # its type has no public name
+        """Read the words of the command."""
+        return super().parse_args(ctx, list(_with_ways(args)))
+
+
+def _with_ways(words: Sequence[str]) -> Iterator[str]:
+    """The words of a command, with `all` after a `--ways` that no value follows, not even a misspelled one."""
+    for number, word in enumerate(words, 1):
+        yield word
+        following = words[number] if number < len(words) else ""
+        is_value = following in _WAYS or (nearest(following, _WAYS) is not None and not Path(following).exists())
+        if word == "--ways" and not is_value:
+            yield "all"
+
+
+Choice = Annotated[
+    str | None,
+    typer.Option("--choose", metavar="best|NAME", help="Which candidate to explain; the first-ranked by default."),
+]
+AllCandidates = Annotated[bool, typer.Option("--all", help="Compare all candidates side by side.")]
+ShownWays = Annotated[
+    str,
+    typer.Option(
+        "--ways",
+        metavar="[best|all|fastest]",
+        help="Show the other Pareto-optimal ways, too (all; also without a value), or explain the fastest way.",
+    ),
+]
+
 
 def command(
     workspace: WorkspacePath,
     task: TaskText,
-    choose: Annotated[
-        str | None,
-        typer.Option("--choose", metavar="best|NAME", help="Which candidate to explain; the first-ranked by default."),
-    ] = None,
-    all_candidates: Annotated[bool, typer.Option("--all", help="Compare all candidates side by side.")] = False,
-    ways: Annotated[
-        bool, typer.Option("--ways", help="Show the other Pareto-optimal ways of the candidate, too.")
-    ] = False,
+    choose: Choice = None,
+    all_candidates: AllCandidates = False,
+    ways: ShownWays = "best",
     max_time: MaxTime = None,
     samples: SampleCount = None,
     dt: SampleStep = None,
@@ -63,32 +97,62 @@ def command(
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.terminal.console import print_problems, progress, say_raw
-    from sqrp_cli.terminal.ways_table import print_ways
 
+    _check_options(choose, images, all_candidates=all_candidates)
+    wanted, all_ways = read_ways(ways)
+    sampling = read_sampling(samples, dt, tolerance)
+    check_max_time(max_time)
+    cell = open_with_warnings(workspace, seed)
+    choice = None if all_candidates else "best" if choose is None else choose
+    explanation = cell.explain(
+        task,
+        choice,
+        sampling=sampling,
+        after=after,
+        ways=wanted,
+        max_time=max_time,
+        jobs=job_count(jobs),
+        progress=progress,
+    )
+    print_problems((*cell_warnings(cell.cell), *intervals_outside(one.assessment for one in explanation.ranking)))
+    if as_json:
+        say_raw(explanation.to_json())
+    else:
+        _show(explanation, workspace, after, all_ways=all_ways)
+    studies = [found for _, found in explanation.explained if found is not None]
+    if images is not None:
+        _write_images(cell.cell, studies, images, several=all_candidates)
+    return ExitCode.OK if studies else ExitCode.NONE_FEASIBLE
+
+
+def _check_options(choose: str | None, images: Path | None, *, all_candidates: bool) -> None:
+    """Raises InputError for options that exclude each other, and where no pictures can be written."""
     if all_candidates and choose is not None:
         raise InputError(Problem("bad-option", "--all and --choose exclude each other; give one of them"))
     if images is not None:
         from sqrp_cli.report.pictures.pictures import check_pictures
 
         check_pictures(images)
-    sampling = read_sampling(samples, dt, tolerance)
-    check_max_time(max_time)
-    cell = open_with_warnings(workspace, seed)
-    choice = None if all_candidates else "best" if choose is None else choose
-    explanation = cell.explain(
-        task, choice, sampling=sampling, after=after, max_time=max_time, jobs=job_count(jobs), progress=progress
-    )
-    print_problems((*cell_warnings(cell.cell), *intervals_outside(one.assessment for one in explanation.ranking)))
-    if as_json:
-        say_raw(explanation.to_json())
-    else:
-        explanation.show()
-        if ways:
-            print_ways([one.ranked.assessment for one in explanation.explained])
-    studies = [found for _, found in explanation.explained if found is not None]
-    if images is not None:
-        _write_images(cell.cell, studies, images, several=all_candidates)
-    return ExitCode.OK if studies else ExitCode.NONE_FEASIBLE
+
+
+def _show(explanation: Explanation, workspace: Path, after: Path | None, *, all_ways: bool) -> None:
+    """The timeline or comparison, and the command that says how much of a remedy is enough."""
+    from sqrp_cli.programming.coverage.quality import falls_short
+    from sqrp_cli.programming.coverage.verdict import HELP
+    from sqrp_cli.terminal.console import say_command
+    from sqrp_cli.terminal.ways_table import print_ways
+
+    explanation.show()
+    found = explanation.explained[0].ranked.assessment
+    if not explanation.several and HELP in found.verdict:
+        lost = "q_eoi" if found.q_eoi is not None and falls_short(found.q_eoi, 1.0) else "q_avg"
+        words = ["sqrp", "advise", str(workspace), explanation.task, "--want", f"{lost} 100 %"]
+        words += ["--choose", found.candidate.name] if len(explanation.ranking) > 1 else []
+        words += ["--ways", "fastest"] if explanation.session.assignment.wanted.fastest else []
+        words += ["--after", str(after)] if after is not None else []
+        say_command("\nHow much of that is enough, and what it costs:", shlex.join(words))
+    if all_ways:
+        print_ways([one.ranked.assessment for one in explanation.explained])
 
 
 def _write_images(cell: Cell, studies: Sequence[Study], images: Path, *, several: bool) -> None:

@@ -18,20 +18,23 @@ from sqrp_cli.cli.options import (
     Seed,
     TaskText,
     Tolerance,
+    Ways,
     WorkspacePath,
+    answer,
     check_max_time,
     check_report,
     job_count,
     open_with_warnings,
+    page_is_written,
     read_calibration,
     read_sampling,
+    read_ways,
 )
-from sqrp_cli.errors import ExitCode, InputError, Problem, expected_names
+from sqrp_cli.errors import ExitCode
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sqrp_cli.api.arguments import WaysOption
     from sqrp_cli.api.cell import OpenCell
     from sqrp_cli.api.session import Session
     from sqrp_cli.programming.coverage.assessment import Assessment
@@ -39,37 +42,31 @@ if TYPE_CHECKING:
 
 NAME = "rank"
 
+By = Annotated[str, typer.Option("--by", help="What counts first: q_eoi, q_avg, time, delay or expected_time.")]
+ProgramFile = Annotated[
+    Path | None, typer.Option("--program", metavar="FILE", help="Append the chosen candidate to this program file.")
+]
+Choice = Annotated[str, typer.Option("--choose", metavar="best|NAME", help="Which candidate goes into the program.")]
+CameraErrors = Annotated[
+    str | None,
+    typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="What if the cameras are off by this (1 sigma)?"),
+]
+
 
 def command(
     context: typer.Context,
     workspace: WorkspacePath,
     task: TaskText,
-    by: Annotated[
-        str, typer.Option("--by", help="What counts first: q_eoi, q_avg, time, delay or expected_time.")
-    ] = "q_eoi",
+    by: By = "q_eoi",
     samples: SampleCount = None,
     dt: SampleStep = None,
     tolerance: Tolerance = None,
-    program: Annotated[
-        Path | None, typer.Option("--program", metavar="FILE", help="Append the chosen candidate to this program file.")
-    ] = None,
-    choose: Annotated[
-        str, typer.Option("--choose", metavar="best|NAME", help="Which candidate goes into the program.")
-    ] = "best",
-    ways: Annotated[
-        str,
-        typer.Option(
-            "--ways",
-            metavar="best|all|fastest",
-            help="Show each candidate by its best way, all that are Pareto-optimal, or take the fastest, seen or not.",
-        ),
-    ] = "best",
+    program: ProgramFile = None,
+    choose: Choice = "best",
+    ways: Ways = "best",
     max_time: MaxTime = None,
     after: After = None,
-    calibration: Annotated[
-        str | None,
-        typer.Option("--calibration", metavar='"5 mm, 0.5 deg"', help="What if the cameras are off by this (1 sigma)?"),
-    ] = None,
+    calibration: CameraErrors = None,
     report: Report = None,
     jobs: Jobs = None,
     seed: Seed = 0,
@@ -84,21 +81,14 @@ def command(
     from sqrp_cli.checks.cell_warnings import cell_warnings
     from sqrp_cli.checks.formulas import intervals_outside
     from sqrp_cli.programming.ranking import rank, read_criterion
-    from sqrp_cli.terminal.console import note, print_problems, say_raw
+    from sqrp_cli.terminal.console import note, print_problems
 
-    criterion = read_criterion(by)
-    sampling = read_sampling(samples, dt, tolerance)
-    drawn = read_calibration(calibration, seed)
+    criterion, (wanted, all_ways) = read_criterion(by), read_ways(ways)
+    sampling, drawn = read_sampling(samples, dt, tolerance), read_calibration(calibration, seed)
     check_max_time(max_time)
     cell, before = _checked_files(workspace, seed, after, program, report)
     session = cell.begin(
-        task,
-        sampling=sampling,
-        calibration=drawn,
-        after=before,
-        by=criterion,
-        ways="best" if ways == "all" else _ways(ways),
-        max_time=max_time,
+        task, sampling=sampling, calibration=drawn, after=before, by=criterion, ways=wanted, max_time=max_time
     )
     print_problems(cell_warnings(session.cell))
     check_choice(session.task, choose)
@@ -111,24 +101,10 @@ def command(
         interrupted = not _page_is_written(session, ranked, criterion, report, context.obj, job_count(jobs))
     # Written before the output, because its reader may leave early.
     code, message = (ExitCode.INTERRUPTED, "") if interrupted else _write_chosen(session, ranked, choose, program)
-    ranking = Ranking(session, ranked, criterion, interrupted, all_ways=ways == "all")
-    if as_json:
-        say_raw(ranking.to_json())
-    else:
-        ranking.show()
+    answer(Ranking(session, ranked, criterion, interrupted, all_ways=all_ways), as_json=as_json)
     if message:
         note(message)
     return code
-
-
-def _ways(text: str) -> WaysOption:
-    """The value of `--ways`, other than `all`. Raises InputError for another one."""
-    from sqrp_cli.api.arguments import WAYS
-
-    for way in WAYS:
-        if way == text:
-            return way
-    raise InputError(Problem("bad-option", f"--ways is `{text}`; {expected_names(text, (*WAYS, 'all'))}"))
 
 
 def _checked_files(
@@ -169,16 +145,13 @@ def _page_is_written(
 ) -> bool:
     """Write the page about a ranking; returns False if Ctrl-C came first."""
     from sqrp_cli.report.pages.candidate_page import write_ranking
-    from sqrp_cli.terminal.console import note, progress
+    from sqrp_cli.terminal.console import progress
 
-    task, assignment = session.task.text, session.assignment
-    try:
-        write_ranking(task, assignment, ranking, by, file, arguments=arguments, jobs=jobs, progress=progress)
-    except KeyboardInterrupt:
-        note(f"interrupted before {file} was written")
-        return False
-    note(f"open {file} in a browser")
-    return True
+    def write(path: Path) -> None:
+        task, assignment = session.task.text, session.assignment
+        write_ranking(task, assignment, ranking, by, path, arguments=arguments, jobs=jobs, progress=progress)
+
+    return page_is_written(file, write)
 
 
 def _write_chosen(

@@ -47,18 +47,21 @@ def with_camera(document: SourceDocument, before: Camera, camera: Camera, look_a
     content = document.content
     if not np.array_equal(before.X_FC, camera.X_FC):
         if "pose" not in entry:
-            raise _elsewhere(document, path, "hand_eye")
+            quaternion = _flow(_rounded(matrix_to_quaternion(camera.X_FC[:3, :3]), 6))
+            numbers = f"position {_flow(_places(camera.X_FC[:3, 3]))}, quaternion {quaternion} in `{camera.frame}`"
+            raise _elsewhere(document, path, "hand_eye", numbers)
         content = _with_pose(document, (*path, "pose"), camera.X_FC, look_at, body=entry.get("convention") == "body")
     if not np.array_equal(before.matrix, camera.matrix):
         if "image" not in entry:
-            raise _elsewhere(document, path, "calibration")
+            K = camera.matrix
+            raise _elsewhere(document, path, "calibration", f"camera_matrix fx {K[0, 0]:.6g}, fy {K[1, 1]:.6g}")
         content = _with_lens(parse_yaml(document.path, content), path, camera)
     return content
 
 
-def _elsewhere(document: SourceDocument, path: KeyPath, key: str) -> InputError:
-    """The refusal to change what another file says."""
-    message = f"`{dotted((*path, key))}` names another file, which says it"
+def _elsewhere(document: SourceDocument, path: KeyPath, key: str, numbers: str) -> InputError:
+    """The refusal to change what another file says. numbers: what it would have to say."""
+    message = f"`{dotted((*path, key))}` names another file, which would have to say {numbers}"
     instead = "`pose`" if key == "hand_eye" else "`image`"
     return InputError(
         Problem("bad-option", message, document.value_place((*path, key)), mend=f"state `{dotted(path)}` by {instead}")

@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.programming.advice.aiming import Aim, looking_at, turned
-from sqrp_cli.programming.advice.change import Change
+from sqrp_cli.programming.advice.change import ProposedChange
 
 MILLIMETRE = 1e-3
 """Positions and aims are proposed in whole ones [m]."""
@@ -41,12 +41,12 @@ class CameraMove(Protocol):
     def poses(self, vectors: Array) -> Array:
         """The optical frame in the frame that carries it, for vectors (p, d); shape (p, 4, 4)."""
 
-    def change(self, vector: Array) -> Change:
+    def change(self, vector: Array) -> ProposedChange:
         """The change that a vector (d,) stands for, in values that people can set; nearly the same one."""
 
 
 @dataclass(frozen=True, eq=False)
-class Position:
+class Shift:
     """Moving a camera, in the frame that carries it [m]."""
 
     camera: Camera
@@ -61,13 +61,13 @@ class Position:
         eyes = self.camera.X_FC[:3, 3] + vectors
         return looking_at(eyes, np.tile(self.aim.point, (len(eyes), 1)), self.aim.up)
 
-    def change(self, vector: Array) -> Change:
+    def change(self, vector: Array) -> ProposedChange:
         """See `CameraMove`."""
         moved = whole(vector)
         eye = np.round(self.camera.X_FC[:3, 3] + moved, 6)
         camera = replace(self.camera, X_FC=read_only(looking_at(eye[None], self.aim.point[None], self.aim.up)[0]))
         size = float(np.linalg.norm(moved))
-        return Change(
+        return ProposedChange(
             kind="position",
             target=camera.name,
             values=_floats(moved),
@@ -94,7 +94,7 @@ class Turn:
         points = turned(self.aim, eye, vectors)
         return looking_at(np.tile(eye, (len(points), 1)), points, self.aim.up)
 
-    def change(self, vector: Array) -> Change:
+    def change(self, vector: Array) -> ProposedChange:
         """See `CameraMove`."""
         eye = self.camera.X_FC[:3, 3]
         point = whole(turned(self.aim, eye, vector[None])[0])
@@ -103,7 +103,7 @@ class Turn:
         old, new = self.camera.X_FC[:3, 2], camera.X_FC[:3, 2]
         size = float(2 * np.arcsin(min(1.0, 0.5 * float(np.linalg.norm(new - old)))))
         values = vector * (size / max(float(np.linalg.norm(vector)), 1e-12))
-        return Change(
+        return ProposedChange(
             kind="aim",
             target=camera.name,
             values=_floats(values),
@@ -130,14 +130,14 @@ class Lens:
         ordered: Array = steps[np.argsort(np.abs(steps), kind="stable")]
         return ordered
 
-    def change(self, steps: int) -> Change:
+    def change(self, steps: int) -> ProposedChange:
         """The change of the horizontal field of view by so many steps."""
         present = field_of_view(self.camera)
         view = radians(round(degrees(present + steps * LENS_STEP), 2))
         scale = tan(0.5 * present) / tan(0.5 * view)
         K = self.camera.matrix.copy()
         K[0, 0], K[0, 1], K[1, 1] = scale * K[0, 0], scale * K[0, 1], scale * K[1, 1]
-        return Change(
+        return ProposedChange(
             kind="lens",
             target=self.camera.name,
             values=(view - present,),

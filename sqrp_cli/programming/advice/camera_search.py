@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -13,10 +12,11 @@ from sqrp_cli.knowledge.camera.camera import Camera
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.programming.advice.aiming import Aim, looking_at
 from sqrp_cli.programming.advice.camera_moves import LENS_STEP, LENS_STRIDE, CameraMove, Lens, whole
-from sqrp_cli.programming.advice.change import Change, Margin
-from sqrp_cli.programming.advice.effects import seen_by
-from sqrp_cli.programming.advice.least import Search, shells
-from sqrp_cli.programming.advice.look import Look, Scene
+from sqrp_cli.programming.advice.change import Margin, ProposedChange
+from sqrp_cli.programming.advice.effects import finely_met, seen_by
+from sqrp_cli.programming.advice.least import Search, least_beyond, shells
+from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
+from sqrp_cli.programming.advice.question import Met, Near
 from sqrp_cli.programming.advice.room import CameraRoom
 from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
@@ -25,7 +25,6 @@ from sqrp_cli.programming.coverage.quality import interest_quality
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Samples, Stage
 from sqrp_cli.programming.coverage.timeline import Timeline, observe
-from sqrp_cli.programming.coverage.verdict import HELP, NOTHING_MISSING, verdict
 
 _MARGIN_STEPS = 60
 """Steps in which margins of poses are searched."""
@@ -65,15 +64,19 @@ class Base:
     seed: int
 
     @cached_property
-    def scene(self) -> Scene:
+    def scene(self) -> WishedSamples:
         """Its first samples."""
-        return Scene.of(self.cell, self.study, self.wish)
+        return WishedSamples.of(self.cell, self.study, self.wish)
 
-    def observed(self, change: Change) -> Study:
+    def observed(self, change: ProposedChange) -> Study:
         """The same motion with a changed camera."""
         return seen_by(change.in_cell(self.cell), self.study, self.sampling)
 
-    def failure(self, change: Change) -> Timeline | None:
+    def finely_met(self, change: ProposedChange) -> bool:
+        """Whether the wish is met with a changed camera as every command samples it."""
+        return finely_met(self.wish, change.in_cell(self.cell), self.study, self.sampling)
+
+    def failure(self, change: ProposedChange) -> Timeline | None:
         """The events of interest with a changed camera if they miss the wish, where it is about nothing else.
 
         That takes a fraction of the whole motion's time. None: they do not, or the wish is about more.
@@ -104,29 +107,6 @@ class Base:
         return Stage(study.stage.model, study.motion, pieces, study.world.X_WO)
 
 
-def limit_of(cell: Cell, found: Study) -> str:
-    """Which limit stands in the way of a candidate in a cell, in a sentence."""
-    said = verdict(cell, found)
-    slow = "so long take a frame and the latency of the camera that sees it"
-    return slow if said == NOTHING_MISSING else said.split(HELP)[0]
-
-
-class Met(NamedTuple):
-    """A change that meets the wish."""
-
-    change: Change
-    found: Assessment
-    """The candidate with it."""
-
-
-class Near(NamedTuple):
-    """A change that comes near."""
-
-    change: Change
-    study: Study
-    """The candidate with it."""
-
-
 @dataclass(eq=False)
 class CameraSearch:
     """Looks for changes of one camera; what it learns about one kind makes the others faster."""
@@ -138,8 +118,8 @@ class CameraSearch:
     """Of the camera in the cell; None if it would be a further one."""
     like: str = ""
     """Of a further camera: the one whose lens it has."""
-    _scene: Scene = field(init=False)
-    _look: Look = field(init=False)
+    _scene: WishedSamples = field(init=False)
+    _look: CameraLook = field(init=False)
 
     def __post_init__(self) -> None:
         self._sharpen(self.base.scene)
@@ -184,6 +164,17 @@ class CameraSearch:
         found = self.decide(change)
         return None if found is None else Met(change, found)
 
+    def confirmed(self, move: CameraMove, met: Met) -> Met | None:
+        """A change, or the least larger one that is found, that meets the wish if sampled as finely as may be."""
+        size = met.change.size
+        unit = np.array(met.change.values) / size
+
+        def finely(length: float) -> Met | None:
+            tried = met if length == size else self._met(move, length * unit)
+            return tried if tried is not None and self.base.finely_met(tried.change) else None
+
+        return least_beyond(finely, size, size + MOST_MORE[met.change.unit], 0.1 * move.step)
+
     def least_lens(self) -> Met | None:
         """The least change of the field of view that meets the wish, from coarse to fine."""
         lens = Lens(self.camera, self.aim)
@@ -191,10 +182,13 @@ class CameraSearch:
             if self._lens_met(lens, steps) is not None:
                 toward = 1 if steps > 0 else -1
                 between = range(steps - toward * (LENS_STRIDE - 1), steps + toward, toward)
-                return next(met for number in between if (met := self._lens_met(lens, number)) is not None)
+                tried = (self._lens_met(lens, number) for number in between)
+                fine = next((met for met in tried if met is not None and self.base.finely_met(met.change)), None)
+                if fine is not None:
+                    return fine
         return None
 
-    def lens_margin(self, change: Change) -> Margin:
+    def lens_margin(self, change: ProposedChange) -> Margin:
         """How much less and how much more of a change of the view meets the wish, in its direction."""
         lens = Lens(self.camera, self.aim)
         steps = round(change.values[0] / LENS_STEP)
@@ -214,7 +208,7 @@ class CameraSearch:
         lens = Lens(self.camera, self.aim)
 
         def quality(steps: int) -> float:
-            look = Look(self._scene, _camera_of(lens.change(steps)), self.index)
+            look = CameraLook(self._scene, _camera_of(lens.change(steps)), self.index)
             return float(look.quality(self.camera.X_FC[None])[0])
 
         change = lens.change(max(lens.steps(3 * LENS_STRIDE).tolist(), key=quality))
@@ -227,7 +221,7 @@ class CameraSearch:
         found = self.decide(change)
         return None if found is None else Met(change, found)
 
-    def decide(self, change: Change) -> Assessment | None:
+    def decide(self, change: ProposedChange) -> Assessment | None:
         """The candidate's figures with a change if they meet the wish, from the exact timeline."""
         if change.camera is None or not self._free(change.camera.X_FC[None])[0]:
             return None
@@ -242,7 +236,7 @@ class CameraSearch:
         self._learn(study.timeline)
         return None
 
-    def _may(self, change: Change) -> bool:
+    def _may(self, change: ProposedChange) -> bool:
         """Whether a change meets the wish, as far as the events of interest show where it is about nothing else."""
         if self.base.wish.only_events and change.camera is not None and self._free(change.camera.X_FC[None])[0]:
             failure = self.base.failure(change)
@@ -251,16 +245,13 @@ class CameraSearch:
             return failure is None
         return self.decide(change) is not None
 
-    def margin(self, move: CameraMove, change: Change) -> Margin:
+    def margin(self, move: CameraMove, change: ProposedChange) -> Margin:
         """How much less and how much more of a change along the same direction meets the wish."""
         vector = np.array(change.values)
         size = float(np.linalg.norm(vector))
-        most = size + MOST_MORE[change.unit]
-        lengths = np.linspace(0.0, most, _MARGIN_STEPS)
-        passes = self._passes(move, lengths[:, None] * vector / size)
-        above, below = lengths[(lengths > size)], lengths[lengths < size][::-1]
-        more = self._unbroken(move, vector / size, above, passes[lengths > size], size)
-        less = self._unbroken(move, vector / size, below, passes[lengths < size][::-1], size)
+        lengths = np.linspace(0.0, size + MOST_MORE[change.unit], _MARGIN_STEPS)
+        more = self._unbroken(move, vector / size, lengths[lengths > size], size)
+        less = self._unbroken(move, vector / size, lengths[lengths < size][::-1], size)
         return Margin(less=abs(size - less), more=abs(more - size))
 
     def nearest(self, move: CameraMove) -> Near | None:
@@ -292,11 +283,11 @@ class CameraSearch:
         for row in rows[np.argsort(-room, kind="stable")][:_PLACES_DECIDED].tolist():
             change = self._placed(whole(places[row]), aim)
             found = self.decide(change)
-            if found is not None:
+            if found is not None and self.base.finely_met(change):
                 return Met(change, found)
         return None
 
-    def room_around(self, change: Change) -> Margin:
+    def room_around(self, change: ProposedChange) -> Margin:
         """By how much a further camera may be off to any side, its aim kept."""
         aim, camera = change.aim, _camera_of(change)
         assert aim is not None  # noqa: S101 - it goes with the camera
@@ -313,10 +304,10 @@ class CameraSearch:
             more = off
         return Margin(less=0.0, more=more)
 
-    def _placed(self, eye: Array, aim: Aim) -> Change:
+    def _placed(self, eye: Array, aim: Aim) -> ProposedChange:
         camera = replace(self.camera, X_FC=read_only(looking_at(eye[None], aim.point[None], aim.up)[0]))
         values = (float(eye[0]), float(eye[1]), float(eye[2]))
-        return Change(
+        return ProposedChange(
             kind="camera",
             target=camera.name,
             values=values,
@@ -327,14 +318,17 @@ class CameraSearch:
             aim=aim,
         )
 
-    def _unbroken(self, move: CameraMove, unit: Array, lengths: Array, passes: Mask, size: float) -> float:
+    def _unbroken(self, move: CameraMove, unit: Array, lengths: Array, size: float) -> float:
         """The last of some lengths, going away from `size`, up to which all pass, and which is confirmed exactly."""
-        count = int(np.argmin(np.append(passes, False)))
-        while count:
+        for patient in (True, True, True, *(False for _ in lengths)):
+            passes = self._passes(move, lengths[:, None] * unit)
+            count = int(np.argmin(np.append(passes, False)))
+            if not count:
+                break
             change = move.change(lengths[count - 1] * unit)
             if change.size and self.decide(change) is not None:
                 return float(lengths[count - 1])
-            count //= 2
+            lengths = lengths[: count - 1 if patient else count // 2]  # the failure has made the look sharper
         return size
 
     def _passes(self, move: CameraMove, vectors: Array) -> Mask:
@@ -346,7 +340,7 @@ class CameraSearch:
 
     def _lens_passes(self, lens: Lens, steps: int) -> bool:
         camera = _camera_of(lens.change(steps))
-        return bool(Look(self._scene, camera, self.index).passes(camera.X_FC[None])[0])
+        return bool(CameraLook(self._scene, camera, self.index).passes(camera.X_FC[None])[0])
 
     def _free(self, X_FC: Array) -> Mask:
         """Whether the camera may be there; one that moves with the robot goes wherever its link does."""
@@ -363,8 +357,8 @@ class CameraSearch:
         if len(sharper.samples) > len(self._scene.samples):
             self._sharpen(sharper)
 
-    def _sharpen(self, scene: Scene) -> None:
-        self._scene, self._look = scene, Look(scene, self.camera, self.index)
+    def _sharpen(self, scene: WishedSamples) -> None:
+        self._scene, self._look = scene, CameraLook(scene, self.camera, self.index)
 
 
 def _dome() -> Array:
@@ -377,6 +371,6 @@ def _dome() -> Array:
     return np.concatenate([distance * directions for distance in _DISTANCES])
 
 
-def _camera_of(change: Change) -> Camera:
+def _camera_of(change: ProposedChange) -> Camera:
     assert change.camera is not None  # noqa: S101 - it is about one
     return change.camera

@@ -26,6 +26,9 @@ KINDS: tuple[Kind, ...] = ("way", "path", "object", "aim", "position", "lens", "
 MOTION: tuple[Kind, ...] = ("way", "path")
 """Those that change nothing in the cell."""
 
+CAMERAS: tuple[Kind, ...] = ("aim", "position", "lens", "camera")
+"""Those that change its cameras."""
+
 
 def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...] | None:
     """The kinds of these names, in their own order; None for None. Raises InputError for another name."""
@@ -38,7 +41,7 @@ def read_kinds(names: Sequence[str] | None) -> tuple[Kind, ...] | None:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Change:
+class ProposedChange:
     """One change of a cell or a motion."""
 
     kind: Kind
@@ -107,7 +110,7 @@ class CandidateEffect:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Effect:
+class EffectOnTask:
     """What a change does to a task."""
 
     task: str
@@ -150,12 +153,12 @@ def _worse(before: Assessment, after: Assessment, name: str, sign: float, step: 
 class Advice:
     """A change that meets the wish."""
 
-    change: Change
+    change: ProposedChange
     found: Assessment
     """The candidate with it."""
     margin: Margin | None
     """None where there is nothing to measure."""
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[EffectOnTask, ...] = ()
     """On every task of the workspace."""
 
     @property
@@ -172,7 +175,7 @@ class Miss:
     why: str
     """Why not, or why it was not tried."""
     tried: bool = True
-    nearest: Change | None = None
+    nearest: ProposedChange | None = None
     """What comes nearest, if anything was tried."""
     found: Assessment | None = None
     """The candidate with that."""

@@ -8,7 +8,8 @@ from functools import cached_property
 
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.knowledge.workspace.workspace import World
-from sqrp_cli.programming.advice.change import CandidateEffect, Change, Effect
+from sqrp_cli.programming.advice.change import CandidateEffect, EffectOnTask, ProposedChange
+from sqrp_cli.programming.advice.wish import Wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
 from sqrp_cli.programming.coverage.sampling import Sampling
@@ -35,10 +36,10 @@ class Effects:
     listed: Callable[[], tuple[TaskWays, ...]]
     """The tasks, found out only when they are needed."""
 
-    def of(self, change: Change) -> tuple[Effect, ...]:
+    def of(self, change: ProposedChange) -> tuple[EffectOnTask, ...]:
         """What a change does to each task."""
         return tuple(
-            Effect(task=task.text, candidates=tuple(self._effect(way, found, change) for way, found in studied))
+            EffectOnTask(task=task.text, candidates=tuple(self._effect(way, found, change) for way, found in studied))
             for task, studied in zip(self._tasks, self._studied, strict=True)
         )
 
@@ -53,7 +54,7 @@ class Effects:
             for task in self._tasks
         ]
 
-    def _effect(self, way: Candidate, found: Study | Infeasible, change: Change) -> CandidateEffect:
+    def _effect(self, way: Candidate, found: Study | Infeasible, change: ProposedChange) -> CandidateEffect:
         """Cameras are changed in the same motion; else it is planned again."""
         if change.camera is None:
             after = study(self.cell, way, change.in_world(self.world), self.sampling, full=False)
@@ -75,8 +76,8 @@ def is_fastest(found: Assessment) -> bool:
     return found.way.parameters == first.parameters and not found.way.vias
 
 
-def seen_by(cell: Cell, found: Study, sampling: Sampling) -> Study:
-    """The same motion seen by the cameras of another cell."""
+def seen_by(cell: Cell, found: Study, sampling: Sampling, *, full: bool = False) -> Study:
+    """The same motion seen by the cameras of another cell. full: with the verdicts of every camera."""
     now = found.timeline
     timeline = observe(
         found.stage,
@@ -86,6 +87,11 @@ def seen_by(cell: Cell, found: Study, sampling: Sampling) -> Study:
         faults=now.faults,
         T=now.T,
         T_eoi=now.T_eoi,
-        full=False,
+        full=full,
     )
     return replace(found, timeline=timeline)
+
+
+def finely_met(wish: Wish, cell: Cell, found: Study, sampling: Sampling) -> bool:
+    """Whether a motion meets a wish with the samples of `explain`, too: where the verdict of any camera changes."""
+    return wish.met(seen_by(cell, found, sampling, full=True).assessment(""))

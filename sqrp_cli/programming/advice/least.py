@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
+from typing import TypeVar
 
 import numpy as np
 
@@ -16,6 +17,8 @@ Test = Callable[[Array], Mask]
 
 Decide = Callable[[Array], bool]
 """Whether a vector (d,) does."""
+
+Passed = TypeVar("Passed")
 
 FINE = 16
 """The fine grid has at most so many steps to every side."""
@@ -106,6 +109,24 @@ class Search:
             else:
                 spread *= 0.5
         return found
+
+
+def least_beyond(passes: Callable[[float], Passed | None], size: float, reach: float, step: float) -> Passed | None:
+    """What passes at a size, else at the least greater one that growing steps and a bisection find.
+
+    reach: the greatest size that is looked at. step: the first one, and how exactly the size is found.
+    """
+    found = passes(size)
+    if found is not None:
+        return found
+    low, high = size, size + step
+    while high <= reach and (found := passes(high)) is None:
+        low, high = high, high + 2.0 * (high - low)
+    while found is not None and high - low > step:
+        middle = 0.5 * (low + high)
+        nearer = passes(middle)
+        low, high, found = (low, middle, nearer) if nearer is not None else (middle, high, found)
+    return found
 
 
 def shells(dimension: int, step: float, reach: float) -> Iterator[Array]:

@@ -32,7 +32,7 @@ _FIRST, _GROWTH = 1, 3
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class WishedSamples:
     """Samples of a candidate's motion that a wish is about, with what each camera sees in them now."""
 
     cell: Cell
@@ -42,13 +42,13 @@ class Scene:
     """m of them."""
 
     @classmethod
-    def of(cls, cell: Cell, study: Study, wish: Wish) -> Scene:
+    def of(cls, cell: Cell, study: Study, wish: Wish) -> WishedSamples:
         """The samples of a study that the wish is about, thinned."""
         timeline = study.timeline
         rows = _thinned(timeline.samples, np.flatnonzero(_wished(study, timeline.samples, wish)))
         return cls(cell, study, wish, Samples(timeline.samples.piece[rows], timeline.samples.t[rows]))
 
-    def with_failures(self, timeline: Timeline) -> Scene:
+    def with_failures(self, timeline: Timeline) -> WishedSamples:
         """With the samples, too, at which another timeline of the same motion is not covered."""
         lost = _wished(self.study, timeline.samples, self.wish) & ~timeline.covered
         rows = _thinned(timeline.samples, np.flatnonzero(lost), MOST_SAMPLES // 4)
@@ -57,7 +57,7 @@ class Scene:
         new = np.array([pair not in known for pair in zip(piece.tolist(), t.tolist(), strict=True)], dtype=bool)
         added = Samples(piece[new], t[new])
         samples = self.samples.joined(added, self.samples.merge_order(added))
-        return Scene(self.cell, self.study, self.wish, samples)
+        return WishedSamples(self.cell, self.study, self.wish, samples)
 
     @cached_property
     def states(self) -> SceneStates:
@@ -146,10 +146,10 @@ class Scene:
         return longest
 
 
-class Look:
+class CameraLook:
     """What one camera must see in a scene, because the others do not, and which of its poses can."""
 
-    def __init__(self, scene: Scene, camera: Camera, index: int | None) -> None:
+    def __init__(self, scene: WishedSamples, camera: Camera, index: int | None) -> None:
         """index: of the camera among those of the cell; None if it would be a further one."""
         others = scene.sees if index is None else np.delete(scene.sees, index, axis=2)
         count = others.sum(axis=2)

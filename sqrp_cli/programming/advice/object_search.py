@@ -12,13 +12,12 @@ from sqrp_cli.geometry import Array, box_corners, read_only, transform
 from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.programming.advice.camera_moves import whole
-from sqrp_cli.programming.advice.camera_search import Met, Near
-from sqrp_cli.programming.advice.change import Change, Margin
-from sqrp_cli.programming.advice.effects import assessed
-from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.programming.advice.change import Margin, Miss, ProposedChange
+from sqrp_cli.programming.advice.effects import finely_met
+from sqrp_cli.programming.advice.least import least_beyond
+from sqrp_cli.programming.advice.question import Found, Met, Near, Question
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, study
-from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.assessment import Study, study
 from sqrp_cli.programming.motion.collision.collision_body import CLEARANCE, distance_within, placement_at
 from sqrp_cli.programming.sensing.cause import Cause
 from sqrp_cli.programming.task import Candidate
@@ -46,11 +45,8 @@ _SHORTER = 0.9
 class ObjectSearch:
     """Moves one object about."""
 
-    cell: Cell
-    world: World
-    sampling: Sampling
+    question: Question
     way: Candidate
-    wish: Wish
     name: str
     """Of the object."""
 
@@ -60,10 +56,10 @@ class ObjectSearch:
             for angle in np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS):
                 met = self._decide(radius * _direction(angle))
                 if met is not None:
-                    return self._refined(met)
+                    return self._confirmed(self._refined(met))
         return None
 
-    def margin(self, change: Change) -> Margin:
+    def margin(self, change: ProposedChange) -> Margin:
         """How much less and how much more of a move in the same direction meets the wish."""
         unit, more = np.array(change.values[:2]) / change.size, 0.0
         for step in (0.01, 0.02, 0.05, 0.1, 0.2):
@@ -77,10 +73,23 @@ class ObjectSearch:
         found: list[Near] = []
         for angle in np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS):
             change = self._change(_RADII[3] * _direction(angle))
-            if self._fits(change):
-                done = study(self.cell, self.way, change.in_world(self.world), self.sampling, full=False)
-                found += [Near(change, done)] if isinstance(done, Study) else []
-        return min(found, key=lambda near: self.wish.shortfall(near.study.assessment("")), default=None)
+            done = self._study(change) if self._fits(change) else None
+            found += [Near(change, done)] if isinstance(done, Study) else []
+        return min(found, key=lambda near: self.question.wish.shortfall(near.study.assessment("")), default=None)
+
+    def _confirmed(self, met: Met) -> Met | None:
+        """The move, or the least longer one that is found, that meets the wish if sampled as finely as may be."""
+        question, unit = self.question, np.array(met.change.values[:2]) / met.change.size
+
+        def finely(length: float) -> Met | None:
+            change = self._change(length * unit)
+            found = self._study(change) if self._fits(change) else None
+            if not isinstance(found, Study) or not question.wish.met(found.assessment("")):
+                return None
+            fine = finely_met(question.wish, question.cell, found, question.sampling)
+            return Met(change, found.assessment("")) if fine else None
+
+        return least_beyond(finely, met.change.size, _RADII[-1], _RESOLUTION)
 
     def _refined(self, met: Met) -> Met:
         best = self._shortened(met)
@@ -109,19 +118,22 @@ class ObjectSearch:
         change = self._change(offset)
         if change.size == 0.0 or not self._fits(change):
             return None
-        found = self.assessment(change)
-        return Met(change, found) if self.wish.met(found) else None
+        done = self._study(change)
+        if isinstance(done, Infeasible):
+            return None
+        found = done.assessment("")
+        return Met(change, found) if self.question.wish.met(found) else None
 
-    def assessment(self, change: Change) -> Assessment:
-        """The candidate with the object elsewhere."""
-        done: Study | Infeasible = study(self.cell, self.way, change.in_world(self.world), self.sampling, full=False)
-        return assessed(self.way, done)
+    def _study(self, change: ProposedChange) -> Study | Infeasible:
+        """The way with the object elsewhere."""
+        question = self.question
+        return study(question.cell, self.way, change.in_world(question.world), question.sampling, full=False)
 
-    def _change(self, offset: Array) -> Change:
+    def _change(self, offset: Array) -> ProposedChange:
         moved = whole(np.append(offset, 0.0))
-        X_WO = self.world.X_WO[self.name].copy()
+        X_WO = self.question.world.X_WO[self.name].copy()
         X_WO[:3, 3] = np.round(X_WO[:3, 3] + moved, 6)
-        return Change(
+        return ProposedChange(
             kind="object",
             target=self.name,
             values=(float(moved[0]), float(moved[1]), 0.0),
@@ -130,20 +142,20 @@ class ObjectSearch:
             X_WO=read_only(X_WO),
         )
 
-    def _fits(self, change: Change) -> bool:
+    def _fits(self, change: ProposedChange) -> bool:
         """Whether the object stays on what it stands on, and clear of all else."""
         assert change.X_WO is not None  # noqa: S101 - it is about an object
-        objects = self.cell.workspace.objects
-        support = _support(self.cell, self.world, self.name)
-        if support is not None and not _stands(objects[self.name], change.X_WO, objects[support], self.world):
+        objects = self.question.cell.workspace.objects
+        support = _support(self.question.cell, self.question.world, self.name)
+        if support is not None and not _stands(objects[self.name], change.X_WO, objects[support], self.question.world):
             return False
         return not any(
-            self._touches(change.X_WO, other) for other in self.world.X_WO if other not in (self.name, support)
+            self._touches(change.X_WO, other) for other in self.question.world.X_WO if other not in (self.name, support)
         )
 
     def _touches(self, X_WO: Array, other: str) -> bool:
-        bodies = self.cell.collision.object_bodies
-        X_WB = self.world.X_WO[other]
+        bodies = self.question.cell.collision.object_bodies
+        X_WB = self.question.world.X_WO[other]
         return any(
             distance_within(a.geometry, placement_at(X_WO @ a.X_PG), b.geometry, placement_at(X_WB @ b.X_PG), CLEARANCE)
             is not None
@@ -152,16 +164,31 @@ class ObjectSearch:
         )
 
 
-def objects_to_move(cell: Cell, found: Study, world: World) -> tuple[str, ...]:
-    """What is handled, then what hides most, the most useful first."""
-    names = dict.fromkeys([*handled(cell, found.candidate, world), *_hiding(cell, found)])
-    return tuple(name for name in names if _is_free(cell, name, world))[:MOST_OBJECTS]
+def moved_objects(question: Question, way: Candidate, found: Study | Infeasible) -> list[Found] | Miss:
+    """The least move of what a way handles, and of what hides most. found: of the way as it is."""
+    cell, world = question.cell, question.world
+    names = [name for name in way.binding.values() if not cell.workspace.objects[name].fixed]
+    hiding = _hiding(cell, found) if isinstance(found, Study) else ()
+    names = [name for name in dict.fromkeys([*names, *hiding]) if _is_free(cell, name, world)][:MOST_OBJECTS]
+    if not names:
+        return Miss(kind="object", why="no object is handled or hides anything")
 
+    def search(name: str) -> ObjectSearch:
+        return ObjectSearch(question, way, name)
 
-def handled(cell: Cell, way: Candidate, world: World) -> tuple[str, ...]:
-    """What a way handles that is not fixed and may be moved."""
-    names = (name for name in way.binding.values() if not cell.workspace.objects[name].fixed)
-    return tuple(name for name in names if _is_free(cell, name, world))
+    def least(name: str) -> Found | None:
+        met = search(name).least()
+        return None if met is None else Found(met, search(name).margin(met.change))
+
+    answers = [answer for answer in question.shared(least, names) if answer is not None]
+    if answers:
+        return answers
+    near = [one for one in question.shared(lambda name: search(name).nearest(), names) if one is not None]
+    tried = f"of {_DIRECTIONS} directions, up to {100 * _RADII[-1]:.0f} cm"
+    if not near:
+        why = f"in none {tried}, is a place where {', '.join(names)} can be handled and stand clear of all else"
+        return Miss(kind="object", why=why)
+    return question.nearest("object", f"in none {tried}, does a place of {', '.join(names)} meet the wish", near)
 
 
 def _is_free(cell: Cell, name: str, world: World) -> bool:

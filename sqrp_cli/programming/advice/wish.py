@@ -64,9 +64,9 @@ class Wish:
         hoped = {"q_eoi": way.q_eoi, "q_avg": way.q_avg}
         return not any(falls_short(hoped[name], least) for name, least in self._stated(QUALITIES))
 
-    def shortfall(self, found: Assessment) -> float:
+    def shortfall(self, found: Assessment | None) -> float:
         """By how much a candidate misses it: qualities and shares of times, added up; infinite if infeasible."""
-        if not found.feasible:
+        if found is None or not found.feasible:
             return float("inf")
         missing = 0.0
         for name, least in self._stated(QUALITIES):

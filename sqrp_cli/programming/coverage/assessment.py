@@ -64,8 +64,8 @@ class WaysFound:
     feasible: int
     """How many of them can be done, within `--max-time` if that is given."""
     pareto: tuple[WayFigures, ...]
-    """Those that are Pareto-optimal in q_avg, q_eoi, time and what the ranking counts first; best first, which is the
-    one that the candidate's own figures are about."""
+    """The way that the candidate's own figures are about, then the others that are Pareto-optimal in q_eoi, q_avg and
+    time, the best first."""
     blind_ends: tuple[BlindEnd, ...] = ()
     """The ends of joint moves that no path can make seen, of the first way; empty if all paths have to be direct."""
 

@@ -12,7 +12,7 @@ from sqrp_cli.report.documents.document import LEFT_OUT, Record, TaskDocument
 from sqrp_cli.report.sentences import change_in_words
 
 if TYPE_CHECKING:
-    from sqrp_cli.programming.advice.change import Advice, Change, Effect, Miss
+    from sqrp_cli.programming.advice.change import Advice, EffectOnTask, Miss, ProposedChange
     from sqrp_cli.programming.advice.wish import Wish
     from sqrp_cli.programming.coverage.assessment import Assessment
 
@@ -95,7 +95,7 @@ class TaskEffect(Record):
     """Those whose figures change, in the order of the task."""
 
     @classmethod
-    def of(cls, effect: Effect) -> TaskEffect:
+    def of(cls, effect: EffectOnTask) -> TaskEffect:
         """An effect as a record."""
         before, after = effect.first_before, effect.first_after
         return cls(
@@ -165,7 +165,7 @@ class ChangeFound(AdvisedFigures):
     """The change as an instruction, such as `move cam1 10.9 cm, mostly -z`."""
 
     @classmethod
-    def of_change(cls, change: Change, found: Assessment) -> ChangeFound:
+    def of_change(cls, change: ProposedChange, found: Assessment) -> ChangeFound:
         """A change with what was found."""
         values = change.values if change.parameters is None else dict(change.parameters)
         return cls(
@@ -188,8 +188,8 @@ class AdviceFound(ChangeFound):
     worse: tuple[str, ...]
     """The tasks of the workspace in which a candidate gets worse in a figure."""
     tasks: tuple[TaskEffect, ...]
-    """Every task of the workspace, before and after; candidates keep the ways that they have now, `rank` may find
-    others then."""
+    """Every task that it may affect, before and after: of a change of the cell all tasks of the workspace, of a way or
+    path the one that was asked for; candidates keep the ways that they have now, `rank` may find others then."""
     patch: str
     """A unified diff of the workspace file; empty where nothing in the file says it."""
     unwritten: str | None = field(default=None, metadata=LEFT_OUT)
@@ -267,5 +267,7 @@ class AdviceDocument(TaskDocument):
     """What came of each kind."""
     nearest: NearestChange | None
     """If nothing meets the wish: what comes nearest."""
+    first: str | None = field(default=None, metadata=LEFT_OUT)
+    """What has to be done before, where the precondition of the skill does not hold."""
     interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
     """True if Ctrl-C came before all kinds were searched."""

@@ -20,7 +20,7 @@ from sqrp_cli.knowledge.text.json_file import parse_json
 from sqrp_cli.program.record import FaultMetrics
 from sqrp_cli.programming.advice.advise import Answer
 from sqrp_cli.programming.advice.aiming import Aim
-from sqrp_cli.programming.advice.change import Advice, CandidateEffect, Change, Effect, Kind, Margin, Miss
+from sqrp_cli.programming.advice.change import Advice, CandidateEffect, EffectOnTask, Kind, Margin, Miss, ProposedChange
 from sqrp_cli.programming.coverage.assessment import Assessment, BlindEnd, WayFigures, WaysFound
 from sqrp_cli.programming.coverage.quality import Qualities
 from sqrp_cli.programming.task import Candidate
@@ -38,8 +38,8 @@ _RECORDS = {
         Camera,
         Candidate,
         CandidateEffect,
-        Change,
-        Effect,
+        ProposedChange,
+        EffectOnTask,
         FaultMetrics,
         Margin,
         Miss,

@@ -9,9 +9,9 @@ import pytest
 
 from sqrp_cli.geometry import displacement
 from sqrp_cli.knowledge.camera.projection import Projection
-from sqrp_cli.programming.advice.change import Change
+from sqrp_cli.programming.advice.change import ProposedChange
 from sqrp_cli.programming.advice.effects import seen_by
-from sqrp_cli.programming.advice.look import Look, Scene
+from sqrp_cli.programming.advice.look import CameraLook, WishedSamples
 from sqrp_cli.programming.advice.wish import read_wish
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.coverage.assessment import Study, study
@@ -49,11 +49,11 @@ def test_what_meets_a_wish_passes_the_look(cell, studied, camera, wish):
     index = list(cell.workspace.cameras).index(camera)
     entry = cell.workspace.cameras[camera]
     wanted = read_wish(wish)
-    look = Look(Scene.of(cell, studied, wanted), entry, index)
+    look = CameraLook(WishedSamples.of(cell, studied, wanted), entry, index)
     poses = moved(entry, np.random.default_rng(len(wish)), 20)
     passes = look.passes(poses)
     for X_FC, passed in zip(poses, passes, strict=True):
-        change = Change(kind="position", target=camera, size=0.0, unit="m", camera=replace(entry, X_FC=X_FC))
+        change = ProposedChange(kind="position", target=camera, size=0.0, unit="m", camera=replace(entry, X_FC=X_FC))
         met = wanted.met(seen_by(change.in_cell(cell), studied, SAMPLING).assessment(""))
         assert passed or not met
 
@@ -61,14 +61,14 @@ def test_what_meets_a_wish_passes_the_look(cell, studied, camera, wish):
 @pytest.mark.parametrize("wish", ["q_eoi 60 %", "q_avg 80 %", "delay 1.3 s"])
 def test_some_poses_pass_and_some_do_not(cell, studied, wish):
     entry = cell.workspace.cameras["cam2"]
-    look = Look(Scene.of(cell, studied, read_wish(wish)), entry, 1)
+    look = CameraLook(WishedSamples.of(cell, studied, read_wish(wish)), entry, 1)
     passes = look.passes(moved(entry, np.random.default_rng(0), 100))
     assert 0 < passes.sum() < 100
 
 
 def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
     wish = read_wish("q_eoi 100 %")
-    scene = Scene.of(cell, studied, wish)
+    scene = WishedSamples.of(cell, studied, wish)
     few = replace(scene, samples=type(scene.samples)(scene.samples.piece[:1], scene.samples.t[:1]))
     sharper = few.with_failures(studied.timeline)
     assert len(sharper.samples) > 1
@@ -79,7 +79,7 @@ def test_failures_of_the_exact_timeline_are_looked_at_next(cell, studied):
 @pytest.mark.parametrize("camera", ["cam1", "cam2", "cam6"])
 def test_a_moved_camera_sees_what_the_observer_sees_from_there(cell, studied, camera):
     entry, rng = cell.workspace.cameras[camera], np.random.default_rng(3)
-    scene = Scene.of(cell, studied, read_wish("q_avg 100 %"))
+    scene = WishedSamples.of(cell, studied, read_wish("q_avg 100 %"))
     boxes = [box for target in studied.targets for box in target.boxes]
     box, state = (axis.reshape(-1) for axis in np.indices((len(boxes), len(scene.samples))))
     one = MovedCamera(Projection.of(entry), boxes, cell.observer.solids, scene.states, box=box, state=state)

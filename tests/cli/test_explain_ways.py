@@ -1,0 +1,63 @@
+"""`explain --ways` with and without a value, and the command that it names for a remedy."""
+
+from __future__ import annotations
+
+import shlex
+
+import pytest
+
+CHOSEN = ("--choose", "g1")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (*CHOSEN, "--ways"),
+        (*CHOSEN, "--ways", "all"),
+        ("--ways", *CHOSEN),
+        ("--ways=all", *CHOSEN),
+    ],
+    ids=" ".join,
+)
+def test_all_ways_are_shown(words, sqrp, tabletop):
+    outcome = sqrp("explain", tabletop, "pickup g1", *words)
+    assert outcome.code == 0
+    assert "g1: 16 of 32 ways can be done; Pareto-optimal are" in outcome.out
+
+
+def test_the_words_of_the_command_may_follow_the_bare_option(sqrp, watch):
+    assert sqrp("explain", "--ways", watch, "watch seen").code == 0
+
+
+def test_the_best_way_alone_is_shown_and_the_fastest_is_explained(sqrp, tabletop):
+    best = sqrp("explain", tabletop, "pickup g1", "--ways", "best")
+    assert best.out == sqrp("explain", tabletop, "pickup g1").out
+    assert "Pareto-optimal are" not in best.out
+    fastest = sqrp("explain", tabletop, "pickup g1", "--ways", "fastest", "--json").document
+    (ranked,) = sqrp("rank", tabletop, "pickup g1", "--ways", "fastest", "--json").document["candidates"]
+    assert {name: fastest[name] for name in ("time", "q_eoi", "parameters")} == {
+        name: ranked[name] for name in ("time", "q_eoi", "parameters")
+    }
+
+
+@pytest.mark.parametrize("words", [("--ways", "slowest"), ("--ways=every",), ("--ways", "al")])
+def test_another_value_is_refused_by_name(words, sqrp, tabletop):
+    outcome = sqrp("explain", tabletop, "pickup g1", *words)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "--ways is" in outcome.err
+
+
+def test_the_command_that_says_how_much_helps_can_be_typed(sqrp, tabletop):
+    """It is about the same candidate, in the same way, and about what is lost."""
+    outcome = sqrp("explain", tabletop, "pickup green", *CHOSEN, "--ways", "fastest")
+    words = next(shlex.split(line) for line in outcome.out.splitlines() if line.startswith("sqrp advise "))
+    assert words[3:] == ["pickup green", "--want", "q_eoi 100 %", *CHOSEN, "--ways", "fastest"]
+    advice = sqrp(*words[1:], "--kinds", "way", "--json").document
+    assert (advice["candidate"], advice["before"]["q_eoi"]) == ("g1", 0.0)
+    seen = sqrp("explain", tabletop, "pickup green", *CHOSEN)
+    assert "--want 'q_avg 100 %'" in seen.out
+
+
+def test_where_nothing_is_missing_no_command_is_named(sqrp, watch):
+    outcome = sqrp("explain", watch, "watch seen", "--choose", "seen")
+    assert "sqrp advise" not in outcome.out
