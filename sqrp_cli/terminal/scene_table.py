@@ -33,6 +33,8 @@ def print_scene(cell: Cell) -> None:
         [Column("joint [deg, s]"), *(Column(title, right=True) for title in ("min", "max", "v", "a", "j", "home"))],
         joints,
     )
+    if robot.angle_tolerance:
+        say(f"\ntool may be turned by {np.degrees(robot.angle_tolerance):g} deg from a pose")
     _print_hand(robot)
     say(_checked_pairs(cell))
     cameras = [

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
 
@@ -42,6 +42,7 @@ def robot(
     X_WB: Array | None = None,
     home: Mapping[str, float] | None = None,
     limits: Mapping[str, tuple[float, float]] | None = None,
+    angle_tolerance: float = 0.0,
 ) -> Robot:
     """A robot with the position limits of its URDFs unless `limits` has others."""
     models = [read_urdf(urdf), *([tool.urdf] if tool else [])]
@@ -60,6 +61,7 @@ def robot(
             name: JointLimits(*ends, velocity=1.0, acceleration=2.0, jerk=10.0) for name, ends in positions.items()
         },
         stop_limits={},
+        angle_tolerance=angle_tolerance,
         geometry="collision",
         parts=tuple(parts),
         disabled_pairs=frozenset(),
@@ -155,6 +157,44 @@ SIX_AXES = (
     joint("end", "link_6", "tool0", "fixed", "0 0 0", "0 0 1"),
 )
 """A large industrial arm."""
+
+FEW_AXES = {
+    "five axes": (
+        turning("waist", "base", "l1", "0 0 0.1", "0 0 1"),
+        turning("shoulder", "l1", "l2", "0 0 0.1", "0 1 0"),
+        turning("elbow", "l2", "l3", "0 0 0.4", "0 1 0"),
+        turning("pitch", "l3", "l4", "0.4 0 0", "0 1 0"),
+        joint("roll", "l4", "l5", "continuous", "0.1 0 0", "1 0 0"),
+        joint("end", "l5", "tool0", "fixed", "0.05 0 0", "0 0 1"),
+    ),
+    "four axes": (
+        turning("waist", "base", "l1", "0 0 0.1", "0 0 1"),
+        turning("shoulder", "l1", "l2", "0 0 0.1", "0 1 0"),
+        turning("elbow", "l2", "l3", "0 0 0.4", "0 1 0"),
+        turning("pitch", "l3", "l4", "0.4 0 0", "0 1 0"),
+        joint("end", "l4", "tool0", "fixed", "0.15 0 0", "0 0 1"),
+    ),
+    "SCARA": (
+        turning("j1", "base", "l1", "0 0 0.4", "0 0 1"),
+        turning("j2", "l1", "l2", "0.4 0 0", "0 0 1"),
+        joint("j3", "l2", "l3", "prismatic", "0.3 0 0", "0 0 1", '<limit lower="-0.3" upper="0" velocity="1"/>'),
+        joint("j4", "l3", "tool0", "continuous", "0 0 -0.05", "0 0 -1"),
+    ),
+    "gantry": (
+        joint("x", "base", "l1", "prismatic", "0 0 0.8", "1 0 0", '<limit lower="-0.5" upper="0.5" velocity="1"/>'),
+        joint("y", "l1", "l2", "prismatic", "0 0 0", "0 1 0", '<limit lower="-0.5" upper="0.5" velocity="1"/>'),
+        joint("z", "l2", "tool0", "prismatic", "0 0 0", "0 0 -1", '<limit lower="0" upper="0.7" velocity="1"/>'),
+    ),
+}
+"""Arms that cannot take every pose; exact ones."""
+
+
+def rounded(joints: Sequence[str], by: float) -> tuple[str, ...]:
+    """The joints with frames turned by a small angle each, as right angles that are rounded [rad]."""
+    return tuple(
+        one.replace("<origin ", f'<origin rpy="{by:g} {-by:g} {by * (-1) ** k:g}" ', 1) for k, one in enumerate(joints)
+    )
+
 
 LINKAGES = {
     "rods beside the arm": (

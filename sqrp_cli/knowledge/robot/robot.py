@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +18,7 @@ from sqrp_cli.geometry import Array, check_poses
 from sqrp_cli.knowledge.robot.urdf import UrdfJoint, UrdfModel
 from sqrp_cli.knowledge.scene import MarkerId
 from sqrp_cli.knowledge.text import units
-from sqrp_cli.knowledge.text.entries import AnyQuantity, Entry, Extents, Pose, Size, Stored, Text, mapping_or_else
+from sqrp_cli.knowledge.text.entries import AnyQuantity, Entry, Extents, In, Pose, Size, Stored, Text, mapping_or_else
 from sqrp_cli.knowledge.text.units import Dimension
 from sqrp_cli.shapes import Geometry, Part
 
@@ -103,6 +104,8 @@ class Robot:
     """Of every movable joint of the URDF (with acceleration and jerk, which URDF cannot say)."""
     stop_limits: Mapping[str, StopLimits]
     """Of the same joints while the robot stops to protect itself and others."""
+    angle_tolerance: float
+    """By how much the tool may be turned away from a pose, for an arm with fewer than six axes [rad]; else 0."""
     geometry: Geometry
     """Which geometry of the links is solid and opaque; a link without collision geometry uses its visual one."""
     parts: tuple[Part, ...]
@@ -159,6 +162,15 @@ class ToolEntry(Entry):
             raise PydanticCustomError("conflicting-keys", "`boxes` needs `frame`, and `frame` goes with `boxes`")
         return self
 
+
+ANGLE_TOLERANCE = math.radians(0.5)
+"""Of an arm with fewer than six axes, unless the workspace states another: URDFs round right angles to 1.57 or 3.14."""
+
+MOST_TOLERANCE = math.radians(10)
+"""Largest tolerance that may be stated."""
+
+AXES_OF_A_POSE = 6
+"""An arm with this many axes takes any pose within its reach, exactly."""
 
 PositionsEntry = Annotated[
     Annotated[dict[str, AnyQuantity], Tag("<mapping>")] | Annotated[Text, Tag("<else>")], mapping_or_else()
@@ -245,6 +257,11 @@ class RobotEntry(Entry):
     fingers: FingersEntry | None = Field(default=None, description="The fingers of its gripper, if they move.")
     markers: dict[str, Marker] = Field(default={}, description="ArUco markers on links, by the link's name.")
     limits: LimitsEntry = Field(default=LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
+    angle_tolerance: Annotated[float, In(units.ANGLE, 0.0, MOST_TOLERANCE)] | None = Field(
+        default=None,
+        description="By how much the tool may be turned away from a pose, for an arm with fewer than six axes. Default: "
+        "0.5 deg.",
+    )
     geometry: Geometry = Field(default="collision", description="Which geometry of the links is solid and opaque.")
 
     @model_validator(mode="after")

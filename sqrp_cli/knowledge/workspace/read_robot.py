@@ -14,6 +14,8 @@ from sqrp_cli.knowledge.frames import link_called
 from sqrp_cli.knowledge.robot.joint_tree import driving_joints
 from sqrp_cli.knowledge.robot.read_urdf import read_urdf
 from sqrp_cli.knowledge.robot.robot import (
+    ANGLE_TOLERANCE,
+    AXES_OF_A_POSE,
     Fingers,
     JointLimits,
     LimitsEntry,
@@ -93,6 +95,7 @@ class RobotReader:
             home=self._home(arm),
             limits=limits,
             stop_limits=self._stop_limits(limits, joints),
+            angle_tolerance=self._angle_tolerance(arm),
             geometry=self.entry.geometry,
             parts=tuple(self._parts),
             disabled_pairs=self.srdf.disabled_pairs if self.srdf else frozenset(),
@@ -162,6 +165,15 @@ class RobotReader:
             message = f"{len(arm)} joints move `{self.tool_frame}`, expected at most {MAX_ARM_JOINTS} in an arm"
             raise InputError(Problem("too-many-joints", message, arm[MAX_ARM_JOINTS].place))
         return arm
+
+    def _angle_tolerance(self, arm: Sequence[UrdfJoint]) -> float:
+        stated = self.entry.angle_tolerance
+        if len(arm) < AXES_OF_A_POSE:
+            return ANGLE_TOLERANCE if stated is None else stated
+        if stated:
+            message = f"an arm with {len(arm)} axes takes poses exactly; expected this for fewer than {AXES_OF_A_POSE}"
+            self._report("wrong-value", ("robot", "angle_tolerance"), message)
+        return 0.0
 
     def _home(self, arm: Sequence[UrdfJoint]) -> dict[str, float]:
         path = ("robot", "home")

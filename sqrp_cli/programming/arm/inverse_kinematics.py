@@ -124,7 +124,8 @@ def all_solutions(
     its points nearest to home. At most `MOST_BRANCHES`.
     More than six joints: the branches with the redundant joints, counted from the third on, held at
     `redundancy_samples` positions: home, and positions spread over their limits that depend only on `seed`.
-    Fewer than six: solutions exist only for the few full poses that such an arm can take.
+    Fewer than six: the tool's origin is there exactly, and the tool turned as far as the arm can turn it, which must be
+    within the model's `angle_tolerance` of the pose; see `misses`.
     """
     if beyond_reach(model, X_WT) > 0.0:
         return IkResult(np.empty((0, len(model.arm))), why_unreachable(model, X_WT))
@@ -213,7 +214,8 @@ def _solutions_from(
 ) -> Array:
     """The solutions that the search finds from starting points (m, n), possibly repeated, (k, n)."""
     reached, errors = descend(model, X_WT, starts, moving, steps, within=within)
-    solutions, solved = _polished(model, X_WT, reached[np.abs(errors).max(axis=1) < NEARLY_SOLVED], moving)
+    near = max(NEARLY_SOLVED, 2.0 * model.angle_tolerance)
+    solutions, solved = _polished(model, X_WT, reached[np.abs(errors).max(axis=1) < near], moving)
     return solutions[solved]
 
 

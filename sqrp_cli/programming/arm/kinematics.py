@@ -125,6 +125,8 @@ class RobotModel:
     """The solid parts of robot and tool."""
     adjacent_pairs: frozenset[tuple[str, str]]
     """Links with parts, each pair in alphabetical order, that are rigidly connected or meet at a joint."""
+    angle_tolerance: float
+    """By how much the tool may be turned away from a pose that it is to take [rad]; 0 with six axes or more."""
     tree: JointTree
     """Every joint and link of robot and tool."""
     _pinocchio: PinocchioModel
@@ -166,6 +168,7 @@ class RobotModel:
             tool_frame=robot.tool_frame,
             parts=robot.parts,
             adjacent_pairs=_adjacent_pairs(robot.parts, tree),
+            angle_tolerance=robot.angle_tolerance,
             tree=tree,
             _pinocchio=pinocchio,
             _couplings=Couplings.of(tree.joints, [*arm, *map(tree.index, fingers.joints)], robot.rest),

@@ -24,12 +24,19 @@ FOLLOWED = 1e-20
 STALLED = 1e6
 """A step that reduces the square of the error by no more than one part in this is the last one."""
 
+LEAST_TURN = 1e-6
+"""Least turn of the tool per motion of the joints that counts as one that the arm can make [rad/rad]."""
+
 NEWTON_STEPS = 8
 """Most steps of Newton's method; each squares the error of an isolated solution."""
 
 
 class Kinematics(Protocol):
     """Kinematics of a tool frame; `RobotModel` is one."""
+
+    @property
+    def angle_tolerance(self) -> float:
+        """By how much the tool may be turned away from a pose [rad]; 0 for arms that take poses exactly."""
 
     def tool_poses(self, q: Array) -> Array:
         """World poses X_WT of the tool frame, shape (m, 4, 4), at m positions of shape (m, n)."""
@@ -57,6 +64,39 @@ def pose_errors(X_WT: Array, X_target: Array) -> Array:
     errors[:, :3] = X_target[..., :3, 3] - X_WT[:, :3, 3]
     errors[:, 3:] = _rotation_vectors(X_target[..., :3, :3] @ np.swapaxes(X_WT[:, :3, :3], 1, 2))
     return errors
+
+
+class Misses(NamedTuple):
+    """What keeps a tool from its targets, at m joint positions of n joints."""
+
+    errors: Array
+    """What is to become 0: as of `pose_errors`, without the turns that the arm cannot make, shape (m, 6)."""
+
+    J: Array
+    """How these errors decrease with the joints, shape (m, 6, n)."""
+
+    turned_away: Array
+    """By how much the tool is turned away beyond what is tolerated [rad], shape (m,); 0 within it."""
+
+
+def misses(model: Kinematics, q: Array, X_target: Array) -> Misses:
+    """The errors of m joint positions q, shape (m, n), against targets, one each, (m, 4, 4).
+
+    An arm with fewer than six joints brings the origin of its tool to a place exactly, and turns it as far as the joints
+    do that do not move the origin (the null space of its Jacobian); what they cannot turn is tolerated up to the
+    model's `angle_tolerance`. So right angles that a URDF rounds to 1.57 keep no arm from its work.
+    """
+    X, J = model.tool_poses_and_jacobians(q)
+    errors = pose_errors(X, X_target)
+    if not model.angle_tolerance:
+        return Misses(errors, J, np.zeros(len(q)))
+    beyond = np.maximum(np.linalg.norm(errors[:, 3:], axis=1) - model.angle_tolerance, 0.0)
+    still = np.swapaxes(np.linalg.svd(J[:, :3])[2][:, 3:], 1, 2)
+    turns, sizes, _ = np.linalg.svd(J[:, 3:] @ still, full_matrices=False)
+    turns = turns * (sizes > LEAST_TURN)[:, None, :]
+    possible = np.tile(np.eye(6), (len(q), 1, 1))
+    possible[:, 3:, 3:] = turns @ np.swapaxes(turns, 1, 2)
+    return Misses((possible @ errors[:, :, None])[..., 0], possible @ J, beyond)
 
 
 def descend(
@@ -118,7 +158,7 @@ def descend(
 
 
 def newton(model: Kinematics, X_target: Array, q: Array, tolerance: float, moving: Mask | None = None) -> Approach:
-    """Newton's method from each of m joint positions, shape (m, n), with the least motion of the joints.
+    """Newton's method for `misses` from each of m joint positions, shape (m, n), with the least motion of the joints.
 
     X_target: one pose X_WT of the tool frame, shape (4, 4), or one for each row, (m, 4, 4). tolerance: largest pose
     error, in m and rad, from which a row takes no further step. moving: which joints may move, (n,); by default all.
@@ -127,10 +167,9 @@ def newton(model: Kinematics, X_target: Array, q: Array, tolerance: float, movin
     q, largest = q.copy(), np.zeros(len(q))
     rows = np.arange(len(q))
     for step in range(NEWTON_STEPS + 1):
-        X, J = model.tool_poses_and_jacobians(q[rows])
-        errors = pose_errors(X, targets[rows])
-        largest[rows] = np.abs(errors).max(axis=1, initial=0.0)
-        off = largest[rows] > tolerance
+        errors, J, turned_away = misses(model, q[rows], targets[rows])
+        off = np.abs(errors).max(axis=1, initial=0.0) > tolerance
+        largest[rows] = np.maximum(np.abs(errors).max(axis=1, initial=0.0), turned_away)
         rows = rows[off]
         if step == NEWTON_STEPS or not len(rows):
             break

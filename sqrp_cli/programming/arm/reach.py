@@ -56,7 +56,8 @@ class WrongWayRound:
     angle: float
 
     def __str__(self) -> str:
-        return f"cannot be approached from that side: the tool is off by {np.degrees(self.angle):.0f} deg at best"
+        angle = np.degrees(self.angle)
+        return f"cannot be approached from that side: the tool is off by {angle:.{0 if angle >= 2 else 2}f} deg at best"
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ def _out_of_reach(model: RobotModel, X_WT: Array) -> OutOfReach | WrongWayRound:
         q, errors = q[best], errors[best]
     distances = np.linalg.norm(errors[:, :3], axis=1)
     angles = np.linalg.norm(errors[:, 3:], axis=1) / weight
-    held = angles < HELD_ORIENTATION
+    held = angles < max(HELD_ORIENTATION, model.angle_tolerance)
     if not held.any():
         return WrongWayRound(float(angles.min()))
     closest = int(np.where(held, distances, np.inf).argmin())
@@ -154,7 +155,7 @@ def _is_in_hole(model: RobotModel, X_WT: Array, q: Array, missing: Array) -> boo
         STEPS,
         within=(model.lower, model.upper),
     )
-    return bool((np.abs(errors).max(axis=1) < 1e-6).any())
+    return bool((np.abs(errors).max(axis=1) < max(1e-6, 2.0 * model.angle_tolerance)).any())
 
 
 def _precise_metres(distance: float) -> str:

@@ -87,6 +87,8 @@ class RobotScene(Record):
     """The object that the tool holds at the start."""
     markers: Mapping[str, Marker]
     """By link."""
+    angle_tolerance: float
+    """By how much the tool may be turned away from a pose, of an arm with fewer than six axes [rad]; else 0."""
     geometry: Literal["collision", "visual"]
     """The geometry of the links that is opaque."""
     unchecked_pairs: list[list[str]]
@@ -108,6 +110,7 @@ class RobotScene(Record):
             fingers=own.fingers,
             held=cell.initial_world.held,
             markers=own.markers,
+            angle_tolerance=own.angle_tolerance,
             geometry=own.geometry,
             unchecked_pairs=sorted(map(list, cell.unchecked_pairs)),
         )

@@ -11,7 +11,7 @@ import numpy as np
 from sqrp_cli.errors import Infeasible
 from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.programming.arm.kinematics import RobotModel, ToolMotion
-from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, newton, pose_errors
+from sqrp_cli.programming.arm.pose_search import Kinematics, least_steps, misses, newton, pose_errors
 from sqrp_cli.programming.arm.reach import PastLimit
 from sqrp_cli.programming.motion.paths.position_limits import LIMIT_SLACK, past_limits
 from sqrp_cli.trajectory import JointPath
@@ -121,6 +121,11 @@ class HeldJoints:
     model: RobotModel
     held: Mask
 
+    @property
+    def angle_tolerance(self) -> float:
+        """As for the arm."""
+        return self.model.angle_tolerance
+
     def tool_poses(self, q: Array) -> Array:
         """As for the arm."""
         return self.model.tool_poses(q)
@@ -152,8 +157,7 @@ def _fitted(model: Kinematics, line: ToolLine, q: Array) -> list[JointPath | Inf
     degree = q.shape[1] - 1
     between = _points(2 * degree)[1::2]
     guesses = _refine_matrix(degree) @ q
-    X_WT = model.tool_poses(guesses.reshape(-1, q.shape[2]))
-    errors = pose_errors(X_WT, np.tile(line.poses(between), (len(q), 1, 1)))
+    errors = _errors(model, guesses.reshape(-1, q.shape[2]), np.tile(line.poses(between), (len(q), 1, 1)))
     deviations = np.linalg.norm(errors.reshape(len(q), degree, 2, 3), axis=-1).max(axis=-1)
     paths: list[JointPath | Infeasible] = [
         JointPath(np.array([0.0, 1.0]), fit[None]) for fit in _fit_matrix(degree) @ q
@@ -249,6 +253,11 @@ def _advance(model: Kinematics, line: ToolLine, q: Array, s: Array, to: Array) -
     on = halved[np.isinf(stuck[halved])]
     reached[on], stuck[on] = _advance(model, line, reached[on], middle[on], to[on])
     return reached, stuck
+
+
+def _errors(model: Kinematics, q: Array, X_WT: Array) -> Array:
+    """What keeps the tool from poses (m, 4, 4) at joint positions q (m, n), shape (m, 6); see `misses`."""
+    return misses(model, q, X_WT).errors if model.angle_tolerance else pose_errors(model.tool_poses(q), X_WT)
 
 
 def _meet(model: Kinematics, guesses: Array, X_WT: Array) -> tuple[Array, Mask]:

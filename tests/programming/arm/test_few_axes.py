@@ -1,0 +1,86 @@
+"""Arms with fewer than six axes: the tool is where it is wanted, and turned within the tolerance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Array, axis_rotation, pose
+from sqrp_cli.programming.arm.inverse_kinematics import all_solutions
+from sqrp_cli.programming.arm.kinematics import RobotModel
+from sqrp_cli.programming.arm.reach import WrongWayRound
+from sqrp_cli.programming.motion.paths.straight_line import ToolLine, straight_line
+from tests.programming.robots import FEW_AXES, robot, rounded, written_urdf
+
+TOLERANCE = np.radians(0.5)
+BY = 0.0016
+"""Half a turn written as 3.14 is wrong by this [rad]."""
+
+READY = {
+    "five axes": [0.3, -0.2, 0.6, 1.1, 0.4],
+    "four axes": [0.3, -0.2, 0.6, 1.1],
+    "SCARA": [0.3, 0.8, -0.1, 0.2],
+    "gantry": [0.1, 0.2, 0.5],
+}
+
+
+def arm(name: str, folder: Path, by: float, tolerance: float) -> RobotModel:
+    urdf = written_urdf(folder / f"arm{by:g}.urdf", *rounded(FEW_AXES[name], by))
+    return RobotModel.load(robot(urdf, "tool0", angle_tolerance=tolerance))
+
+
+def angle_between(X: Array, Y: Array) -> float:
+    return float(np.arccos(np.clip((np.trace(X[:3, :3].T @ Y[:3, :3]) - 1) / 2, -1, 1)))
+
+
+@pytest.mark.parametrize("name", FEW_AXES)
+def test_a_pose_of_the_exact_arm_is_taken_by_the_rounded_one_within_the_tolerance(name: str, tmp_path: Path) -> None:
+    """The rounded arm cannot take it exactly; its solutions put the origin there and turn the tool as far as it goes."""
+    X_WT = arm(name, tmp_path, 0.0, 0.0).tool_pose(np.array(READY[name]))
+    exact = all_solutions(arm(name, tmp_path, BY, 0.0), X_WT)
+    assert not len(exact.solutions)
+    model = arm(name, tmp_path, BY, TOLERANCE)
+    found = all_solutions(model, X_WT)
+    assert np.abs(found.solutions - READY[name]).max(axis=1).min() < 0.05
+    for q in found.solutions:
+        reached = model.tool_pose(q)
+        np.testing.assert_allclose(reached[:3, 3], X_WT[:3, 3], atol=1e-10)
+        angle = angle_between(reached, X_WT)
+        assert 1e-4 < angle < TOLERANCE
+        if len(q) > 3:
+            assert_turned_as_far_as_it_goes(model, q, X_WT, angle)
+
+
+def assert_turned_as_far_as_it_goes(model: RobotModel, q: Array, X_WT: Array, angle: float) -> None:
+    """No small motion that keeps the tool's origin brings the tool closer to the pose."""
+    J = model.jacobian(q)
+    for still in np.linalg.svd(J[:3])[2][3:]:
+        for step in (-1e-4, 1e-4):
+            assert angle_between(model.tool_pose(q + step * still), X_WT) > angle - 2e-7
+
+
+@pytest.mark.parametrize("name", FEW_AXES)
+def test_a_straight_line_keeps_to_its_line_and_within_the_tolerance(name: str, tmp_path: Path) -> None:
+    model = arm(name, tmp_path, BY, TOLERANCE)
+    start = arm(name, tmp_path, 0.0, 0.0).tool_pose(np.array(READY[name]))
+    line = ToolLine(start, pose(position=(0.0, 0.0, -0.05)) @ start)
+    q0 = min(all_solutions(model, start).solutions, key=lambda q: float(np.abs(q - READY[name]).max()))
+    path = straight_line(model, q0, line)
+    assert not isinstance(path, Infeasible)
+    s = np.linspace(0.0, 1.0, 200)
+    for wanted, q in zip(line.poses(s), path.positions(s), strict=True):
+        reached = model.tool_pose(q)
+        assert np.linalg.norm(reached[:3, 3] - wanted[:3, 3]) < 2e-6
+        assert angle_between(reached, wanted) < TOLERANCE
+
+
+def test_what_is_beyond_the_tolerance_is_out_of_reach_and_the_reason_says_by_how_much(tmp_path: Path) -> None:
+    model = arm("SCARA", tmp_path, 0.0, TOLERANCE)
+    tilted = model.tool_pose(np.array(READY["SCARA"])) @ pose(axis_rotation(0, np.radians(0.8)))
+    found = all_solutions(model, tilted)
+    assert not len(found.solutions)
+    assert isinstance(found.reason, WrongWayRound)
+    assert "0.80 deg at best" in str(found.reason)
