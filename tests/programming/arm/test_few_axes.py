@@ -38,7 +38,7 @@ def angle_between(X: Array, Y: Array) -> float:
 
 @pytest.mark.parametrize("name", FEW_AXES)
 def test_a_pose_of_the_exact_arm_is_taken_by_the_rounded_one_within_the_tolerance(name: str, tmp_path: Path) -> None:
-    """The rounded arm cannot take it exactly; its solutions put the origin there and turn the tool as far as it goes."""
+    """The rounded arm cannot take it exactly; its solutions put the origin there, turned as far as it goes."""
     X_WT = arm(name, tmp_path, 0.0, 0.0).tool_pose(np.array(READY[name]))
     exact = all_solutions(arm(name, tmp_path, BY, 0.0), X_WT)
     assert not len(exact.solutions)
