@@ -259,7 +259,7 @@ class RobotEntry(Entry):
     limits: LimitsEntry = Field(default=LimitsEntry(), description="Limits of velocity, acceleration and jerk.")
     angle_tolerance: Annotated[float, In(units.ANGLE, 0.0, MOST_TOLERANCE)] | None = Field(
         default=None,
-        description="By how much the tool may be turned away from a pose, for an arm with fewer than six axes. Default: "
+        description="By how much the tool may be turned away from a pose, by an arm of fewer than six axes. Default: "
         "0.5 deg.",
     )
     geometry: Geometry = Field(default="collision", description="Which geometry of the links is solid and opaque.")
