@@ -82,9 +82,9 @@ class Misses(NamedTuple):
 def misses(model: Kinematics, q: Array, X_target: Array) -> Misses:
     """The errors of m joint positions q, shape (m, n), against targets, one each, (m, 4, 4).
 
-    An arm with fewer than six joints brings the origin of its tool to a place exactly, and turns it as far as motions of
-    the joints do that do not move the origin (the null space of its Jacobian); what they cannot turn is tolerated up to
-    the model's `angle_tolerance`. So right angles that a URDF rounds to 1.57 keep no arm from its work.
+    An arm with fewer than six joints brings the origin of its tool to a place exactly, and turns it as far as motions
+    of the joints can that do not move the origin (the null space of its Jacobian). What they cannot turn is tolerated
+    up to the model's `angle_tolerance`: right angles that a URDF rounds to 1.57 keep no arm from its work.
     """
     X, J = model.tool_poses_and_jacobians(q)
     errors = pose_errors(X, X_target)
