@@ -20,7 +20,7 @@ all: .venv/installed
 	@touch $@
 
 .venv/installed: .venv/run
-	$(INSTALL) '.[robots,sim,report,cluster,planners,dev]'
+	$(INSTALL) '.[robots,sim,report,place,cluster,planners,dev]'
 	@touch $@
 
 rank: .venv/rank

@@ -18,6 +18,7 @@ from sqrp_cli.api.arguments import (
     check_progress,
     check_sampling,
     check_text,
+    check_texts,
     check_wanted,
     checked_path,
     optional_path,
@@ -28,6 +29,7 @@ from sqrp_cli.errors import InputError, Problem
 if TYPE_CHECKING:
     from sqrp_cli.api.advice import TaskAdvice
     from sqrp_cli.api.arguments import WaysOption
+    from sqrp_cli.api.placing import CellPlacement, PlaceRequest
     from sqrp_cli.api.results import Check, Explanation, NewCell, Ranking, Scene, Scores
     from sqrp_cli.api.session import Session
     from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -249,6 +251,64 @@ class OpenCell:
             jobs=jobs,
             progress=progress,
         )
+
+    def place(
+        self,
+        *tasks: str,
+        cameras: int | None = None,
+        want: str | None = None,
+        objective: str = "least",
+        survive: int = 0,
+        keep: Sequence[str] = (),
+        budget: float | None = None,
+        mounts: str | Path | None = None,
+        sampling: Sampling | None = None,
+        jobs: int = 1,
+        progress: Progress = silent,
+    ) -> CellPlacement:
+        """Find where cameras should go for some tasks, by default all that the workspace lists, with a proof.
+
+        cameras: most of them on mounts. want: a wish such as `q_eoi 100 %, delay 0.5 s` that every candidate has to
+        reach; then as few cameras as possible. Without both, Q_eoi 100 %. objective: `least` or `mean`, the quality of
+        all candidates that counts first. survive: 1 if any one camera may fail. keep: cameras of the workspace that
+        stay. budget: most that they may cost. mounts: the file that says where cameras may go and which, by default
+        `place.yaml` beside the workspace.
+        """
+        from sqrp_cli.api.placing import PlaceRequest
+
+        if cameras is not None:
+            check_count(cameras, "cameras", 1)
+        check_count(survive, "survive", 0)
+        check_texts(tasks, "tasks", "texts such as `pickup green`")
+        check_texts(keep, "keep", "names of cameras")
+        request = PlaceRequest(
+            tasks=tasks,
+            cameras=cameras,
+            want=want,
+            objective=objective,
+            survive=survive,
+            keep=keep,
+            budget=budget,
+            mounts=optional_path(mounts, "mounts"),
+        )
+        return self.place_for(request, sampling=sampling, jobs=jobs, progress=progress)
+
+    def place_for(
+        self,
+        request: PlaceRequest,
+        *,
+        sampling: Sampling | None = None,
+        jobs: int = 1,
+        progress: Progress = silent,
+    ) -> CellPlacement:
+        """The same, for a request as one record."""
+        from sqrp_cli.api.placing import find_placement
+        from sqrp_cli.programming.coverage.sampling import Adaptive
+
+        check_sampling(sampling)
+        check_count(jobs, "jobs", 1)
+        check_progress(progress)
+        return find_placement(self.cell, request, sampling=sampling or Adaptive(), jobs=jobs, progress=progress)
 
     def check(
         self,

@@ -5,7 +5,21 @@ from __future__ import annotations
 import typer
 
 from sqrp_cli import __version__
-from sqrp_cli.cli.commands import advise, audit, check, diff, explain, init, program, rank, rules, schema, score, show
+from sqrp_cli.cli.commands import (
+    advise,
+    audit,
+    check,
+    diff,
+    explain,
+    init,
+    place,
+    program,
+    rank,
+    rules,
+    schema,
+    score,
+    show,
+)
 from sqrp_cli.cli.commands import run as run_program
 from sqrp_cli.cli.streams import ResultsLost
 from sqrp_cli.errors import ExitCode, InputError
@@ -24,7 +38,25 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
 
-for module in (check, rank, explain, advise, program, run_program, audit, score, diff, show, rules, schema, init):
+COMMANDS = (
+    check,
+    rank,
+    explain,
+    advise,
+    place,
+    program,
+    run_program,
+    audit,
+    score,
+    diff,
+    show,
+    rules,
+    schema,
+    init,
+)
+"""In the order in which `--help` lists them."""
+
+for module in COMMANDS:
     app.command(module.NAME, cls=getattr(module, "Parser", None))(module.command)
 
 

@@ -14,8 +14,8 @@ Name = Annotated[
     str,
     typer.Argument(
         metavar="NAME",
-        help="workspace or skill, for files; log, for a line of the file of run --log; or a command, such as rank, for"
-        " its --json.",
+        help="workspace, skill, mounts (place.yaml), for files; log, for a line of the file of run --log; or a command,"
+        " such as rank, for its --json.",
     ),
 ]
 JsonAnyway = Annotated[

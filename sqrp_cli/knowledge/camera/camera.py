@@ -146,6 +146,23 @@ class ImageEntry(Stored):
         )
 
 
+def image_of(camera: Intrinsics) -> ImageEntry:
+    """The entry that gives these intrinsics."""
+    K, lens = camera.matrix, list(map(float, camera.distortion))
+    distortion = None
+    if camera.distortion_model != "none":
+        distortion = DistortionEntry(model=camera.distortion_model, coefficients=lens)
+    return ImageEntry(
+        width=camera.width,
+        height=camera.height,
+        fx=float(K[0, 0]),
+        fy=float(K[1, 1]),
+        cx=float(K[0, 2]),
+        cy=float(K[1, 2]),
+        distortion=distortion,
+    )
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CalibrationEntry(Stored):
     """Where a camera is and how it makes an image: stated, or by files that others wrote."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import io
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import yaml
 
@@ -89,6 +89,33 @@ def appended(document: SourceDocument, path: KeyPath, item: str) -> bytes:
     column = node.start_mark.column if listed else first.start_mark.column
     new = f"\n{' ' * column}{'- ' if listed else ''}{item}"
     return _checked(document, text[:line] + new + text[line:], path)
+
+
+def with_entries(document: SourceDocument, path: KeyPath, kept: Collection[str], items: Sequence[str]) -> bytes:
+    """The content of a document with other entries of a mapping: those of `kept`, then `items`, one in a line each.
+
+    items: as YAML text with their keys; at least one entry is left. Comments between entries go, those within stay.
+    Raises InputError where that would change anything else.
+    """
+    text = document.content.decode("utf-8-sig")
+    if path not in document.values:
+        content = document.content
+        for item in items:
+            content = appended(parse_yaml(document.path, content), path, item)
+        return content
+    node = _node(_root(text), path)
+    entries = [(str(key.value), text[key.start_mark.index : _end(value)]) for key, value in node.value]
+    left = [*(entry for name, entry in entries if name in kept), *items]
+    if _in_one_line(node) or not node.value:
+        new = "{" + ", ".join(left) + "}"
+        start, end = node.start_mark.index, node.end_mark.index
+        return _checked(document, text[:start] + new + text[end:], path)
+    first, end = node.value[0][0].start_mark, _end(node)
+    if entries[-1][0] not in kept:
+        line = text.find("\n", end)
+        end = len(text) if line < 0 else line
+    new = f"\n{' ' * first.column}".join(left)
+    return _checked(document, text[: first.index] + new + text[end:], path)
 
 
 def patch(document: SourceDocument, content: bytes, name: str) -> str:

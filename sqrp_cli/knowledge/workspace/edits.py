@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
-from sqrp_cli.knowledge.camera.camera import Camera
+from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry
+from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
-from sqrp_cli.knowledge.text.yaml_edit import appended, edited, respelled
+from sqrp_cli.knowledge.text.yaml_edit import appended, edited, respelled, with_entries
 from sqrp_cli.knowledge.text.yaml_file import parse_yaml
 from sqrp_cli.knowledge.workspace.read_cell import camera_axes_as_body
 from sqrp_cli.knowledge.workspace.workspace import Workspace
@@ -77,6 +79,41 @@ def with_further_camera(document: SourceDocument, camera: Camera, like: str, loo
     entry["pose"] = {"position": _places(camera.X_FC[:3, 3]), "look_at": _places(look_at)}
     ordered = {"pose": entry.pop("pose"), **entry}
     return appended(document, ("cameras",), f"{camera.name}: {_flow(ordered)}")
+
+
+@dataclass(frozen=True, eq=False)
+class NewCamera:
+    """A camera that a workspace file is to have."""
+
+    camera: Camera
+    image: ImageEntry
+    look_at: Array | None
+    """The point in the middle of its image in its frame, (3,); None to state its orientation."""
+    up: Array
+    """What is up in the image then, (3,)."""
+
+
+def with_cameras(document: SourceDocument, kept: Collection[str], cameras: Sequence[NewCamera]) -> bytes:
+    """The file with these cameras instead of all that it has but the kept ones."""
+    return with_entries(document, ("cameras",), kept, [f"{new.camera.name}: {_flow(_entry(new))}" for new in cameras])
+
+
+def _entry(new: NewCamera) -> dict[str, Any]:
+    camera = new.camera
+    pose_entry: dict[str, Any] = {"position": _places(camera.X_FC[:3, 3])}
+    if new.look_at is None:
+        pose_entry["quaternion"] = _rounded(matrix_to_quaternion(camera.X_FC[:3, :3]), 9)
+    else:
+        pose_entry["look_at"] = _places(new.look_at)
+        if not np.allclose(new.up, (0.0, 0.0, 1.0), atol=_SAME):
+            pose_entry["up"] = _rounded(new.up, 9)
+    image = {name: value for name, value in vars(new.image).items() if value is not None and name != "distortion"}
+    if new.image.distortion is not None:
+        lens = new.image.distortion
+        image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
+    sensing = {name: getattr(camera, name) for name in ("near", "far", "rate", "latency")}
+    frame = {} if camera.frame == WORLD else {"frame": camera.frame}
+    return {**frame, "pose": pose_entry, "image": image, **sensing}
 
 
 def with_object(document: SourceDocument, name: str, X_WO: Array) -> bytes:

@@ -12,7 +12,7 @@ from sqrp_cli.knowledge.scene import SceneObject
 from sqrp_cli.programming.cell import Cell
 from sqrp_cli.programming.motion.collision.collision_body import distance_within, placement_at
 from sqrp_cli.programming.sensing.scene_states import SceneStates
-from sqrp_cli.programming.solids import load_solid
+from sqrp_cli.programming.solids import Solid, load_solid
 from sqrp_cli.shapes import Part, Sphere
 
 CAMERA_RADIUS = 0.03
@@ -26,7 +26,6 @@ class CameraRoom:
         """states: of the motions during which the cameras must not be in the way."""
         self._solids = cell.observer.solids
         self._states = states
-        self._ball = load_solid(Part("camera", WORLD, Sphere(CAMERA_RADIUS), pose())).geometry
         self._tops = sorted(_tops(cell.workspace.objects))
 
     def free(self, eyes: Array, present: Array | None = None) -> Mask:
@@ -34,28 +33,31 @@ class CameraRoom:
         height = np.inf if present is None else float(present[2])
         lowest = max((top for top in self._tops if top <= height), default=-np.inf)
         free: Mask = eyes[:, 2] >= lowest
-        for index in range(len(self._solids)):
+        for solid in self._solids:
             for states in self._states:
                 rows = np.flatnonzero(free)
-                free[rows] = ~self._touched(index, states, eyes[rows])
+                free[rows] = ~touched(solid, states.X_WF[solid.part.parent], eyes[rows], CAMERA_RADIUS)
         return free
 
-    def _touched(self, index: int, states: SceneStates, eyes: Array) -> Mask:
-        """Whether the ball at each place touches a solid in any state, (p,)."""
-        solid = self._solids[index]
-        X_WP = states.X_WF[solid.part.parent]
-        axes = X_WP[:, :3, :3] @ solid.half_axes.T  # columns
-        half = np.linalg.norm(solid.half_axes, axis=1)
-        center = X_WP[:, :3, :3] @ solid.center + X_WP[:, :3, 3]
-        gap = np.abs(np.einsum("pmi,mij->pmj", eyes[:, None] - center, axes / half)) - half
-        touched = np.zeros(len(eyes), dtype=bool)
-        for place, state in np.argwhere((gap <= CAMERA_RADIUS).all(axis=2)).tolist():
-            if not touched[place]:
-                X_WG = placement_at(X_WP[state] @ solid.part.X_PG)
-                ball = placement_at(pose(position=eyes[place]))
-                inside = solid.contains((eyes[place] - X_WP[state, :3, 3]) @ X_WP[state, :3, :3])
-                touched[place] = inside or distance_within(self._ball, ball, solid.geometry, X_WG, 0.0) is not None
-        return touched
+
+def touched(solid: Solid, X_FP: Array, places: Array, radius: float) -> Mask:
+    """Whether a ball at each of p places (p, 3) touches a solid in any state, (p,).
+
+    X_FP: poses of what carries the solid in the frame of the places, shape (m, 4, 4). radius: of the ball [m].
+    """
+    axes = X_FP[:, :3, :3] @ solid.half_axes.T  # columns
+    half = np.linalg.norm(solid.half_axes, axis=1)
+    center = X_FP[:, :3, :3] @ solid.center + X_FP[:, :3, 3]
+    gap = np.abs(np.einsum("pmi,mij->pmj", places[:, None] - center, axes / half)) - half
+    found = np.zeros(len(places), dtype=bool)
+    ball = load_solid(Part("camera", WORLD, Sphere(radius), pose())).geometry
+    for place, state in np.argwhere((gap <= radius).all(axis=2)).tolist():
+        if not found[place]:
+            X_FG = placement_at(X_FP[state] @ solid.part.X_PG)
+            at = placement_at(pose(position=places[place]))
+            inside = solid.contains((places[place] - X_FP[state, :3, 3]) @ X_FP[state, :3, :3])
+            found[place] = inside or distance_within(ball, at, solid.geometry, X_FG, 0.0) is not None
+    return found
 
 
 def _tops(objects: Mapping[str, SceneObject]) -> list[float]:

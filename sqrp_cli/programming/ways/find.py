@@ -115,6 +115,13 @@ def studied_ways(
     yield from found
 
 
+def planned_ways(cell: Cell, candidate: Candidate, world: World, *, fastest: bool) -> Sequence[Rehearsal] | Infeasible:
+    """Every way of doing what a candidate says, or the fastest branch with the first grip, without a look at any."""
+    if (obstacle := impossible_start(cell, candidate, world)) is not None:
+        return obstacle
+    return (_fastest if fastest else _planned)(cell, candidate, world).scenes
+
+
 def some_motion(cell: Cell, candidate: Candidate, world: World) -> Motion | Infeasible:
     """The fastest motion of a candidate with the first grip that has one; else why the first has none.
 

@@ -17,11 +17,13 @@ from pydantic_core.core_schema import DataclassSchema, ModelSchema
 from sqrp_cli.errors import InputError, Problem, expected_names
 from sqrp_cli.knowledge.skill.skill import SkillFile
 from sqrp_cli.knowledge.text.entries import Entry
+from sqrp_cli.knowledge.workspace.mounts import PlaceFile
 from sqrp_cli.knowledge.workspace.workspace import WorkspaceFile
 from sqrp_cli.report.documents.advice import AdviceDocument
 from sqrp_cli.report.documents.candidates import RankDocument
 from sqrp_cli.report.documents.checks import CheckDocument, RulesDocument
 from sqrp_cli.report.documents.explanation import ExplainAllDocument, ExplainDocument
+from sqrp_cli.report.documents.placing import PlaceDocument
 from sqrp_cli.report.documents.programs import ProgramDocument
 from sqrp_cli.report.documents.runs import AuditDocument, RunDocument, SweepDocument
 from sqrp_cli.report.documents.scene import InitDocument, ShowDocument
@@ -31,8 +33,8 @@ from sqrp_cli.runtime.record.events import Event
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 """The dialect of the schemas."""
 
-FILES: Mapping[str, type[Entry]] = {"workspace": WorkspaceFile, "skill": SkillFile}
-"""The model of each file, by the file's name without `.yaml`."""
+FILES: Mapping[str, type[Entry]] = {"workspace": WorkspaceFile, "skill": SkillFile, "mounts": PlaceFile}
+"""The model of each file: a workspace, a skill, and the `place.yaml` beside a workspace."""
 
 _RECORD_NAMES: Mapping[str, str] = {
     "Detector": "DetectorEntry",
@@ -46,6 +48,7 @@ DOCUMENTS: Mapping[str, Any] = {
     "rank": RankDocument,
     "explain": ExplainDocument | ExplainAllDocument,
     "advise": AdviceDocument,
+    "place": PlaceDocument,
     "check": CheckDocument,
     "program": ProgramDocument,
     "run": RunDocument | SweepDocument,

@@ -1,0 +1,175 @@
+"""Where cameras go: what is asked, the answer that shows itself, and the workspace file with it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sqrp_cli.api.results import Answer
+from sqrp_cli.errors import InputError, Problem, expected_names
+from sqrp_cli.knowledge.text.source import SourceDocument
+from sqrp_cli.knowledge.text.yaml_edit import patch
+from sqrp_cli.knowledge.workspace.edits import NewCamera, with_cameras
+from sqrp_cli.knowledge.workspace.load import read_workspace_document
+from sqrp_cli.knowledge.workspace.mounts import place_file, read_mounts
+from sqrp_cli.platform.files import write_atomically
+from sqrp_cli.programming.advice.wish import Wish, read_wish
+from sqrp_cli.programming.placing.place import LocalVerdicts, PlaceQuestion, Placer
+from sqrp_cli.programming.placing.problem import OBJECTIVES, Demand
+from sqrp_cli.programming.placing.solver import check_solver
+from sqrp_cli.programming.task import read_task
+from sqrp_cli.report.documents.placing import PlaceDocument, placed
+from sqrp_cli.scoring.sweep import from_here
+
+if TYPE_CHECKING:
+    from sqrp_cli.knowledge.workspace.workspace import Workspace
+    from sqrp_cli.programming.cell import Cell
+    from sqrp_cli.programming.coverage.sampling import Sampling
+    from sqrp_cli.programming.placing.place import Placement
+    from sqrp_cli.scoring.scorecard import Progress
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlaceRequest:
+    """What is asked for, as people write it."""
+
+    tasks: Sequence[str] = ()
+    """By default all that the workspace lists."""
+    cameras: int | None = None
+    """Most cameras on mounts."""
+    want: str | None = None
+    """Such as `q_eoi 100 %, delay 0.5 s`: what every candidate is to reach."""
+    objective: str = "least"
+    """least or mean."""
+    survive: int = 0
+    """So many cameras may fail."""
+    keep: Sequence[str] = ()
+    """Cameras that stay."""
+    budget: float | None = None
+    """Most that the cameras may cost."""
+    ways: int = 1
+    """Most ways of a candidate to choose from."""
+    mounts: Path | None = None
+    """The file with mounts and lenses; by default `place.yaml` beside the workspace."""
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class CellPlacement(Answer[PlaceDocument]):
+    """Cameras on mounts."""
+
+    found: Placement
+    wish: Wish | None
+
+    @property
+    def met(self) -> bool:
+        """Whether the cameras are as they were wanted."""
+        return self.found.met
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether Ctrl-C came before the proof was complete."""
+        return self.found.interrupted
+
+    @property
+    def brief(self) -> str:
+        """Its main figures, in a line."""
+        quality = f"{self.found.question.demand.objective} Q {100 * self.found.objective:.1f} %"
+        return f"{self.found.question.cell.workspace.name}: {len(self.found.cameras)} cameras, {quality}"
+
+    @cached_property
+    def document(self) -> PlaceDocument:
+        """The document of `sqrp place`."""
+        return placed(self.found, self.patch, self.wish)
+
+    def show(self) -> None:
+        """Print what `sqrp place` prints."""
+        from sqrp_cli.terminal.place_table import print_placement
+
+        print_placement(self.document, self.wish)
+
+    @cached_property
+    def patch(self) -> str:
+        """A unified diff from the workspace file to the one with these cameras; empty where none were found."""
+        if not self.found.cameras:
+            return ""
+        return patch(self._file, self.patched, from_here(self._file.path))
+
+    @cached_property
+    def patched(self) -> bytes:
+        """The workspace file with these cameras instead of its own, but for those that stay."""
+        return with_cameras(
+            self._file,
+            self.found.question.keep,
+            [NewCamera(one.camera, one.lens.image, one.view.at, one.view.up) for one in self.found.cameras],
+        )
+
+    def apply(self) -> None:
+        """Write the cameras into the workspace file; comments outside of its cameras stay."""
+        write_atomically(self._file.path, self.patched)
+
+    @cached_property
+    def _file(self) -> SourceDocument:
+        return read_workspace_document(self.found.question.cell.workspace.whole_file.file)
+
+
+def find_placement(
+    cell: Cell,
+    request: PlaceRequest,
+    *,
+    sampling: Sampling,
+    jobs: int,
+    progress: Progress,
+) -> CellPlacement:
+    """The best cameras for some tasks. Raises InputError for a request that cannot be read."""
+    check_solver()
+    workspace = cell.workspace
+    mounts = read_mounts(place_file(workspace, request.mounts), workspace, tuple(cell.model.links))
+    wish, demand = _demand(request)
+    question = PlaceQuestion(
+        cell=cell,
+        world=cell.initial_world,
+        tasks=tuple(read_task(text, workspace) for text in _tasks(request, workspace)),
+        mounts=mounts,
+        demand=demand,
+        sampling=sampling,
+        keep=_keep(request, workspace),
+        ways=request.ways,
+        verdicts=LocalVerdicts(jobs),
+    )
+    return CellPlacement(found=Placer(question, progress).place(), wish=wish)
+
+
+def _demand(request: PlaceRequest) -> tuple[Wish | None, Demand]:
+    objective = next((one for one in OBJECTIVES if one == request.objective), None)
+    if objective is None:
+        expected = expected_names(request.objective, OBJECTIVES)
+        raise InputError(Problem("bad-option", f"the objective is `{request.objective}`; {expected}"))
+    wish = None if request.want is None else read_wish(request.want)
+    if wish is None and request.cameras is None:
+        wish = Wish(q_eoi=1.0)
+    return wish, Demand(
+        wish=wish,
+        most=request.cameras,
+        objective=objective,
+        survive=request.survive,
+        budget=request.budget,
+    )
+
+
+def _tasks(request: PlaceRequest, workspace: Workspace) -> Sequence[str]:
+    texts = list(dict.fromkeys(request.tasks or [task.task for task in workspace.tasks]))
+    if not texts:
+        message = "the workspace lists no tasks, so it is not known what cameras are for"
+        raise InputError(Problem("bad-option", message, mend="name a task, such as `pickup green`"))
+    return texts
+
+
+def _keep(request: PlaceRequest, workspace: Workspace) -> tuple[str, ...]:
+    for name in request.keep:
+        if name not in workspace.cameras:
+            message = f"there is no camera `{name}` to keep; {expected_names(name, workspace.cameras)}"
+            raise InputError(Problem("unknown-camera", message))
+    return tuple(dict.fromkeys(request.keep))

@@ -1,0 +1,109 @@
+"""`sqrp place`: where cameras should go, with a proof."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sqrp_cli.cli.options import (
+    Jobs,
+    Json,
+    SampleCount,
+    SampleStep,
+    Seed,
+    Tolerance,
+    WorkspacePath,
+    answer,
+    check_patch,
+    job_count,
+    open_with_warnings,
+    read_sampling,
+)
+from sqrp_cli.errors import ExitCode
+from sqrp_cli.platform.files import check_not_read, write_atomically
+
+NAME = "place"
+
+MARK = "# Cameras that `sqrp place` found"
+"""How a patch begins; `patch` and `git apply` skip it. Only files that begin so are overwritten."""
+
+
+def command(
+    workspace: WorkspacePath,
+    tasks: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="TASK...", help="Such as `pickup green`; by default all that the workspace lists."),
+    ] = None,
+    cameras: Annotated[
+        int | None, typer.Option("--cameras", metavar="N", min=1, help="Most cameras on mounts.")
+    ] = None,
+    want: Annotated[
+        str | None,
+        typer.Option(
+            "--want",
+            metavar="WISH",
+            help='As few cameras as possible with which every candidate has it, such as "q_eoi 100 %, delay 0.5 s".',
+        ),
+    ] = None,
+    objective: Annotated[
+        str, typer.Option("--objective", metavar="least|mean", help="Which quality of all candidates counts first.")
+    ] = "least",
+    survive: Annotated[
+        int, typer.Option("--survive", metavar="N", min=0, max=1, help="1: any one camera may fail.")
+    ] = 0,
+    keep: Annotated[
+        list[str] | None, typer.Option("--keep", metavar="CAMERA", help="A camera of the workspace that stays.")
+    ] = None,
+    budget: Annotated[
+        float | None, typer.Option("--budget", metavar="PRICE", min=0.0, help="Most that the cameras may cost.")
+    ] = None,
+    mounts: Annotated[
+        Path | None,
+        typer.Option("--mounts", metavar="FILE", help="Mounts and lenses; by default place.yaml beside the workspace."),
+    ] = None,
+    patch: Annotated[
+        Path | None, typer.Option("--patch", metavar="FILE", help="Write a patch of the workspace with these cameras.")
+    ] = None,
+    samples: SampleCount = None,
+    dt: SampleStep = None,
+    tolerance: Tolerance = None,
+    jobs: Jobs = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> ExitCode:
+    """Find where cameras should go, and prove that no others do better.
+
+    The mounts and lenses to choose from are in the file place.yaml beside the workspace.
+    """
+    from sqrp_cli.api.placing import PlaceRequest
+    from sqrp_cli.terminal.console import note, progress
+
+    sampling = read_sampling(samples, dt, tolerance)
+    if patch is not None:
+        check_patch(patch, MARK, "of `sqrp place`")
+    cell = open_with_warnings(workspace, seed)
+    check_not_read([patch], [mounts, *(file.path for file in cell.workspace.files.values())])
+    found = cell.place_for(
+        PlaceRequest(
+            tasks=tasks or (),
+            cameras=cameras,
+            want=want,
+            objective=objective,
+            survive=survive,
+            keep=keep or (),
+            budget=budget,
+            mounts=mounts,
+        ),
+        sampling=sampling,
+        jobs=job_count(jobs),
+        progress=progress,
+    )
+    if patch is not None and found.patch:
+        write_atomically(patch, f"{MARK}\n{found.patch}")
+        note(f"the patch is in {patch}")
+    answer(found, as_json=as_json)
+    if found.interrupted:
+        return ExitCode.INTERRUPTED
+    return ExitCode.OK if found.met else ExitCode.NONE_FEASIBLE

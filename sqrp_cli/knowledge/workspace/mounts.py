@@ -1,0 +1,385 @@
+"""Where cameras may go, and which: the format of `place.yaml`, which lies beside a workspace."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+from pydantic_core import PydanticCustomError
+
+from sqrp_cli.errors import InputError, Place, Problem, expected_names
+from sqrp_cli.geometry import Array, read_only
+from sqrp_cli.knowledge.camera.calibration import check_distortion
+from sqrp_cli.knowledge.camera.camera import Frequency, ImageEntry, Intrinsics, Sensing
+from sqrp_cli.knowledge.camera.catalogue import catalogue
+from sqrp_cli.knowledge.frames import WORLD
+from sqrp_cli.knowledge.text.entries import (
+    Direction,
+    Entry,
+    In,
+    Name,
+    Pose,
+    Position,
+    Size,
+    Stored,
+    Text,
+    Time,
+)
+from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
+from sqrp_cli.knowledge.text.units import ANGLE
+from sqrp_cli.knowledge.text.validation import validate
+from sqrp_cli.knowledge.text.yaml_file import read_yaml
+from sqrp_cli.knowledge.workspace.workspace import Workspace
+
+PLACE_FILE = "place.yaml"
+"""Name of the file beside a workspace."""
+
+MOST_SPOTS = 20_000
+"""Most places for a camera in one file."""
+
+MOST_AIMS = 200
+"""Most directions at one of them."""
+
+Price = Annotated[float, In(None, 0.0, 1e9)]
+Weight = Annotated[float, In(None, 0.0, 1e6)]
+Step = Annotated[float, In(ANGLE, np.radians(0.5), np.radians(90))]
+HalfAngle = Annotated[float, In(ANGLE, 0.0, np.radians(180))]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RailEntry(Stored):
+    """Places along a straight line, the first at `from`."""
+
+    start: Annotated[Position, Field(alias="from")]
+    """Where it begins."""
+    end: Annotated[Position, Field(alias="to")]
+    """Where it ends."""
+    step: Size
+    """Between neighbouring places."""
+
+    def places(self) -> Array:
+        """The places, shape (n, 3)."""
+        start, way = np.array(self.start), np.array(self.end) - np.array(self.start)
+        length = float(np.linalg.norm(way))
+        steps = np.arange(int(length / self.step + 1e-9) + 1) * self.step
+        places: Array = start + (steps[:, None] * way / length if length > 0 else 0.0 * steps[:1, None])
+        return places
+
+
+@dataclass(frozen=True, kw_only=True)
+class GridEntry(Stored):
+    """Places on a grid along the axes of the frame: a box, a plane where two coordinates are equal."""
+
+    start: Annotated[Position, Field(alias="from")]
+    """One corner."""
+    end: Annotated[Position, Field(alias="to")]
+    """The opposite corner."""
+    step: Size
+    """Between neighbouring places along each axis."""
+
+    def places(self) -> Array:
+        """The places, x slowest, z fastest; shape (n, 3)."""
+
+        def along(start: float, end: float) -> Array:
+            count = int(abs(end - start) / self.step + 1e-9) + 1
+            steps: Array = start + np.sign(end - start) * self.step * np.arange(count)
+            return steps
+
+        axes = [along(start, end) for start, end in zip(self.start, self.end, strict=True)]
+        places: Array = np.array(list(product(*axes)))
+        return places
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConeEntry(Stored):
+    """Directions up to an angle from an axis, on rings."""
+
+    axis: Direction
+    """The middle direction, in the mount's frame."""
+    angle: HalfAngle
+    """Largest angle from the axis."""
+    step: Step
+    """Between neighbouring directions."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for an axis of length 0."""
+        if max(map(abs, self.axis)) < 1e-9:
+            raise PydanticCustomError("not-a-rotation", "`axis` has length 0")
+
+    def directions(self) -> Array:
+        """Unit vectors, the axis first, shape (n, 3)."""
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        side = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+        side /= np.linalg.norm(side)
+        other = np.cross(axis, side)
+        found = [axis]
+        for ring in range(1, int(self.angle / self.step + 1e-9) + 1):
+            tilt = ring * self.step
+            count = max(1, round(2 * np.pi * np.sin(min(tilt, np.pi - tilt)) / self.step))
+            turns = 2 * np.pi * np.arange(count)[:, None] / count
+            found.extend(np.cos(tilt) * axis + np.sin(tilt) * (np.cos(turns) * side + np.sin(turns) * other))
+        return np.array(found)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class AimsEntry(Stored):
+    """In which directions a camera may look; all that are named."""
+
+    targets: Literal["middle", "each"] | None = None
+    """middle: at the middle of everything that has to be seen; each: also at that of what each candidate shows."""
+    at: tuple[Position, ...] = ()
+    """At these points of the mount's frame."""
+    fixed: tuple[Pose, ...] = ()
+    """In these orientations of the optical frame (z forward, y down) in the mount's frame; without position."""
+    cone: ConeEntry | None = None
+    """In directions around an axis."""
+    up: Direction = (0.0, 0.0, 1.0)
+    """What is up in the image, as with `look_at`."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for no direction, and for a position."""
+        if not (self.targets or self.at or self.fixed or self.cone):
+            raise PydanticCustomError(
+                "ambiguous-entry", "expected at least one of the keys `targets`, `at`, `fixed`, `cone`"
+            )
+        if any(max(map(abs, one.position)) > 0 for one in self.fixed):
+            raise PydanticCustomError("conflicting-keys", "a fixed aim is an orientation, without `position`")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MountEntry(Stored):
+    """Places for a camera: points, a rail or a grid, in the world or on a link."""
+
+    frame: Text = WORLD
+    """`world`, or the link that carries the camera."""
+    points: list[Position] | None = None
+    """Single places."""
+    rail: RailEntry | None = None
+    """Places along a line."""
+    grid: GridEntry | None = None
+    """Places in a plane or a box."""
+    aims: AimsEntry | None = None
+    """In which directions; by default at the targets."""
+    body: Size = 0.08
+    """Diameter of the ball around the optical centre that holds housing and lens: nothing may touch it, and it may not
+    stand between another camera and what that one sees."""
+    price: Price = 0.0
+    """Of mounting a camera here, in the currency of the lenses."""
+    lenses: list[Name] | None = None
+    """Which ones fit; by default all."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for keys that contradict each other."""
+        if sum(one is not None for one in (self.points, self.rail, self.grid)) != 1:
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `points`, `rail`, `grid`")
+        if self.frame != WORLD and self.aims is None:
+            raise PydanticCustomError("ambiguous-entry", "a mount on a link needs `aims`: `fixed`, `at` or a `cone`")
+        if self.frame != WORLD and self.aims is not None and self.aims.targets:
+            raise PydanticCustomError(
+                "conflicting-keys", "`targets` stand still; on a link use `fixed`, `at` or a `cone`"
+            )
+
+    def places(self) -> Array:
+        """The places, shape (n, 3)."""
+        if self.points is not None:
+            return np.array(self.points, dtype=float).reshape(-1, 3)
+        laid = self.rail if self.rail is not None else self.grid
+        assert laid is not None  # noqa: S101 - exactly one of the three is given
+        return laid.places()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LensEntry(Stored):
+    """A camera with its lens: stated, or from the catalogue that comes with the package."""
+
+    catalogue: Name | None = None
+    """Its name there; what else is stated goes before what the catalogue says."""
+    image: ImageEntry | None = None
+    """Size and field of view or focal lengths of the image."""
+    near: Size | None = None
+    """Nearest depth at which the camera sees; default 0.1 m."""
+    far: Size | None = None
+    """Farthest depth at which the camera sees; default 10 m."""
+    rate: Frequency | None = None
+    """Images per second."""
+    latency: Time | None = None
+    """From exposure to the image being available; default 0."""
+    price: Price | None = None
+    """In any currency; default 0."""
+
+    def __post_init__(self) -> None:
+        """Raises PydanticCustomError for keys that are missing or contradict each other."""
+        if (self.catalogue is None) == (self.image is None):
+            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `catalogue`, `image`")
+        if self.image is not None and self.rate is None:
+            raise PydanticCustomError("ambiguous-entry", "expected the key `rate`, in images per second")
+
+
+class PlaceFile(Entry):
+    """Where cameras may go, and which: what `sqrp place` chooses from."""
+
+    mounts: dict[Name, MountEntry] = Field(min_length=1, description="Places for cameras by name.")
+    lenses: dict[Name, LensEntry] = Field(min_length=1, description="Cameras with their lenses, by name.")
+    weights: dict[Text, Weight] = Field(
+        default={}, description="How much a task counts in the mean; by its text, 1 by default."
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LensChoice(Sensing):
+    """A camera with its lens, as it may be bought."""
+
+    name: str
+    image: ImageEntry
+    """As it is stated."""
+    price: float
+    """In any currency."""
+    source: str = ""
+    """Of its figures, for one from the catalogue."""
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """What its image is like."""
+        return self.image.intrinsics()
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Spot:
+    """One place for a camera."""
+
+    mount: str
+    """The entry that it belongs to."""
+    name: str
+    """Such as `ceiling 17`, counted from 1; the mount's own where it has one place only."""
+    frame: str
+    """`world`, or the link that carries it."""
+    position: Array
+    """In that frame, shape (3,) [m]."""
+    entry: MountEntry
+    """What holds for all places of the mount."""
+    lenses: tuple[LensChoice, ...]
+    """Those that fit."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Mounts:
+    """Where cameras may go, and which."""
+
+    path: Path
+    """Of the file that says so."""
+    spots: tuple[Spot, ...]
+    lenses: tuple[LensChoice, ...]
+    weights: dict[str, float]
+    content: bytes
+    """Of the file."""
+
+
+def place_file(workspace: Workspace, given: Path | None = None) -> Path:
+    """The file with the mounts of a workspace: the one that is given, or that beside it.
+
+    Raises InputError where there is none.
+    """
+    path = given or workspace.whole_file.file.parent / PLACE_FILE
+    if given is None and not path.is_file():
+        message = f"there is no {PLACE_FILE} beside the workspace, which says where cameras may go, and which"
+        mend = f"write {path} as docs/howto/place.md shows, or name another file: --mounts FILE"
+        raise InputError(Problem("no-mounts", message, Place(path), mend=mend))
+    return path
+
+
+def read_mounts(path: Path, workspace: Workspace, links: tuple[str, ...]) -> Mounts:
+    """Read and validate the mounts of a workspace; links: of its robot.
+
+    Raises InputError with all problems, each with its place.
+    """
+    document = read_yaml(path, keys=("mounts", "lenses"))
+    file = validate(document, PlaceFile)
+    problems = [*_wrong_frames(document, file, links), *_wrong_lenses(document, file)]
+    if problems:
+        raise InputError(*problems)
+    lenses = {name: _lens(document, name, entry) for name, entry in file.lenses.items()}
+    spots = tuple(spot for name, entry in file.mounts.items() for spot in _spots(name, entry, lenses))
+    if len(spots) > MOST_SPOTS:
+        message = f"the mounts have {len(spots):,} places, expected at most {MOST_SPOTS:,}; make a `step` longer"
+        raise InputError(document.problem("too-many-mounts", ("mounts",), message))
+    listed = [task.task for task in workspace.tasks]
+    for task in file.weights:
+        if listed and task not in listed:
+            message = f"found `{task}`, which is no task of the workspace; {expected_names(task, listed)}"
+            raise InputError(document.problem("unknown-task", ("weights",), message))
+    return Mounts(
+        path=path,
+        spots=spots,
+        lenses=tuple(lenses.values()),
+        weights=dict(file.weights),
+        content=document.content,
+    )
+
+
+def _wrong_frames(document: SourceDocument, file: PlaceFile, links: tuple[str, ...]) -> list[Problem]:
+    found = []
+    for name, entry in file.mounts.items():
+        if entry.frame != WORLD and entry.frame not in links:
+            message = (
+                f"found `{entry.frame}`, expected `world` or a link; {expected_names(entry.frame, [WORLD, *links])}"
+            )
+            found.append(document.problem("unknown-frame", ("mounts", name, "frame"), message))
+        if entry.aims is not None and entry.aims.cone is not None and len(entry.aims.cone.directions()) > MOST_AIMS:
+            count = len(entry.aims.cone.directions())
+            message = f"{count} directions, expected at most {MOST_AIMS}; make `step` larger"
+            found.append(document.problem("too-many-mounts", ("mounts", name, "aims", "cone"), message))
+    return found
+
+
+def _wrong_lenses(document: SourceDocument, file: PlaceFile) -> list[Problem]:
+    found = []
+    for name, entry in file.mounts.items():
+        for index, lens in enumerate(entry.lenses or ()):
+            if lens not in file.lenses:
+                message = f"found `{lens}`, which is no lens of this file; {expected_names(lens, file.lenses)}"
+                found.append(document.problem("unknown-lens", ("mounts", name, "lenses", index), message))
+    for name, one in file.lenses.items():
+        if one.catalogue is not None and one.catalogue not in catalogue():
+            message = f"found `{one.catalogue}`; {expected_names(one.catalogue, catalogue())}"
+            found.append(document.problem("unknown-lens", ("lenses", name, "catalogue"), message))
+    return found
+
+
+def _lens(document: SourceDocument, name: str, entry: LensEntry) -> LensChoice:
+    path: KeyPath = ("lenses", name)
+    known = {} if entry.catalogue is None else catalogue()[entry.catalogue].figures
+    stated = {key: getattr(entry, key) for key in ("near", "far", "rate", "latency", "price")}
+    figures = {"price": 0.0, **known, **{key: value for key, value in stated.items() if value is not None}}
+    image = entry.image or catalogue()[entry.catalogue or ""].image
+    intrinsics = image.intrinsics()
+    check_distortion(
+        document,
+        (*path, "image", "distortion", "coefficients"),
+        intrinsics.distortion_model,
+        intrinsics.distortion.tolist(),
+    )
+    source = "" if entry.catalogue is None else catalogue()[entry.catalogue].source
+    lens = LensChoice(name=name, image=image, source=source, **figures)
+    if lens.near >= lens.far:
+        raise InputError(document.problem("empty-range", path, "`near` must be less than `far`"))
+    return lens
+
+
+def _spots(name: str, entry: MountEntry, lenses: dict[str, LensChoice]) -> list[Spot]:
+    places = np.round(entry.places(), 9) + 0.0
+    fitting = tuple(lenses[lens] for lens in (entry.lenses if entry.lenses is not None else lenses))
+    return [
+        Spot(
+            mount=name,
+            name=name if len(places) == 1 else f"{name} {number}",
+            frame=entry.frame,
+            position=read_only(place),
+            entry=entry,
+            lenses=fitting,
+        )
+        for number, place in enumerate(places, 1)
+    ]

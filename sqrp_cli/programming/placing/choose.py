@@ -1,0 +1,362 @@
+"""The best choice of cameras and ways, with a proof: an integer program, one aim after the other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from sqrp_cli.geometry import Array
+from sqrp_cli.programming.placing.cover import NEVER, CoveredWay, FaultSamples
+from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, greedy, worth_of
+from sqrp_cli.programming.placing.solver import LinearProgram, Solution, Terms, Watch
+
+SLACK = 1e-7
+"""By how much a later aim may worsen an earlier one: figures of the solver are rounded."""
+
+_QUALITIES = ("q_eoi", "q_avg")
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Chosen:
+    """The best choice that was found."""
+
+    choice: Choice | None
+    """None if there is none that meets the wish."""
+    bound: float
+    """No choice has a greater quality, least or mean, as far as was searched; in 0..1."""
+    proven: bool
+    """Whether nothing better exists, in every aim."""
+    fewest: int | None = None
+    """With a wish: no fewer cameras than this meet it."""
+    interrupted: bool = False
+
+
+class Search:
+    """Builds and solves the integer program of a problem."""
+
+    def __init__(self, problem: Placing, demand: Demand, watch: Callable[[str, float | None, float], None]) -> None:
+        """watch: called with what is sought now, the best value so far and the bound."""
+        self._problem, self._demand, self._watch = problem, demand, watch
+        self._program = LinearProgram()
+        self._interrupted = False
+        self._proven = True
+        self._parts = _Parts(self._program, problem)
+        self._values: Array | None = None
+        self._limits()
+
+    def best(self) -> Chosen:
+        """The best choice."""
+        demand, fewest = self._demand, None
+        if demand.wish is not None:
+            self._wish()
+            count = self._next("fewest cameras", dict.fromkeys(self._parts.free.values(), -1.0))
+            if self._values is None:
+                return Chosen(choice=None, bound=0.0, proven=self._proven, interrupted=self._interrupted)
+            fewest = round(-count.bound) if count.proven else int(np.ceil(-count.bound - SLACK))
+            self._program.row(dict.fromkeys(self._parts.free.values(), 1.0), most=self._chosen_count())
+        else:
+            self._start()
+        first = self._parts.least if demand.objective == "least" else self._parts.mean
+        found = self._next(f"{demand.objective} Q", first)
+        bound = min(1.0, found.bound)
+        self._hold(first)
+        if not self._interrupted:
+            self._shorten_delay()
+        for title, terms in (
+            ("price", {x: -float(self._problem.price[o]) for o, x in self._parts.free.items()}),
+            ("fewest cameras", dict.fromkeys(self._parts.free.values(), -1.0)),
+            ("mean Q", self._parts.mean),
+        ):
+            if not self._interrupted and any(terms.values()):
+                self._next(title, terms)
+                self._hold(terms)
+        return Chosen(
+            choice=self._choice(),
+            bound=bound,
+            proven=self._proven,
+            fewest=fewest,
+            interrupted=self._interrupted,
+        )
+
+    def first(self) -> Chosen:
+        """The best choice as far as the first aim is concerned."""
+        self._start()
+        first = self._parts.least if self._demand.objective == "least" else self._parts.mean
+        found = self._next(f"{self._demand.objective} Q", first)
+        return Chosen(
+            choice=self._choice(),
+            bound=min(1.0, found.bound),
+            proven=self._proven,
+            interrupted=self._interrupted,
+        )
+
+    def _next(self, title: str, terms: Terms) -> Solution:
+        """Improve one aim; keeps the values if there are better ones."""
+
+        def watch(best: float | None, bound: float) -> None:
+            self._watch(title, best, bound)
+
+        call: Watch = watch
+        found = self._program.maximized(terms, self._padded(), call)
+        if found.values is not None:
+            self._values = found.values
+        self._interrupted |= found.interrupted
+        self._proven &= found.proven
+        return found
+
+    def _padded(self) -> Array | None:
+        if self._values is None:
+            return None
+        missing = len(self._program.lower) - len(self._values)
+        return self._values if not missing else None
+
+    def _hold(self, terms: Terms) -> None:
+        """No later aim may worsen this one."""
+        if self._values is not None:
+            self._program.row(terms, least=sum(f * self._values[n] for n, f in terms.items()) - SLACK)
+
+    def _chosen_count(self) -> float:
+        return float(len(self._choice().options)) if self._values is not None else 0.0
+
+    def _choice(self) -> Choice:
+        values, parts = self._values, self._parts
+        assert values is not None  # noqa: S101 - it is asked for once there are some
+        options = tuple(option for option, x in parts.free.items() if values[x] > 0.5)
+        ways = tuple(
+            max(of_one, key=lambda way: values[parts.taken[way]] if way in parts.taken else 1.0)
+            for of_one in self._problem.candidates
+        )
+        return Choice(options, ways)
+
+    def _start(self) -> None:
+        """Begin with the greedy choice: so there is one whenever the search is ended."""
+        most = self._demand.most if self._demand.most is not None else len(self._parts.free)
+        self._values = self._parts.values_of(greedy(self._problem, self._demand, most))
+
+    def _limits(self) -> None:
+        """One camera at a place, none that are in each other's or the robot's way, number and budget."""
+        problem, demand, program, parts = self._problem, self._demand, self._program, self._parts
+        at: dict[int, dict[int, float]] = {}
+        for option, x in parts.free.items():
+            at.setdefault(int(problem.spot[option]), {})[x] = 1.0
+        for terms in at.values():
+            if len(terms) > 1:
+                program.row(terms, most=1.0)
+        for first, second in sorted(problem.apart):
+            if first in at and second in at:
+                program.row({**at[first], **at[second]}, most=1.0)
+        for place, way in sorted(problem.blocked):
+            if place in at:
+                taken = parts.taken.get(way)
+                program.row(at[place] if taken is None else {**at[place], taken: 1.0}, most=1.0 if taken else 0.0)
+        if demand.most is not None:
+            program.row(dict.fromkeys(parts.free.values(), 1.0), most=float(demand.most))
+        if demand.budget is not None:
+            prices = {x: float(problem.price[option]) for option, x in parts.free.items()}
+            program.row(prices, most=demand.budget + 1e-9)
+
+    def _wish(self) -> None:
+        """Every candidate reaches what is wished for."""
+        wish = self._demand.wish
+        assert wish is not None  # noqa: S101 - the caller has looked
+        for candidate in range(len(self._problem.candidates)):
+            for name, terms in zip(_QUALITIES, self._parts.qualities[candidate], strict=True):
+                least = getattr(wish, name)
+                if least is not None and terms is not None:
+                    self._program.row(terms, least=least - SLACK)
+        if wish.delay is not None:
+            self._parts.no_later_than(wish.delay)
+
+    def _shorten_delay(self) -> None:
+        """The shortest longest delay, by bisection over the values that it can have; each step is a program."""
+        low, high = 0, len(values := self._delays()) - 1
+        if high < 0:
+            return
+        high = int(np.searchsorted(values, self._delay() + SLACK, side="right")) - 1
+        while low < high and not self._interrupted:
+            middle = (low + high) // 2
+            rows, count = len(self._program.rows), len(self._program.lower)
+            self._parts.no_later_than(float(values[middle]))
+            self._watch("delay", float(values[high]), float(values[low]))
+            found = self._program.maximized({})
+            self._interrupted |= found.interrupted
+            if found.values is not None:
+                self._values = found.values[:count]
+                high = min(middle, int(np.searchsorted(values, self._delay() + SLACK, side="right")) - 1)
+            elif found.proven:
+                low = middle + 1
+            else:
+                self._proven = False
+                low = high
+            self._program.cut(rows, count)
+        if self._values is not None:
+            count = len(self._program.lower)
+            self._parts.no_later_than(float(values[high]))
+            if len(self._program.lower) > count:
+                solved = self._program.maximized({})
+                self._values = solved.values if solved.values is not None else self._values
+
+    def _delay(self) -> float:
+        return worth_of(self._problem, self._choice()).delay
+
+    def _delays(self) -> Array:
+        """All values that the longest delay can have, the shortest first [s]."""
+        found: set[float] = set()
+        tiers = self._problem.cover.responses
+        for way in self._problem.cover.ways:
+            for fault in way.faults:
+                ends = np.append((fault.t[:, None] + np.array(tiers)).ravel(), way.total)
+                starts = np.append(fault.t[fault.t < fault.end], fault.start)
+                gaps = (ends[None] - starts[:, None]).ravel()
+                found |= set(np.round(gaps[gaps > 0], 6).tolist())
+        found |= set(np.round(tiers, 6).tolist()) if found else set()
+        shortest = min(tiers, default=0.0)
+        return np.array(sorted(value for value in found if value >= shortest - SLACK))
+
+
+@dataclass(eq=False)
+class _Parts:
+    """The variables of a program, by what they stand for, and expressions of them."""
+
+    program: LinearProgram
+    problem: Placing
+    free: dict[int, int] = field(default_factory=dict)
+    """Of each option that is not kept: whether it is chosen."""
+    taken: dict[int, int] = field(default_factory=dict)
+    """Of each way of a candidate that has several: whether it is taken."""
+    covered: dict[int, int] = field(default_factory=dict)
+    """Of each row: whether it is covered."""
+    counted: list[tuple[int, CoveredWay, tuple[int, ...]]] = field(default_factory=list)
+    """Whether the time of a group counts: its variable, way and rows, where it is not that of its only row."""
+    qualities: list[tuple[Terms | None, Terms | None]] = field(default_factory=list)
+    """Q_eoi and Q_avg of each candidate; None where undefined."""
+    least: Terms = field(default_factory=dict)
+    mean: Terms = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        problem, program = self.problem, self.program
+        for option in range(problem.count):
+            if option not in problem.kept:
+                self.free[option] = program.variable(whole=True)
+        for of_one in problem.candidates:
+            if len(of_one) > 1:
+                self.taken |= {way: program.variable(whole=True) for way in of_one}
+                program.row({self.taken[way]: 1.0 for way in of_one}, least=1.0, most=1.0)
+        self._rows()
+        self._qualities()
+
+    def _rows(self) -> None:
+        table, kept = self.problem.cover.table, sorted(self.problem.kept)
+        for row, (sees, needed) in enumerate(zip(table.sees, table.needed, strict=True)):
+            still = needed - int(sees[kept].sum())
+            y = self.covered[row] = self.program.variable(whole=still > 1)
+            if still > 0:
+                terms = {self.free[option]: -1.0 for option in np.flatnonzero(sees).tolist() if option in self.free}
+                self.program.row({y: float(still), **terms}, most=0.0)
+
+    def _qualities(self) -> None:
+        for of_one in self.problem.candidates:
+            q_eoi: dict[int, float] = {}
+            q_avg: dict[int, float] = {}
+            ways = [self.problem.cover.ways[number] for number in of_one]
+            for way in ways:
+                for group in way.groups:
+                    if NEVER not in group.rows:
+                        v = self._group(way, group.rows)
+                        q_eoi[v] = q_eoi.get(v, 0.0) + (group.of_interest / way.T_eoi if way.T_eoi > 0 else 0.0)
+                        q_avg[v] = q_avg.get(v, 0.0) + (group.seconds / way.T if way.T > 0 else 0.0)
+                if way.number in self.taken and len(ways) > 1:  # what is undefined is as good as seen
+                    g = self.taken[way.number]
+                    q_eoi |= {g: 1.0} if way.T_eoi <= 0 else {}
+                    q_avg |= {g: 1.0} if way.T <= 0 else {}
+            self.qualities.append(
+                (
+                    q_eoi if any(way.T_eoi > 0 for way in ways) else None,
+                    q_avg if any(way.T > 0 for way in ways) else None,
+                )
+            )
+        self._objectives()
+
+    def _objectives(self) -> None:
+        z = self.program.variable(0.0, 1.0)
+        weights, mean = self.problem.weights, dict[int, float]()
+        total = max(float(weights.sum()), 1e-12)
+        for weight, pair in zip(weights.tolist(), self.qualities, strict=True):
+            known = [terms for terms in pair if terms is not None]
+            for terms in known:
+                self.program.row({z: -1.0, **terms}, least=0.0)
+                for variable, factor in terms.items():
+                    mean[variable] = mean.get(variable, 0.0) + weight / total * factor / len(known)
+        self.least, self.mean = {z: 1.0}, mean
+
+    def _group(self, way: CoveredWay, rows: tuple[int, ...]) -> int:
+        """The variable of time that counts if all rows are covered and the way is taken."""
+        taken = self.taken.get(way.number)
+        if len(rows) == 1 and taken is None:
+            return self.covered[rows[0]]
+        v = self.program.variable()
+        for limit in [*(self.covered[row] for row in rows), *([] if taken is None else [taken])]:
+            self.program.row({v: 1.0, limit: -1.0}, most=0.0)
+        self.counted.append((v, way, rows))
+        return v
+
+    def no_later_than(self, delay: float) -> None:
+        """Let every fault of the ways that are taken be noticed within a delay [s]."""
+        for way in self.problem.cover.ways:
+            for fault in way.faults:
+                self._in_time(way, fault, delay)
+
+    def _in_time(self, way: CoveredWay, fault: FaultSamples, delay: float) -> None:
+        taken, tiers, limit = self.taken.get(way.number), self.problem.cover.responses, delay + SLACK
+        known: dict[tuple[int, int], int | None] = {}
+
+        def seen(tier: int, sample: int) -> int | None:
+            """The variable of a sample that cameras of a tier cover; None if none can."""
+            rows = fault.rows[tier][sample]
+            if rows is None or NEVER in rows:
+                return None
+            if (tier, sample) not in known:
+                known[tier, sample] = self._all(rows)
+            return known[tier, sample]
+
+        def within(start: float, first: int) -> Iterator[int]:
+            for tier, response in enumerate(tiers):
+                last = int(np.searchsorted(fault.t, start + limit - response, side="right"))
+                yield from (v for s in range(first, last) if (v := seen(tier, s)) is not None)
+
+        begins = [(fault.start, -1)] + [(float(t), s) for s, t in enumerate(fault.t.tolist()) if t < fault.end]
+        for start, sample in begins:
+            if way.total - start <= limit:
+                continue
+            terms = dict.fromkeys(within(start, sample + 1), 1.0)
+            if sample >= 0 and sample + 1 < len(fault.t) and fault.linked[sample]:
+                for tier, response in enumerate(tiers):
+                    pair = [fault.rows[tier][sample], fault.rows[tier][sample + 1]]
+                    if response <= limit and all(rows is not None and NEVER not in rows for rows in pair):
+                        terms[self._all(tuple(sorted({row for rows in pair for row in rows or ()})))] = 1.0
+            self.program.row({**terms, **({} if taken is None else {taken: -1.0})}, least=1.0 if taken is None else 0.0)
+
+    def _all(self, rows: tuple[int, ...]) -> int:
+        """A variable that is 1 only if all rows are covered."""
+        if len(rows) == 1:
+            return self.covered[rows[0]]
+        v = self.program.variable()
+        for row in rows:
+            self.program.row({v: 1.0, self.covered[row]: -1.0}, most=0.0)
+        return v
+
+    def values_of(self, choice: Choice) -> Array:
+        """The values of all variables for a choice."""
+        values = np.zeros(len(self.program.lower))
+        covered = choice.covered(self.problem)
+        values[[self.free[option] for option in choice.options]] = 1.0
+        values[[self.taken[way] for way in choice.ways if way in self.taken]] = 1.0
+        for row, y in self.covered.items():
+            values[y] = float(covered[row])
+        for v, way, rows in self.counted:
+            values[v] = float(way.number in choice.ways and all(covered[row] for row in rows))
+        for z in self.least:
+            values[z] = worth_of(self.problem, choice).least
+        return values

@@ -1,0 +1,218 @@
+"""What has to be covered, for an integer program: items that the same cameras see are one row, and so on.
+
+A *row* says which options see something, and how many must. A *group* is time in which a state is covered if all of its
+rows are. The quality of a way is that of the definition at its samples: time between two neighbouring samples counts if
+both are covered.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices, Mask
+from sqrp_cli.programming.coverage.assessment import fault_intervals
+from sqrp_cli.programming.placing.scenes import JudgedWay
+
+NEVER = -1
+"""The number of a row that no choice covers."""
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Time of a way in which the same rows must be covered."""
+
+    rows: tuple[int, ...]
+    seconds: float
+    """All of it that formulas monitor [s]."""
+    of_interest: float
+    """What of it lies in events of interest [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class FaultSamples:
+    """The samples at which a fault may happen, in one interval, with the rows that must be covered to see it."""
+
+    start: float
+    """When it may first happen [s]."""
+    end: float
+    """When it may last happen [s]."""
+    t: Array
+    """From the start to the end of the motion, shape (s,) [s]."""
+    rows: tuple[tuple[tuple[int, ...] | None, ...], ...]
+    """For each response, fastest first: of each sample the rows of cameras that respond so fast; None where the state
+    does not hold the fault's literals."""
+    linked: Mask
+    """Whether a sample and the next one lie in one piece, shape (s - 1,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class CoveredWay:
+    """A way as an integer program sees it."""
+
+    way: JudgedWay
+    number: int
+    """Its index among all."""
+    groups: tuple[Group, ...]
+    faults: tuple[FaultSamples, ...]
+
+    @property
+    def T(self) -> float:
+        """Duration of the union of all formulas' intervals [s]."""
+        return self.way.scene.T
+
+    @property
+    def T_eoi(self) -> float:
+        """Duration of the union of the events of interest [s]."""
+        return self.way.scene.T_eoi
+
+    @property
+    def total(self) -> float:
+        """Duration of the whole motion [s]."""
+        return self.way.scene.motion.time
+
+
+@dataclass(eq=False)
+class RowTable:
+    """The different rows; equal ones have one number."""
+
+    numbers: dict[tuple[int, bytes], int] = field(default_factory=dict)
+    sees: list[Mask] = field(default_factory=list)
+    """Which options see it, shape (options,) each."""
+    needed: list[int] = field(default_factory=list)
+    """How many of them must."""
+
+    def number(self, sees: Mask, needed: int) -> int:
+        """The number of a row; `NEVER` if there are too few options."""
+        if int(sees.sum()) < needed:
+            return NEVER
+        key = needed, np.packbits(sees).tobytes()
+        if key not in self.numbers:
+            self.numbers[key] = len(self.sees)
+            self.sees.append(sees)
+            self.needed.append(needed)
+        return self.numbers[key]
+
+    @cached_property
+    def matrix(self) -> Mask:
+        """All rows, shape (rows, options)."""
+        return np.array(self.sees, dtype=bool)
+
+    def covered(self, chosen: Sequence[int]) -> Mask:
+        """Which rows a choice of options covers, shape (rows,)."""
+        if not self.sees:
+            return np.zeros(0, dtype=bool)
+        covered: Mask = self.matrix[:, list(chosen)].sum(axis=1) >= np.array(self.needed)
+        return covered
+
+
+@dataclass(frozen=True, eq=False)
+class Cover:
+    """All ways with their rows."""
+
+    ways: tuple[CoveredWay, ...]
+    table: RowTable
+    responses: tuple[float, ...]
+    """Of the options, each once, fastest first [s]."""
+
+    @classmethod
+    def of(cls, ways: Sequence[JudgedWay], sees: Sequence[Mask], responses: Array, spare: int) -> Cover:
+        """The rows of some ways.
+
+        sees: for each way, which options see which items, shape (options, items). responses: of the options, (options,)
+        [s]. spare: so many cameras may fail, and all that counts as seen is seen still.
+        """
+        table, tiers = RowTable(), tuple(np.unique(responses).tolist())
+        covered = []
+        for number, (way, of_way) in enumerate(zip(ways, sees, strict=True)):
+            needed = (way.needed + spare).tolist()
+            rows = [
+                [table.number(of_way[:, i] & (responses <= tier), k) for i, k in enumerate(needed)] for tier in tiers
+            ]
+            covered.append(
+                CoveredWay(way, number, tuple(_groups(way, rows[-1])), tuple(_faults(way, [*map(np.array, rows)])))
+            )
+        return cls(tuple(covered), table, tiers)
+
+    def quality(self, way: CoveredWay, covered: Mask) -> tuple[float | None, float | None]:
+        """Q_eoi and Q_avg of a way if some rows are covered, shape (rows,)."""
+        seen = [group for group in way.groups if all(row != NEVER and covered[row] for row in group.rows)]
+        q_avg = min(1.0, sum(group.seconds for group in seen) / way.T) if way.T > 0 else None
+        q_eoi = min(1.0, sum(group.of_interest for group in seen) / way.T_eoi) if way.T_eoi > 0 else None
+        return q_eoi, q_avg
+
+    def delay(self, way: CoveredWay, covered: Mask) -> float:
+        """The longest time until a fault is noticed, at the samples, if some rows are covered [s]; 0 without faults."""
+        return max((self._delay(fault, way.total, covered) for fault in way.faults), default=0.0)
+
+    def _delay(self, fault: FaultSamples, total: float, covered: Mask) -> float:
+        response = np.full(len(fault.t), np.inf)
+        for tier, rows in zip(reversed(self.responses), reversed(fault.rows), strict=True):
+            for sample, needed in enumerate(rows):
+                if needed is not None and all(row != NEVER and covered[row] for row in needed):
+                    response[sample] = tier
+        return longest_delay(fault, total, response)
+
+
+def longest_delay(fault: FaultSamples, total: float, response: Array) -> float:
+    """The longest delay of a fault; response: at each sample, infinite where it is not covered, shape (s,) [s]."""
+    seen = np.isfinite(response)
+    noticed, later = np.full(len(seen), total), total
+    for sample in range(len(seen) - 1, -1, -1):  # when a fault just after this sample is noticed
+        noticed[sample] = later
+        if seen[sample]:
+            later = fault.t[sample] + response[sample]
+    worst = max(0.0, later - fault.start)
+    for sample in np.flatnonzero(fault.t < fault.end).tolist():
+        both = sample + 1 < len(seen) and fault.linked[sample] and seen[sample] and seen[sample + 1]
+        delay = max(response[sample], response[sample + 1]) if both else noticed[sample] - fault.t[sample]
+        worst = max(worst, float(delay))
+    return worst
+
+
+def _groups(way: JudgedWay, rows: Sequence[int]) -> list[Group]:
+    """Time between neighbouring samples of one piece, by the rows of both."""
+    by_sample: list[set[int]] = [set() for _ in range(len(way.samples))]
+    for sample, row in zip(way.items[0].tolist(), rows, strict=True):
+        by_sample[sample].add(row)
+    pieces = way.scene.stage.pieces
+    found: dict[tuple[int, ...], tuple[float, float]] = {}
+    piece, t = way.samples.piece, way.samples.t
+    for sample in np.flatnonzero(np.diff(piece) == 0).tolist():
+        if not (by_sample[sample] and by_sample[sample + 1]):
+            continue  # nothing has to be seen there
+        key = tuple(sorted(by_sample[sample] | by_sample[sample + 1]))
+        step = float(t[sample + 1] - t[sample])
+        seconds, of_interest = found.get(key, (0.0, 0.0))
+        found[key] = seconds + step, of_interest + step * pieces[piece[sample]].of_interest
+    return [Group(key, *times) for key, times in found.items() if times[0] > 0]
+
+
+def _faults(way: JudgedWay, rows: Sequence[Indices]) -> list[FaultSamples]:
+    """The intervals of every fault; rows: of each item, for each response."""
+    sample, target = way.items
+    at = {(int(s), int(c)): number for number, (s, c) in enumerate(zip(sample, target, strict=True))}
+    piece, t = way.samples.piece, way.samples.t
+    found = []
+    for fault, columns in way.scene.faults.items():
+        for stretch in fault_intervals(way.scene.formulas, fault):
+            after = np.flatnonzero(t >= stretch.start - 1e-12)
+
+            def needed(tier: Indices, row: int, columns: tuple[int, ...] = columns) -> tuple[int, ...] | None:
+                items = [at.get((row, column)) for column in columns]
+                known = [item for item in items if item is not None]
+                return tuple(sorted({int(tier[item]) for item in known})) if len(known) == len(items) else None
+
+            found.append(
+                FaultSamples(
+                    start=stretch.start,
+                    end=stretch.end,
+                    t=t[after],
+                    rows=tuple(tuple(needed(tier, int(row)) for row in after) for tier in rows),
+                    linked=np.diff(piece[after]) == 0,
+                )
+            )
+    return found

@@ -1,0 +1,466 @@
+"""From tasks and mounts to cameras: ways are planned, mounts judged, cameras chosen, and what was chosen is scored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field, replace
+from itertools import count
+from typing import Protocol
+
+import numpy as np
+
+from sqrp_cli.errors import Infeasible
+from sqrp_cli.geometry import Mask
+from sqrp_cli.knowledge.camera.camera import Camera, image_of
+from sqrp_cli.knowledge.text.entries import completed
+from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Mounts, Spot
+from sqrp_cli.knowledge.workspace.workspace import World
+from sqrp_cli.platform.processes import in_processes
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Assessment, Study, observed
+from sqrp_cli.programming.coverage.sampling import Sampling
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.placing.choose import Chosen, Search
+from sqrp_cli.programming.placing.cover import Cover
+from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, Worth, worth_of
+from sqrp_cli.programming.placing.room import blocked, pairs_apart
+from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of
+from sqrp_cli.programming.placing.tensor import Portion, joined_items, portions, seen_by
+from sqrp_cli.programming.placing.views import Option, View, camera_of, options_of, price_of, views_of
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.task import Candidate, Task
+from sqrp_cli.programming.ways.find import planned_ways
+
+ROUNDS = 8
+"""Most rounds in which samples are added at which the chosen cameras lose sight, between those that were judged."""
+
+ROUNDED = 1e-6
+"""Qualities that differ by less are the same: figures of the solver are rounded."""
+
+CLOSE = 1e-3
+"""Figures at the samples that differ from the exact ones by more are sharpened, as a fraction."""
+
+MOST_ADDED = 24
+"""Most samples that a round adds to a way."""
+
+Progress = Callable[[str, int], AbstractContextManager[Callable[[int], None]]]
+"""A title and the number of parts; yields what counts the finished ones."""
+
+
+Told = Callable[[str, float | None, float], None]
+"""Told what a search seeks, the best value so far if there is one, and the bound."""
+
+
+class Verdicts(Protocol):
+    """Where verdicts come from: processes, a cluster, or a run before this one."""
+
+    def of(
+        self, work: Callable[[Portion], Mask], parts: Sequence[Portion], ways: Sequence[JudgedWay]
+    ) -> Iterator[Mask]:
+        """The verdicts of every portion, in order."""
+
+
+@dataclass(frozen=True)
+class LocalVerdicts:
+    """Processes of this machine."""
+
+    jobs: int = 1
+
+    def of(
+        self, work: Callable[[Portion], Mask], parts: Sequence[Portion], _ways: Sequence[JudgedWay]
+    ) -> Iterator[Mask]:
+        """See `Verdicts`."""
+        yield from in_processes(work, parts, min(self.jobs, len(parts)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlaceQuestion:
+    """Which cameras are wanted, and for what."""
+
+    cell: Cell
+    world: World
+    tasks: tuple[Task, ...]
+    mounts: Mounts
+    demand: Demand
+    sampling: Sampling
+    keep: tuple[str, ...] = ()
+    """Cameras of the workspace that stay."""
+    ways: int = 1
+    """Most ways of a candidate to choose from."""
+    verdicts: Verdicts = field(default_factory=LocalVerdicts)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlacedCamera:
+    """A camera that was chosen."""
+
+    camera: Camera
+    spot: Spot
+    lens: LensChoice
+    view: View
+    price: float
+    alone: float
+    """The quality that counts first with no other camera, not even one that stays, in 0..1."""
+    loss: float
+    """By how much that quality falls if this camera is lost."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class JudgedCandidate:
+    """A candidate with the way that was chosen for it, and its exact figures with the chosen cameras."""
+
+    task: str
+    candidate: Candidate
+    found: Assessment
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FewerCameras:
+    """What one camera less could do."""
+
+    cameras: int
+    """How many."""
+    objective: float
+    """The best quality, least or mean, that was found, in 0..1."""
+    bound: float
+    """No choice of so many cameras has more."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Unseen:
+    """Something that too few places see, so that no choice of them covers it."""
+
+    task: str
+    candidate: str
+    literal: str
+    time: float
+    """The instant of the candidate's motion [s]."""
+    seen_by: int
+    """How many places see it."""
+    needed: int
+    """How many cameras would have to."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Placement:
+    """What came of a question."""
+
+    question: PlaceQuestion
+    infeasible: tuple[tuple[str, Assessment], ...]
+    """Candidates that cannot be done, with their tasks; they count for nothing."""
+    ways: int
+    """How many ways were looked at."""
+    samples: int
+    """In how many samples of them."""
+    options: int
+    """Poses and lenses that were compared."""
+    in_the_way: int
+    """How many places cannot be used, because a camera there would touch something in every way."""
+    cameras: tuple[PlacedCamera, ...] = ()
+    candidates: tuple[JudgedCandidate, ...] = ()
+    worth: Worth | None = None
+    """At the samples; None if nothing was found."""
+    bound: float = 0.0
+    """No choice has a greater quality, least or mean, at the samples."""
+    proven: bool = False
+    """Whether there is no better choice in any aim."""
+    interrupted: bool = False
+    met: bool = True
+    """Whether the wish is met, if there is one."""
+    fewest: int | None = None
+    """The fewest cameras that meet the wish; None without one, and if none do."""
+    fewer: FewerCameras | None = None
+    """With one camera less, if there are several."""
+    unseen: tuple[Unseen, ...] = ()
+    """If nothing meets the wish: what no choice of places covers."""
+
+    @property
+    def places(self) -> int:
+        """How many places there were to choose from."""
+        return len(self.question.mounts.spots)
+
+    @property
+    def objective(self) -> float:
+        """The quality that counted first, at the samples, in 0..1."""
+        return 0.0 if self.worth is None else self.worth.of(self.question.demand.objective)
+
+    @property
+    def gap(self) -> float:
+        """Between bound and objective; 0 where nothing better exists."""
+        gap = self.bound - self.objective
+        return gap if gap > ROUNDED else 0.0
+
+
+class Placer:
+    """Answers a question; what several of its steps need is computed once."""
+
+    def __init__(self, question: PlaceQuestion, progress: Progress, watch: Told | None = None) -> None:
+        """progress: shows how far it is. watch: told what is sought, the best value so far and the bound."""
+        self.question, self._progress, self._watch = question, progress, watch or (lambda _title, _best, _bound: None)
+        self.spots = list(question.mounts.spots)
+        self.lenses = list(question.mounts.lenses)
+        self.ways: list[JudgedWay] = []
+        self.candidates: list[tuple[int, ...]] = []
+        self.infeasible: list[tuple[str, Assessment]] = []
+        self.sees: list[Mask] = []
+        """Of each way, which options see which items, shape (options, items)."""
+
+    def place(self) -> Placement:
+        """The best cameras for the tasks."""
+        self._plan()
+        self._choose_from()
+        self.sees = self._verdicts(self.ways)
+        self._shut = self._in_the_way()
+        demand = self.question.demand
+        problem, chosen = self._sharpened(demand)
+        if chosen.choice is not None or chosen.interrupted:
+            return self._placement(problem, chosen)
+        # The wish cannot be met: so many cameras more as it takes, or what comes nearest.
+        if demand.most is not None:
+            problem, enough = self._sharpened(replace(demand, most=None))
+            if enough.choice is not None:
+                return replace(self._placement(problem, enough), met=False)
+        problem, nearest = self._sharpened(replace(demand, wish=None))
+        return replace(self._placement(problem, nearest), met=False, unseen=tuple(self._unseen(problem)))
+
+    def _sharpened(self, demand: Demand, *, first_only: bool = False) -> tuple[Placing, Chosen]:
+        """The best choice at samples at which its own figures are exact; first_only: only the first aim counts."""
+        for number in range(ROUNDS):
+            problem = self.problem()
+            chosen = self._search(problem, demand, first_only=first_only)
+            if chosen.choice is None or chosen.interrupted or number == ROUNDS - 1:
+                break
+            if not self._sharpen(problem, chosen.choice):
+                break
+        return problem, chosen
+
+    def _plan(self) -> None:
+        """The ways of every candidate."""
+        question = self.question
+        found = [(task, candidate) for task in question.tasks for candidate in task.candidates]
+        with self._progress("Planning", len(found)) as advance:
+            for task, candidate in found:
+                scenes = planned_ways(question.cell, candidate, question.world, fastest=question.ways <= 1)
+                advance(1)
+                if isinstance(scenes, Infeasible):
+                    self.infeasible.append((task.text, Assessment.infeasible(candidate, scenes.reasons)))
+                    continue
+                numbers = range(len(self.ways), len(self.ways) + len(scenes))
+                self.ways += [judged(question.cell, task.text, candidate, scene) for scene in scenes]
+                self.candidates.append(tuple(numbers))
+
+    def _choose_from(self) -> None:
+        """The poses, and the options."""
+        question, workspace = self.question, self.question.cell.workspace
+        middles = [middle_of([self.ways[number] for number in of_one]) for of_one in self.candidates]
+        self.views = views_of(self.spots, middle_of(self.ways), middles)
+        self.options = options_of(self.spots, self.views, self.lenses)
+        self.kept = []
+        for name in question.keep:
+            camera = workspace.cameras[name]
+            lens = completed(LensChoice, camera, image=image_of(camera), price=0.0)
+            entry = MountEntry(points=[tuple(camera.X_FC[:3, 3].tolist())], body=1e-3)
+            spot = Spot(
+                mount=name,
+                name=name,
+                frame=camera.frame,
+                position=camera.X_FC[:3, 3],
+                entry=entry,
+                lenses=(lens,),
+            )
+            self.kept.append(len(self.options))
+            self.options.append(Option(len(self.views), len(self.lenses)))
+            self.views.append(View(len(self.spots), camera.X_FC, None, np.array([0.0, 0.0, 1.0])))
+            self.spots.append(spot)
+            self.lenses.append(lens)
+
+    def _in_the_way(self) -> list[Mask]:
+        """Of each way, at which places a camera would touch something."""
+        spots = self.question.mounts.spots
+        self._apart = frozenset(pairs_apart(spots))
+        return [blocked(self.question.cell, way, spots) for way in self.ways]
+
+    def _verdicts(self, ways: Sequence[JudgedWay]) -> list[Mask]:
+        """Which options see which items of some ways."""
+        question = self.question
+
+        def work(part: Portion) -> Mask:
+            views = self.views[part.first : part.last]
+            return seen_by(question.cell, ways[part.way], self.spots, views, self.lenses)
+
+        parts = portions(len(ways), len(self.views))
+        found: list[list[Mask]] = [[] for _ in ways]
+        with self._progress("Looking from every mount", len(parts)) as advance:
+            for part, sees in zip(parts, question.verdicts.of(work, parts, ways), strict=True):
+                found[part.way].append(sees)
+                advance(1)
+        view, lens = np.array([o.view for o in self.options]), np.array([o.lens for o in self.options])
+        return [np.concatenate(of_way, axis=1)[lens, view] for of_way in found]
+
+    def problem(self) -> Placing:
+        """The problem of choosing, at the samples so far."""
+        spot = np.array([self.views[option.view].spot for option in self.options], dtype=np.int64)
+        responses = np.array([self.lenses[option.lens].response for option in self.options])
+        tasks = [self.ways[of_one[0]].task for of_one in self.candidates]
+        weights = self.question.mounts.weights
+        return Placing(
+            cover=Cover.of(self.ways, self.sees, responses, self.question.demand.survive),
+            candidates=tuple(self.candidates),
+            weights=np.array([weights.get(task, 1.0) / tasks.count(task) for task in tasks]),
+            spot=spot,
+            price=np.array(
+                [
+                    0.0 if number in self.kept else price_of(self.spots[place], self.lenses[option.lens])
+                    for number, (place, option) in enumerate(zip(spot.tolist(), self.options, strict=True))
+                ]
+            ),
+            kept=frozenset(self.kept),
+            apart=self._apart,
+            blocked=frozenset(
+                (place, way) for way, shut in enumerate(self._shut) for place in np.flatnonzero(shut).tolist()
+            ),
+        )
+
+    def _search(self, problem: Placing, demand: Demand, *, first_only: bool = False) -> Chosen:
+        count = "as few cameras as possible" if demand.most is None else f"{demand.most} of the cameras"
+        with self._progress(f"Choosing {count}", 1):
+            search = Search(problem, demand, self._watch)
+            return search.first() if first_only else search.best()
+
+    def cameras(self, problem: Placing, choice: Choice) -> tuple[PlacedCamera, ...]:
+        """The chosen cameras, with names that no camera that stays has."""
+        names = (name for number in count(1) if (name := f"cam{number}") not in self.question.keep)
+        return tuple(
+            self._camera(problem, choice, option, name) for option, name in zip(choice.options, names, strict=False)
+        )
+
+    def _camera(self, problem: Placing, choice: Choice, option: int, name: str) -> PlacedCamera:
+        view, lens = self.views[self.options[option].view], self.lenses[self.options[option].lens]
+        spot, objective = self.spots[view.spot], self.question.demand.objective
+        alone = worth_of(replace(problem, kept=frozenset()), Choice((option,), choice.ways))
+        without = worth_of(problem, Choice(tuple(o for o in choice.options if o != option), choice.ways))
+        return PlacedCamera(
+            camera=camera_of(name, spot, view, lens),
+            spot=spot,
+            lens=lens,
+            view=view,
+            price=price_of(spot, lens),
+            alone=alone.of(objective),
+            loss=max(0.0, worth_of(problem, choice).of(objective) - without.of(objective)),
+        )
+
+    def cell_with(self, cameras: Sequence[Camera]) -> Cell:
+        """The cell with the cameras that stay, and these."""
+        cell = self.question.cell
+        stay = [cell.workspace.cameras[name] for name in self.question.keep]
+        together = {camera.name: camera for camera in (*stay, *cameras)}
+        workspace = replace(cell.workspace, cameras=together)
+        return replace(cell, workspace=workspace, observer=Observer(tuple(together.values()), cell.observer.solids))
+
+    def studies(self, choice: Choice) -> list[Study]:
+        """The exact studies of the chosen ways with the chosen cameras."""
+        cameras = []
+        for option in choice.options:
+            view, lens = self.views[self.options[option].view], self.lenses[self.options[option].lens]
+            cameras.append(camera_of(f"placed {option}", self.spots[view.spot], view, lens))
+        cell = self.cell_with(cameras)
+        scenes = [self.ways[number].scene for number in choice.ways]
+        return [observed(cell, scene, self.question.sampling, full=False) for scene in scenes]
+
+    def _sharpen(self, problem: Placing, choice: Choice) -> bool:
+        """Add samples where the chosen cameras lose or gain sight between those of a way; whether any were added.
+
+        Then the figures at the samples are the exact ones. Where cameras may fail, states are not what the studies see.
+        """
+        if self.question.demand.survive:
+            return False
+        worth, added = worth_of(problem, choice), False
+        for number, study, pair in zip(choice.ways, self.studies(choice), worth.qualities, strict=True):
+            found = study.assessment("")
+            known = zip(pair, (found.q_eoi, found.q_avg), strict=True)
+            if any(rough is not None and exact is not None and abs(exact - rough) > CLOSE for rough, exact in known):
+                added |= self._add_samples(number, study)
+        return added
+
+    def _add_samples(self, number: int, study: Study) -> bool:
+        timeline, way = study.timeline, self.ways[number]
+        covered = timeline.covered
+        changes = np.flatnonzero((covered[1:] != covered[:-1]) & ~np.isnan(timeline.steps))
+        lost = np.flatnonzero(timeline.monitored & ~covered)
+        rows = np.unique(np.concatenate([changes, changes + 1, lost[:: max(1, len(lost) // MOST_ADDED)]]))
+        known = set(zip(way.samples.piece.tolist(), way.samples.t.tolist(), strict=True))
+        pairs = zip(timeline.samples.piece[rows].tolist(), timeline.samples.t[rows].tolist(), strict=True)
+        new = [pair for pair in pairs if pair not in known]
+        if not new:
+            return False
+        more = replace(way, samples=Samples(np.array([p for p, _ in new]), np.array([t for _, t in new])))
+        after = way.with_samples(more.samples)
+        self.sees[number] = joined_items(way, self.sees[number], more, self._verdicts([more])[0], after)
+        self.ways[number] = after
+        return True
+
+    def _unseen(self, problem: Placing) -> Iterator[Unseen]:
+        """What no choice covers: of each candidate, the first instant of each literal in the first way."""
+        usable = ~np.isin(problem.spot, np.flatnonzero(np.all(self._shut, axis=0)))
+        for of_one in self.candidates:
+            way, sees = self.ways[of_one[0]], self.sees[of_one[0]][usable]
+            spots = problem.spot[usable]
+            needed = way.needed + self.question.demand.survive
+            few = np.flatnonzero(sees.sum(axis=0) < needed)
+            known: set[int] = set()
+            for item in few.tolist():
+                sample, target = int(way.items[0][item]), int(way.items[1][item])
+                if target not in known:
+                    known.add(target)
+                    yield Unseen(
+                        task=way.task,
+                        candidate=way.candidate.name,
+                        literal=str(way.scene.targets[target].atom),
+                        time=float(way.samples.t[sample]),
+                        seen_by=len(set(spots[sees[:, item]].tolist())),
+                        needed=int(needed[item]),
+                    )
+
+    def _fewer(self, choice: Choice) -> FewerCameras | None:
+        """What one camera less could do."""
+        cameras = len(choice.options) - 1
+        if cameras < 1:
+            return None
+        demand = replace(self.question.demand, wish=None, most=cameras)
+        problem, found = self._sharpened(demand, first_only=True)
+        best = 0.0 if found.choice is None else worth_of(problem, found.choice).of(demand.objective)
+        return FewerCameras(cameras=cameras, objective=best, bound=max(best, found.bound))
+
+    def _placement(self, problem: Placing, chosen: Chosen) -> Placement:
+        shut = np.all(self._shut, axis=0) if self._shut else np.zeros(0, dtype=bool)
+        found = Placement(
+            question=self.question,
+            infeasible=tuple(self.infeasible),
+            ways=len(self.ways),
+            samples=sum(len(way.samples) for way in self.ways),
+            options=len(self.options) - len(self.kept),
+            in_the_way=int(shut.sum()),
+            interrupted=chosen.interrupted,
+            proven=chosen.proven,
+            bound=chosen.bound,
+            fewest=chosen.fewest,
+        )
+        if chosen.choice is None:
+            return replace(found, met=False)
+        worth = worth_of(problem, chosen.choice)
+        return replace(
+            found,
+            cameras=self.cameras(problem, chosen.choice),
+            candidates=tuple(
+                JudgedCandidate(
+                    task=self.ways[number].task,
+                    candidate=self.ways[number].candidate,
+                    found=study.assessment(""),
+                )
+                for number, study in zip(chosen.choice.ways, self.studies(chosen.choice), strict=True)
+            ),
+            worth=worth,
+            bound=max(chosen.bound, worth.of(self.question.demand.objective)),
+            fewer=None if chosen.interrupted else self._fewer(chosen.choice),
+        )

@@ -1,0 +1,95 @@
+"""The ways of the candidates of all tasks, with the samples in which mounts are judged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sqrp_cli.geometry import Array, Indices, Mask, box_corners, transform
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.coverage.assessment import Rehearsal
+from sqrp_cli.programming.coverage.sampling import Adaptive, first_samples
+from sqrp_cli.programming.coverage.stage import Samples
+from sqrp_cli.programming.sensing.observer import Observer
+from sqrp_cli.programming.sensing.scene_states import SceneStates
+from sqrp_cli.programming.task import Candidate
+
+EVERY = 3
+"""Of the adaptive samples, which no target or link moves more than 1 cm between, every so many-th is judged."""
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedWay:
+    """A way of a candidate with the samples in which mounts are judged."""
+
+    task: str
+    """As it was asked for."""
+    candidate: Candidate
+    """As a person chooses it."""
+    scene: Rehearsal
+    samples: Samples
+    """m of them."""
+
+    @property
+    def name(self) -> str:
+        """The task and its candidate."""
+        return f"{self.task}: {self.candidate.name}"
+
+    @cached_property
+    def states(self) -> SceneStates:
+        """Where everything is in the samples."""
+        return self.scene.stage.states(self.samples)
+
+    @cached_property
+    def required(self) -> Mask:
+        """Whether a state holds each target's atom, shape (m, a)."""
+        return self.scene.stage.requires(self.scene.targets, self.samples)
+
+    @cached_property
+    def items(self) -> tuple[Indices, Indices]:
+        """What has to be seen: the sample and the target of each of n items, by index."""
+        sample, target = np.nonzero(self.required)
+        return sample, target
+
+    @cached_property
+    def needed(self) -> Indices:
+        """How many cameras must see each item, shape (n,)."""
+        return np.array([target.cameras for target in self.scene.targets], dtype=np.int64)[self.items[1]]
+
+    def with_samples(self, more: Samples) -> JudgedWay:
+        """With further samples."""
+        return replace(self, samples=self.samples.joined(more, self.samples.merge_order(more)))
+
+    @property
+    def points(self) -> Array:
+        """Corners of all that has to be seen, in the world, shape (p, 3) [m]."""
+        found = []
+        for column, target in enumerate(self.scene.targets):
+            rows = np.flatnonzero(self.required[:, column])
+            for box in target.boxes:
+                poses = self.states.box_poses(box)
+                poses = poses if len(poses) == 1 else poses[rows]
+                found.append(transform(poses, box_corners(box.size)).reshape(-1, 3))
+        return np.concatenate(found) if found else np.zeros((0, 3))
+
+
+def judged(cell: Cell, task: str, candidate: Candidate, scene: Rehearsal, every: int = EVERY) -> JudgedWay:
+    """A way with its first samples: they do not depend on cameras."""
+    samples = first_samples(Adaptive(), scene.stage, Observer((), cell.observer.solids), scene.targets)
+    piece = samples.piece
+    ends = (np.diff(piece, prepend=-1) != 0) | (np.diff(piece, append=-1) != 0)
+    number = np.arange(len(samples)) - np.maximum.accumulate(np.where(ends, np.arange(len(samples)), 0))
+    rows = np.flatnonzero(ends | (number % every == 0))
+    return JudgedWay(task, candidate, scene, Samples(piece[rows], samples.t[rows]))
+
+
+def middle_of(ways: Sequence[JudgedWay]) -> Array:
+    """The middle of all that has to be seen in some ways, in whole millimetres, shape (3,) [m]."""
+    points = np.concatenate([way.points for way in ways])
+    if not len(points):
+        return np.zeros(3)
+    middle: Array = np.round(0.5 * (points.min(axis=0) + points.max(axis=0)), 3) + 0.0
+    return middle

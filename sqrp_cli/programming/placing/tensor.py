@@ -1,0 +1,121 @@
+"""What every camera that may be chosen sees of every target in every sample, by the exact definitions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+
+import numpy as np
+
+from sqrp_cli.geometry import Indices, Mask
+from sqrp_cli.knowledge.camera.projection import Projection
+from sqrp_cli.knowledge.workspace.mounts import LensChoice, Spot
+from sqrp_cli.programming.cell import Cell
+from sqrp_cli.programming.placing.scenes import JudgedWay
+from sqrp_cli.programming.placing.views import View, camera_of
+from sqrp_cli.programming.sensing.moved_camera import MovedCamera
+from sqrp_cli.programming.solids import Solid
+
+TOGETHER = 24
+"""Poses judged as one piece of work."""
+
+
+@dataclass(frozen=True, eq=False)
+class Portion:
+    """A piece of the work: what some poses, with all lenses, see in a way."""
+
+    way: int
+    """Index of the way."""
+    first: int
+    last: int
+    """The poses, by index, the last one excluded."""
+
+
+def portions(ways: int, views: int) -> list[Portion]:
+    """All of the work."""
+    return [
+        Portion(way, first, min(first + TOGETHER, views)) for way in range(ways) for first in range(0, views, TOGETHER)
+    ]
+
+
+def seen_by(
+    cell: Cell, way: JudgedWay, spots: Sequence[Spot], views: Sequence[View], lenses: Sequence[LensChoice]
+) -> Mask:
+    """Whether each pose with each lens sees each item of a way, shape (lenses, views, items)."""
+    count = len(way.items[0])
+    sees = np.zeros((len(lenses), len(views), count), dtype=bool)
+    if not count:
+        return sees
+    for _, group in groupby(range(len(views)), key=lambda index: spots[views[index].spot].frame):
+        rows = list(group)
+        at = [spots[views[row].spot] for row in rows]
+        sees[:, rows] = _in_frame(cell.observer.solids, way, at, [views[row] for row in rows], lenses)
+    return sees
+
+
+def _in_frame(
+    solids: tuple[Solid, ...],
+    way: JudgedWay,
+    spots: Sequence[Spot],
+    views: Sequence[View],
+    lenses: Sequence[LensChoice],
+) -> Mask:
+    """The same for poses that one frame carries."""
+    boxes = [box for target in way.scene.targets for box in target.boxes]
+    state, box, item = _looks(way)
+    X_FC = np.stack([view.X_FC for view in views])
+    moved = [
+        MovedCamera(
+            Projection.of(camera_of(lens.name, spots[0], views[0], lens)),
+            boxes,
+            solids,
+            way.states,
+            box=box,
+            state=state,
+        )
+        for lens in lenses
+    ]
+    within = np.stack([one.within(X_FC) for one in moved])
+    for number, lens in enumerate(lenses):
+        fits = np.array([any(one.name == lens.name for one in spot.lenses) for spot in spots], dtype=bool)
+        within[number] &= fits[:, None]
+    # What hides a box does not depend on the lens. Where another box of its target is outside, it need not be tested.
+    begins = np.flatnonzero(np.diff(item, prepend=-1))
+    whole = np.asarray(np.logical_and.reduceat(within, begins, axis=2))
+    asked: Mask = np.any(whole, axis=0)[:, item]
+    seen = np.zeros(asked.shape, dtype=bool)
+    pose, look = np.nonzero(asked)
+    for chunk in _chunks(len(pose)):
+        seen[pose[chunk], look[chunk]] = moved[0].unhidden(X_FC[pose[chunk]], look[chunk])
+    sees: Mask = whole & np.logical_and.reduceat(seen, begins, axis=1)
+    return sees
+
+
+def _looks(way: JudgedWay) -> tuple[Indices, Indices, Indices]:
+    """The sample, the box and the item of every look: one for each box of each item, in the order of the items."""
+    sample, target = way.items
+    counts = np.array([len(one.boxes) for one in way.scene.targets], dtype=np.int64)
+    first = np.cumsum(counts) - counts
+    item = np.repeat(np.arange(len(sample)), counts[target])
+    within = np.arange(len(item)) - np.repeat(np.cumsum(counts[target]) - counts[target], counts[target])
+    return sample[item], first[target[item]] + within, item
+
+
+_LOOKS_TOGETHER = 20_000
+"""To bound the memory."""
+
+
+def _chunks(count: int) -> Iterator[slice]:
+    yield from (slice(start, start + _LOOKS_TOGETHER) for start in range(0, count, _LOOKS_TOGETHER))
+
+
+def joined_items(before: JudgedWay, sees: Mask, more: JudgedWay, added: Mask, after: JudgedWay) -> Mask:
+    """What is seen of a way with further samples, (..., items); sees: before, added: of the further samples alone."""
+    order = before.samples.merge_order(more.samples)
+    count = len(before.samples)
+    columns = {(int(s), int(t)): n for n, (s, t) in enumerate(zip(*before.items, strict=True))}
+    columns |= {(count + int(s), int(t)): sees.shape[-1] + n for n, (s, t) in enumerate(zip(*more.items, strict=True))}
+    chosen = [columns[int(order[s]), int(t)] for s, t in zip(*after.items, strict=True)]
+    found: Mask = np.concatenate([sees, added], axis=-1)[..., chosen]
+    return found

@@ -1,0 +1,271 @@
+"""`place`: cameras on mounts, and the proof that no others are better."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.programming.placing.problem import Objective
+from sqrp_cli.report.documents.advice import AdvisedFigures, WishedFigures
+from sqrp_cli.report.documents.document import LEFT_OUT, Pose, Record, WorkspaceDocument
+
+if TYPE_CHECKING:
+    from sqrp_cli.programming.placing.place import FewerCameras, JudgedCandidate, PlacedCamera, Placement, Unseen
+
+_COUNTS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraPlaced(Record):
+    """A camera on a mount."""
+
+    name: str
+    """Its name in the patched workspace."""
+    mount: str
+    """The place, such as `ceiling 17`: the mount and the number of its place, from 1."""
+    lens: str
+    """Name of the camera with its lens."""
+    pose: Pose
+    """Of the optical frame in `frame`, 4x4."""
+    frame: str
+    """`world`, or the link that carries it."""
+    look_at: tuple[float, float, float] | None
+    """The point in the middle of its image, in `frame` [m]; null where the mount states an orientation."""
+    price: float
+    """Of the camera and of mounting it."""
+    alone: float
+    """The quality that counts, least or mean, with no other camera, in 0..1."""
+    loss: float
+    """By how much that quality falls if this camera is lost."""
+
+    @classmethod
+    def of(cls, placed: PlacedCamera) -> CameraPlaced:
+        """A camera as a record."""
+        at = placed.view.at
+        return cls(
+            name=placed.camera.name,
+            mount=placed.spot.name,
+            lens=placed.lens.name,
+            pose=placed.camera.X_FC.tolist(),
+            frame=placed.camera.frame,
+            look_at=None if at is None else (float(at[0]), float(at[1]), float(at[2])),
+            price=placed.price,
+            alone=placed.alone,
+            loss=placed.loss,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedCandidate(AdvisedFigures):
+    """A candidate with the cameras, in the way that was chosen for it: its exact figures."""
+
+    task: str
+    """As it was asked for."""
+    candidate: str
+    """Its name."""
+
+    @classmethod
+    def of_candidate(cls, judged: JudgedCandidate) -> PlacedCandidate:
+        """The figures of a candidate."""
+        figures = vars(AdvisedFigures.of(judged.found))
+        return cls(task=judged.task, candidate=judged.candidate.name, **figures)
+
+
+@dataclass(frozen=True, kw_only=True)
+class InfeasibleCandidate(Record):
+    """A candidate that cannot be done; it counts for nothing."""
+
+    task: str
+    """As it was asked for."""
+    candidate: str
+    """Its name."""
+    reason: str
+    """Why not."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WithFewer(Record):
+    """What one camera less could do."""
+
+    cameras: int
+    """How many."""
+    objective: float
+    """The best quality, least or mean, in 0..1."""
+    bound: float
+    """No choice of so many has more."""
+
+    @classmethod
+    def of(cls, fewer: FewerCameras | None) -> WithFewer | None:
+        """It as a record."""
+        return None if fewer is None else cls(**vars(fewer))
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnseenTarget(Record):
+    """What too few places see, so that no choice of them covers it."""
+
+    task: str
+    """As it was asked for."""
+    candidate: str
+    """Its name."""
+    literal: str
+    """What has to be seen, such as `hold(g1)`."""
+    time: float
+    """The first such instant in the candidate's motion [s]."""
+    seen_by: int
+    """How many places see it."""
+    needed: int
+    """How many cameras would have to."""
+
+    @classmethod
+    def of(cls, unseen: Unseen) -> UnseenTarget:
+        """It as a record."""
+        return cls(**vars(unseen))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Compared(Record):
+    """What the proof is about."""
+
+    mounts: int
+    """Places."""
+    in_the_way: int
+    """How many of them cannot be used: a camera there would touch something."""
+    options: int
+    """Poses with lenses at them."""
+    ways: int
+    """Ways of candidates."""
+    samples: int
+    """Samples of these ways."""
+    kind: Literal["samples"] = "samples"
+    """The proof is about what is seen in samples; the chosen cameras were checked in between, too."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceDocument(WorkspaceDocument):
+    """What `sqrp place` finds."""
+
+    tasks: Sequence[str]
+    """As they were asked for."""
+    mounts: int
+    """Places for a camera to choose from."""
+    want: WishedFigures
+    """What every candidate is to reach; null where anything will do."""
+    met: bool
+    """Whether the cameras are as they were wanted."""
+    cameras: Sequence[CameraPlaced]
+    """Those on mounts."""
+    keep: Sequence[str]
+    """Cameras of the workspace that stay."""
+    survive: int
+    """So many cameras may fail: only what is seen then still counts in `objective`, `bound`, `alone` and `loss`."""
+    by: Objective
+    """Which quality counts first: the least of all Q_eoi and Q_avg of all candidates, or their mean."""
+    objective: float
+    """That quality, at the samples, in 0..1."""
+    bound: float
+    """No choice of cameras and ways has more."""
+    gap: float
+    """Between both; 0 where nothing better exists."""
+    proven: bool
+    """Whether nothing better exists, in quality, then delay, price and number."""
+    proof: str
+    """The same in words."""
+    delay_worst: float | None
+    """The longest time until a fault of any candidate is noticed, from the exact figures [s]."""
+    price: float
+    """Of all cameras on mounts."""
+    fewest: int | None
+    """The fewest cameras that meet `want`; null without one."""
+    fewer: WithFewer | None
+    """What one camera less could do."""
+    candidates: Sequence[PlacedCandidate]
+    """The exact figures of each, as `sqrp score` gives them for the patched workspace."""
+    ways: Mapping[str, Mapping[str, float | str]]
+    """Of each candidate, `TASK: NAME`, the parameters of the way that was chosen for it."""
+    infeasible: Sequence[InfeasibleCandidate]
+    """Candidates that cannot be done."""
+    unseen: Sequence[UnseenTarget]
+    """If nothing meets `want`: what no choice of mounts covers, of each candidate and literal the first instant."""
+    compared: Compared
+    """What the proof is about."""
+    patch: str
+    """A unified diff of the workspace file; empty if nothing is to be changed."""
+    interrupted: bool | None = field(default=None, metadata=LEFT_OUT)
+    """True if Ctrl-C came before the proof was complete."""
+
+
+def placed(found: Placement, patch: str, wish: Wish | None) -> PlaceDocument:
+    """A placement as a document."""
+    question, demand = found.question, found.question.demand
+    delays = [one.found.delay_worst for one in found.candidates if one.found.delay_worst is not None]
+    return PlaceDocument(
+        workspace=question.cell.workspace.name,
+        tasks=[task.text for task in question.tasks],
+        mounts=found.places,
+        want=WishedFigures.of(wish or Wish()),
+        met=found.met,
+        cameras=[CameraPlaced.of(camera) for camera in found.cameras],
+        keep=list(question.keep),
+        survive=demand.survive,
+        by=demand.objective,
+        objective=found.objective,
+        bound=found.bound,
+        gap=found.gap,
+        proven=found.proven,
+        proof=proof_in_words(found, wish),
+        delay_worst=max(delays, default=None),
+        price=sum(camera.price for camera in found.cameras),
+        fewest=found.fewest,
+        fewer=WithFewer.of(found.fewer),
+        candidates=[PlacedCandidate.of_candidate(one) for one in found.candidates],
+        ways={f"{one.task}: {one.candidate.name}": one.found.candidate.parameters for one in found.candidates},
+        infeasible=[
+            InfeasibleCandidate(task=task, candidate=one.candidate.name, reason=one.reasons[0])
+            for task, one in found.infeasible
+        ],
+        unseen=[UnseenTarget.of(one) for one in found.unseen],
+        compared=Compared(
+            mounts=found.places,
+            in_the_way=found.in_the_way,
+            options=found.options,
+            ways=found.ways,
+            samples=found.samples,
+        ),
+        patch=patch,
+        interrupted=found.interrupted or None,
+    )
+
+
+def proof_in_words(found: Placement, wish: Wish | None) -> str:
+    """What is proven, in a few sentences."""
+    count, places = len(found.cameras), found.places
+    which = "least Q" if found.question.demand.objective == "least" else "mean Q"
+    if found.worth is None:
+        return f"No choice of these {places} mounts was found."
+    sentences = []
+    number = in_words(count)
+    if found.proven and found.gap == 0.0:
+        best = f"{number} of these {places} mounts" if count else "of these mounts"
+        sentences.append(f"No {best} do better than a {which} of {_percent(found.objective)} (gap 0).")
+    else:
+        sentences.append(
+            f"The {which} is {_percent(found.objective)}; no choice of these {places} mounts has more than "
+            f"{_percent(found.bound)}. Whether there is a better one is not proven."
+        )
+    if wish is not None and found.met and found.fewest is not None and found.fewest > 0:
+        sentences.append(f"Fewer than {number} do not reach {wish}.")
+    if found.fewer is not None:
+        sentences.append(f"With {in_words(found.fewer.cameras)} it is at most {_percent(found.fewer.bound)}.")
+    return " ".join(sentences)
+
+
+def in_words(count: int) -> str:
+    """A number as text, such as `two`."""
+    return _COUNTS[count] if count < len(_COUNTS) else str(count)
+
+
+def _percent(quality: float) -> str:
+    return f"{100 * quality:.1f} %"

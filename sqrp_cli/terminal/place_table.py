@@ -1,0 +1,85 @@
+"""The output of `sqrp place`: the cameras, what candidates then reach, and what is proven."""
+
+from __future__ import annotations
+
+from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.report.documents.placing import PlaceDocument, in_words
+from sqrp_cli.terminal.console import Column, joined, print_table, say, say_command
+
+MOST_UNSEEN = 8
+"""Most targets that are named where a wish cannot be met."""
+
+
+def print_placement(found: PlaceDocument, wish: Wish | None) -> None:
+    """The cameras, the figures of the candidates with them, and the proof."""
+    tasks = ", ".join(found.tasks)
+    compared = found.compared
+    say(joined([(tasks, "bold"), f" in {found.workspace}\n"]))
+    say(
+        f"{compared.mounts} mounts ({compared.in_the_way} in the way), {compared.options} poses with lenses, "
+        f"{_count(compared.ways, 'way')}, {_count(compared.samples, 'sample')}"
+    )
+    if not found.met:
+        _print_unmet(found, wish)
+    if found.cameras:
+        say()
+        _print_cameras(found)
+        say()
+        _print_candidates(found)
+    for one in found.infeasible:
+        say(joined([("no   ", "dim"), f" {one.task}: {one.candidate}: {one.reason}"]), indent=6)
+    say()
+    say(found.proof)
+    if found.survive:
+        say(f"Counted is only what is seen still if {in_words(found.survive)} of the cameras fails.")
+    say(
+        "The proof is about these mounts, samples and ways; the chosen cameras were also checked between the samples."
+        if found.proven
+        else "Interrupted: the best so far."
+        if found.interrupted
+        else "Not proven to be the best."
+    )
+    if found.patch:
+        say_command("To have it, add", "--patch FILE")
+
+
+def _print_unmet(found: PlaceDocument, wish: Wish | None) -> None:
+    say()
+    if found.fewest is not None:
+        say(f"So many cameras do not reach {wish}; {in_words(found.fewest)} do:", style="red")
+        return
+    say(f"No choice of these mounts reaches {wish}. The nearest is below.", style="red")
+    for one in found.unseen[:MOST_UNSEEN]:
+        seen = "no mount sees it" if one.seen_by == 0 else f"only {one.seen_by} of {one.needed} needed see it"
+        say(f"  {one.candidate}: {one.literal} at {one.time:.2f} s: {seen}", indent=4)
+    if len(found.unseen) > MOST_UNSEEN:
+        say(f"  and {len(found.unseen) - MOST_UNSEEN} more, see --json", indent=4)
+
+
+def _print_cameras(found: PlaceDocument) -> None:
+    columns = [Column("camera"), Column("mount"), Column("lens", shrink=True), Column("where [m]")]
+    columns += [Column(title, right=True) for title in ("alone\n[%]", "its loss\n[points]")]
+    if any(one.price for one in found.cameras):
+        columns.append(Column("price", right=True))
+    rows = []
+    for one in found.cameras:
+        where = " ".join(f"{row[3]:.3f}" for row in one.pose[:3]) + ("" if one.frame == "world" else f" {one.frame}")
+        row = [one.name, one.mount, one.lens, where, f"{100 * one.alone:.1f}", f"{100 * one.loss:.1f}"]
+        rows.append([*row, f"{one.price:g}"][: len(columns)])
+    print_table(columns, rows)
+
+
+def _print_candidates(found: PlaceDocument) -> None:
+    several = len(found.tasks) > 1
+    columns = [*([Column("task")] if several else []), Column("candidate")]
+    columns += [Column(title, right=True) for title in ("Q_eoi\n[%]", "Q_avg\n[%]", "time\n[s]", "seen\nafter")]
+    rows = []
+    for one in found.candidates:
+        qualities = ["-" if q is None else f"{100 * q:.1f}" for q in (one.q_eoi, one.q_avg)]
+        times = ["-" if t is None else f"{t:.2f}" for t in (one.time, one.delay_worst)]
+        rows.append([*([one.task] if several else []), one.candidate, *qualities, *times])
+    print_table(columns, rows)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number:,} {what}{'' if number == 1 else 's'}"

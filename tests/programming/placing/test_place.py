@@ -1,0 +1,145 @@
+"""The choice of cameras, checked with brute force over the verdicts of an observer that has all of them at once."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sqrp_cli import open_cell
+from sqrp_cli.api.cell import silent
+from sqrp_cli.knowledge.workspace.mounts import read_mounts
+from sqrp_cli.programming.advice.wish import Wish
+from sqrp_cli.programming.coverage.sampling import Adaptive
+from sqrp_cli.programming.placing.place import Placement, PlaceQuestion, Placer
+from sqrp_cli.programming.placing.problem import Demand, greedy, worth_of
+from sqrp_cli.programming.placing.views import camera_of
+from sqrp_cli.programming.sensing.observer import Observer, sees_all
+from sqrp_cli.programming.task import read_task
+
+TABLETOP = Path(__file__).parents[3] / "workspaces" / "tabletop"
+
+FORTY = """
+mounts:
+  ceiling: {grid: {from: [-0.9, -1, 1.4], to: [0.6, 1, 1.4], step: 50 cm}, price: 20}
+  rail: {rail: {from: [-0.9, 1.1, 0.5], to: [1.0, 1.1, 0.5], step: 10 cm}}
+lenses:
+  tele: {image: {width: 640, height: 480, horizontal_fov: 6 deg}, near: 20 cm, far: 4 m, rate: 10 Hz, price: 100}
+"""
+
+
+@pytest.fixture(scope="module")
+def cell():
+    return open_cell(TABLETOP)
+
+
+def placer(cell, folder: Path, text: str, demand: Demand, task: str = "pickup g3") -> Placer:
+    file = folder / "place.yaml"
+    file.write_text(text)
+    mounts = read_mounts(file, cell.workspace, tuple(cell.cell.model.links))
+    question = PlaceQuestion(
+        cell=cell.cell,
+        world=cell.cell.initial_world,
+        tasks=(read_task(task, cell.workspace),),
+        mounts=mounts,
+        demand=demand,
+        sampling=Adaptive(),
+    )
+    return Placer(question, silent)
+
+
+class BruteForce:
+    """All choices of so many cameras, with the quality that the definition gives at the samples."""
+
+    def __init__(self, placed: Placer):
+        (self.way,) = placed.ways
+        options = [(placed.views[o.view], placed.lenses[o.lens]) for o in placed.options]
+        cameras = [camera_of(f"c{n}", placed.spots[view.spot], view, lens) for n, (view, lens) in enumerate(options)]
+        observer = Observer(tuple(cameras), placed.question.cell.observer.solids)
+        scene = self.way.scene
+        matrix = observer.verdicts(scene.targets, self.way.states, shares=False)
+        self.sees = np.stack([sees_all(boxes) for boxes in matrix])  # targets, samples, cameras
+        self.needed = [target.cameras for target in scene.targets]
+
+    def qualities(self, chosen, spare: int = 0) -> tuple[float, float]:
+        required, scene, samples = self.way.required, self.way.scene, self.way.samples
+        enough = [self.sees[n][:, list(chosen)].sum(axis=1) >= k + spare for n, k in enumerate(self.needed)]
+        covered = required.any(axis=1) & np.all([e | ~required[:, n] for n, e in enumerate(enough)], axis=0)
+        both = covered[1:] & covered[:-1] & (np.diff(samples.piece) == 0)
+        steps = np.diff(samples.t) * both
+        interesting = np.array([scene.stage.pieces[p].of_interest for p in samples.piece[:-1]])
+        return float(steps[interesting].sum() / scene.T_eoi), float(steps.sum() / scene.T)
+
+    def least(self, count: int, spare: int = 0) -> float:
+        cameras = range(self.sees.shape[2])
+        return max(min(self.qualities(chosen, spare)) for chosen in combinations(cameras, count))
+
+
+@pytest.fixture(scope="module")
+def pair(cell, tmp_path_factory) -> tuple[Placer, Placement, BruteForce]:
+    asked = placer(cell, tmp_path_factory.mktemp("forty"), FORTY, Demand(most=2))
+    found = asked.place()
+    return asked, found, BruteForce(asked)
+
+
+def test_two_of_forty_mounts_are_as_good_as_the_best_of_all_pairs(pair):
+    asked, found, brute = pair
+    assert len(asked.spots) == 40
+    assert found.proven
+    assert found.gap == 0.0
+    best = brute.least(2)
+    assert 0.0 < best < 1.0, "else every pair would be as good, or none would help"
+    assert found.objective == pytest.approx(best, abs=1e-6)
+    assert found.bound == pytest.approx(best, abs=1e-6)
+
+
+def test_one_camera_less_is_as_good_as_the_best_of_all_mounts(pair):
+    _, found, brute = pair
+    assert found.fewer is not None
+    assert found.fewer.bound == pytest.approx(brute.least(1), abs=1e-3)
+
+
+def test_the_figures_are_those_of_the_exact_timeline(pair):
+    _, found, _ = pair
+    (candidate,) = found.candidates
+    assert found.worth is not None
+    for rough, exact in zip(found.worth.qualities[0], (candidate.found.q_eoi, candidate.found.q_avg), strict=True):
+        assert rough == pytest.approx(exact, abs=2e-3)
+
+
+def test_the_best_choice_is_never_worse_than_the_greedy_one(pair):
+    asked, found, _ = pair
+    problem = asked.problem()
+    assert found.objective >= worth_of(problem, greedy(problem, asked.question.demand, 2)).least - 1e-9
+
+
+def test_a_wish_that_no_choice_meets_is_impossible_by_brute_force_too(cell, tmp_path):
+    narrow = FORTY.replace("6 deg", "4.5 deg")
+    asked = placer(cell, tmp_path, narrow, Demand(wish=Wish(q_eoi=1.0, q_avg=1.0), most=2))
+    found = asked.place()
+    brute = BruteForce(asked)
+    everything = brute.qualities(range(40))
+    assert min(everything) < 1.0
+    assert not found.met
+    assert found.objective == pytest.approx(min(everything), abs=1e-6)
+    assert found.unseen
+    for unseen in found.unseen:
+        target = [str(t.atom) for t in brute.way.scene.targets].index(unseen.literal)
+        sample = int(np.argmin(np.abs(brute.way.samples.t - unseen.time)))
+        assert brute.sees[target][sample].sum() < unseen.needed
+
+
+def test_with_a_spare_camera_everything_is_seen_whichever_is_lost(cell, tmp_path):
+    wide = FORTY.replace("6 deg", "60 deg")
+    asked = placer(cell, tmp_path, wide, Demand(wish=Wish(q_eoi=1.0), survive=1))
+    found = asked.place()
+    assert found.met
+    brute = BruteForce(asked)
+    places = [camera.spot.name for camera in found.cameras]
+    names = [asked.spots[asked.views[o.view].spot].name for o in asked.options]
+    chosen = [names.index(place) for place in places]
+    for lost in chosen:
+        assert brute.qualities([c for c in chosen if c != lost])[0] == pytest.approx(1.0)
+    assert len(chosen) == 2
