@@ -111,5 +111,6 @@ def strict(schema: dict) -> dict:
 
 def test_the_documents_are_those_of_the_commands_that_print_json():
     assert set(DOCUMENTS) == {
-        "rank", "explain", "advise", "check", "program", "run", "audit", "score", "diff", "show", "init", "rules"
+        "rank", "explain", "advise", "place", "check", "program", "run", "audit", "score", "diff", "show", "init",
+        "rules",
     }  # fmt: skip

@@ -32,6 +32,8 @@ def test_every_command_has_its_section(site: Path) -> None:
         "check",
         "rank",
         "explain",
+        "advise",
+        "place",
         "program",
         "run",
         "audit",

@@ -29,11 +29,6 @@ class CatalogueEntry(Sensing):
     """Where the figures are from."""
     image: Annotated[ImageEntry, Field(description="Size and focal length of the image.")]
 
-    @property
-    def figures(self) -> dict[str, float]:
-        """Range, frame rate and latency."""
-        return {name: getattr(self, name) for name in ("near", "far", "rate", "latency")}
-
 
 class _CatalogueFile(Entry):
     entries: dict[Name, CatalogueEntry]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 
 from sqrp_cli.errors import InputError, Place, Problem
 from sqrp_cli.geometry import Array, inverse, matrix_to_quaternion, matrix_to_rpy, pose
-from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry
+from sqrp_cli.knowledge.camera.camera import Camera, ImageEntry, Sensing
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument, dotted
 from sqrp_cli.knowledge.text.units import ANGLE, LENGTH, PIXELS, SHARE, TIME, Dimension, read_quantity
@@ -111,7 +111,7 @@ def _entry(new: NewCamera) -> dict[str, Any]:
     if new.image.distortion is not None:
         lens = new.image.distortion
         image["distortion"] = {"model": lens.model, "coefficients": list(lens.coefficients)}
-    sensing = {name: getattr(camera, name) for name in ("near", "far", "rate", "latency")}
+    sensing = {part.name: getattr(camera, part.name) for part in fields(Sensing)}
     frame = {} if camera.frame == WORLD else {"frame": camera.frame}
     return {**frame, "pose": pose_entry, "image": image, **sensing}
 

@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, Tag
 from pydantic_core import PydanticCustomError
 
 from sqrp_cli.errors import InputError, Place, Problem, expected_names
 from sqrp_cli.geometry import Array, read_only
 from sqrp_cli.knowledge.camera.calibration import check_distortion
-from sqrp_cli.knowledge.camera.camera import Frequency, ImageEntry, Intrinsics, Sensing
+from sqrp_cli.knowledge.camera.camera import ImageEntry, Intrinsics, Sensing
 from sqrp_cli.knowledge.camera.catalogue import catalogue
 from sqrp_cli.knowledge.frames import WORLD
 from sqrp_cli.knowledge.text.entries import (
@@ -27,7 +27,8 @@ from sqrp_cli.knowledge.text.entries import (
     Size,
     Stored,
     Text,
-    Time,
+    completed,
+    one_of,
 )
 from sqrp_cli.knowledge.text.source import KeyPath, SourceDocument
 from sqrp_cli.knowledge.text.units import ANGLE
@@ -192,38 +193,41 @@ class MountEntry(Stored):
         return laid.places()
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class LensEntry(Stored):
-    """A camera with its lens: stated, or from the catalogue that comes with the package."""
+@dataclass(frozen=True, kw_only=True)
+class CatalogueLens(Stored):
+    """A camera with its lens from the catalogue that comes with the package."""
 
-    catalogue: Name | None = None
-    """Its name there; what else is stated goes before what the catalogue says."""
-    image: ImageEntry | None = None
+    catalogue: Name
+    """Its name there."""
+    price: Price = 0.0
+    """In any currency."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LensEntry(Sensing):
+    """A camera with its lens."""
+
+    image: ImageEntry
     """Size and field of view or focal lengths of the image."""
-    near: Size | None = None
-    """Nearest depth at which the camera sees; default 0.1 m."""
-    far: Size | None = None
-    """Farthest depth at which the camera sees; default 10 m."""
-    rate: Frequency | None = None
-    """Images per second."""
-    latency: Time | None = None
-    """From exposure to the image being available; default 0."""
-    price: Price | None = None
-    """In any currency; default 0."""
+    price: Price = 0.0
+    """In any currency."""
 
     def __post_init__(self) -> None:
-        """Raises PydanticCustomError for keys that are missing or contradict each other."""
-        if (self.catalogue is None) == (self.image is None):
-            raise PydanticCustomError("ambiguous-entry", "expected exactly one of the keys `catalogue`, `image`")
-        if self.image is not None and self.rate is None:
-            raise PydanticCustomError("ambiguous-entry", "expected the key `rate`, in images per second")
+        """Raises PydanticCustomError for an empty range."""
+        if self.near >= self.far:
+            raise PydanticCustomError("empty-range", "`near` must be less than `far`")
+
+
+_AnyLens = Annotated[
+    Annotated[CatalogueLens, Tag("<catalogue>")] | Annotated[LensEntry, Tag("<image>")], one_of("catalogue", "image")
+]
 
 
 class PlaceFile(Entry):
     """Where cameras may go, and which: what `sqrp place` chooses from."""
 
     mounts: dict[Name, MountEntry] = Field(min_length=1, description="Places for cameras by name.")
-    lenses: dict[Name, LensEntry] = Field(min_length=1, description="Cameras with their lenses, by name.")
+    lenses: dict[Name, _AnyLens] = Field(min_length=1, description="Cameras with their lenses, by name.")
     weights: dict[Text, Weight] = Field(
         default={}, description="How much a task counts in the mean; by its text, 1 by default."
     )
@@ -343,29 +347,17 @@ def _wrong_lenses(document: SourceDocument, file: PlaceFile) -> list[Problem]:
                 message = f"found `{lens}`, which is no lens of this file; {expected_names(lens, file.lenses)}"
                 found.append(document.problem("unknown-lens", ("mounts", name, "lenses", index), message))
     for name, one in file.lenses.items():
-        if one.catalogue is not None and one.catalogue not in catalogue():
+        if isinstance(one, CatalogueLens) and one.catalogue not in catalogue():
             message = f"found `{one.catalogue}`; {expected_names(one.catalogue, catalogue())}"
             found.append(document.problem("unknown-lens", ("lenses", name, "catalogue"), message))
     return found
 
 
-def _lens(document: SourceDocument, name: str, entry: LensEntry) -> LensChoice:
-    path: KeyPath = ("lenses", name)
-    known = {} if entry.catalogue is None else catalogue()[entry.catalogue].figures
-    stated = {key: getattr(entry, key) for key in ("near", "far", "rate", "latency", "price")}
-    figures = {"price": 0.0, **known, **{key: value for key, value in stated.items() if value is not None}}
-    image = entry.image or catalogue()[entry.catalogue or ""].image
-    intrinsics = image.intrinsics()
-    check_distortion(
-        document,
-        (*path, "image", "distortion", "coefficients"),
-        intrinsics.distortion_model,
-        intrinsics.distortion.tolist(),
-    )
-    source = "" if entry.catalogue is None else catalogue()[entry.catalogue].source
-    lens = LensChoice(name=name, image=image, source=source, **figures)
-    if lens.near >= lens.far:
-        raise InputError(document.problem("empty-range", path, "`near` must be less than `far`"))
+def _lens(document: SourceDocument, name: str, entry: CatalogueLens | LensEntry) -> LensChoice:
+    known = catalogue()[entry.catalogue] if isinstance(entry, CatalogueLens) else entry
+    lens = completed(LensChoice, known, name=name, price=entry.price)
+    path: KeyPath = ("lenses", name, "image", "distortion", "coefficients")
+    check_distortion(document, path, lens.intrinsics.distortion_model, lens.intrinsics.distortion.tolist())
     return lens
 
 
