@@ -11,19 +11,19 @@ from typing import Protocol
 import numpy as np
 
 from sqrp_cli.errors import Infeasible
-from sqrp_cli.geometry import Mask
+from sqrp_cli.geometry import Array, Mask
 from sqrp_cli.knowledge.camera.camera import Camera, image_of
 from sqrp_cli.knowledge.text.entries import completed
 from sqrp_cli.knowledge.workspace.mounts import LensChoice, MountEntry, Mounts, Spot
 from sqrp_cli.knowledge.workspace.workspace import World
 from sqrp_cli.platform.processes import in_processes
 from sqrp_cli.programming.cell import Cell
-from sqrp_cli.programming.coverage.assessment import Assessment, Study, observed
+from sqrp_cli.programming.coverage.assessment import Assessment, Rehearsal, Study, observed
 from sqrp_cli.programming.coverage.sampling import Sampling
 from sqrp_cli.programming.coverage.stage import Samples
 from sqrp_cli.programming.placing.choose import Chosen, Search
 from sqrp_cli.programming.placing.cover import Cover
-from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, Worth, worth_of
+from sqrp_cli.programming.placing.problem import Choice, Demand, Placing, Worth, qualities_with_each, worth_of
 from sqrp_cli.programming.placing.room import blocked, pairs_apart
 from sqrp_cli.programming.placing.scenes import JudgedWay, judged, middle_of
 from sqrp_cli.programming.placing.tensor import Portion, joined_items, portions, seen_by
@@ -112,6 +112,8 @@ class JudgedCandidate:
 
     task: str
     candidate: Candidate
+    scene: Rehearsal
+    """Of the way."""
     found: Assessment
 
 
@@ -155,8 +157,12 @@ class Placement:
     """In how many samples of them."""
     options: int
     """Poses and lenses that were compared."""
-    in_the_way: int
-    """How many places cannot be used, because a camera there would touch something in every way."""
+    seen: Array
+    """The mean quality of all candidates with one camera at each place, the best one there, in 0..1; (places,)."""
+    shut: Mask
+    """Whether a place cannot be used at all, (places,)."""
+    cell: Cell
+    """With the chosen cameras."""
     cameras: tuple[PlacedCamera, ...] = ()
     candidates: tuple[JudgedCandidate, ...] = ()
     worth: Worth | None = None
@@ -174,6 +180,11 @@ class Placement:
     """With one camera less, if there are several."""
     unseen: tuple[Unseen, ...] = ()
     """If nothing meets the wish: what no choice of places covers."""
+
+    @property
+    def in_the_way(self) -> int:
+        """How many places cannot be used, because a camera there would touch something in every way."""
+        return int(self.shut.sum())
 
     @property
     def places(self) -> int:
@@ -428,19 +439,31 @@ class Placer:
         if cameras < 1:
             return None
         demand = replace(self.question.demand, wish=None, most=cameras)
+        proven = list(self.ways), list(self.sees)
         problem, found = self._sharpened(demand, first_only=True)
+        self.ways, self.sees = proven  # the samples that the proof of the choice is about
         best = 0.0 if found.choice is None else worth_of(problem, found.choice).of(demand.objective)
         return FewerCameras(cameras=cameras, objective=best, bound=max(best, found.bound))
 
+    def _seen_alone(self, problem: Placing) -> Array:
+        """See `Placement.seen`."""
+        found = np.zeros(len(self.question.mounts.spots))
+        ways = tuple(of_one[0] for of_one in problem.candidates)
+        _, mean = qualities_with_each(replace(problem, kept=frozenset()), ways, ())
+        np.maximum.at(found, problem.spot[: len(problem.spot) - len(self.kept)], mean[: len(mean) - len(self.kept)])
+        return found
+
     def _placement(self, problem: Placing, chosen: Chosen) -> Placement:
-        shut = np.all(self._shut, axis=0) if self._shut else np.zeros(0, dtype=bool)
+        count = len(self.question.mounts.spots)
         found = Placement(
             question=self.question,
             infeasible=tuple(self.infeasible),
             ways=len(self.ways),
             samples=sum(len(way.samples) for way in self.ways),
             options=len(self.options) - len(self.kept),
-            in_the_way=int(shut.sum()),
+            seen=self._seen_alone(problem),
+            shut=np.all([*self._shut, np.ones(count, dtype=bool)], axis=0) & bool(self._shut),
+            cell=self.cell_with(()),
             interrupted=chosen.interrupted,
             proven=chosen.proven,
             bound=chosen.bound,
@@ -449,13 +472,16 @@ class Placer:
         if chosen.choice is None:
             return replace(found, met=False)
         worth = worth_of(problem, chosen.choice)
+        cameras = self.cameras(problem, chosen.choice)
         return replace(
             found,
-            cameras=self.cameras(problem, chosen.choice),
+            cameras=cameras,
+            cell=self.cell_with([placed.camera for placed in cameras]),
             candidates=tuple(
                 JudgedCandidate(
                     task=self.ways[number].task,
                     candidate=self.ways[number].candidate,
+                    scene=self.ways[number].scene,
                     found=study.assessment(""),
                 )
                 for number, study in zip(chosen.choice.ways, self.studies(chosen.choice), strict=True)

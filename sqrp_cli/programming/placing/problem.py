@@ -146,6 +146,11 @@ def _allowed(problem: Placing, demand: Demand, options: Sequence[int], ways: Seq
     return allowed
 
 
+def qualities_with_each(problem: Placing, ways: Sequence[int], chosen: Sequence[int]) -> tuple[Array, Array]:
+    """The least quality and the mean with each option besides the chosen ones, shape (options,) each."""
+    return _Gain(problem, ways).with_each(chosen)
+
+
 class _Gain:
     """What each option would add to others, for all options at once."""
 
