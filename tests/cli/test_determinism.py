@@ -104,12 +104,10 @@ def held_by_two_facts(tmp_path) -> Path:
 
 def test_everything_is_the_same_bytes_whatever_order_sets_have(sqrp, held_by_two_facts, tmp_path):
     asked = [held_by_two_facts, "pickup blue"]
-    for name, task in (("tabletop", "place g2 tray"), ("screws", "pickup_two_finger"), ("tower", "pickup")):
-        asked += [ROOT / "workspaces" / name, task]
-    for seed in (4, 5):
-        made = tmp_path / f"random{seed}"
-        assert sqrp("init", made, "--random", "--seed", seed, "--objects", 4, "--cameras", 3).code == 0
-        asked += [made, "pickup"]
+    asked += [ROOT / "workspaces" / "tabletop", "place g2 tray"]
+    made = tmp_path / "random"
+    assert sqrp("init", made, "--random", "--seed", 4, "--objects", 4, "--cameras", 3).code == 0
+    asked += [made, "pickup"]
     command = [sys.executable, "-m", "tests.cli.all_output", *map(str, asked)]
     said = [
         json.loads(
@@ -119,7 +117,7 @@ def test_everything_is_the_same_bytes_whatever_order_sets_have(sqrp, held_by_two
         )
         for seed in ("0", "1", "2")
     ]
-    assert len(said[0]) == 36
+    assert len(said[0]) == 18
     held, *_ = json.loads(said[0][f"explain {held_by_two_facts} pickup blue --all --json --samples 4 --jobs 1"][1])[
         "candidates"
     ]

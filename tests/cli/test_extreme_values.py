@@ -136,8 +136,8 @@ def test_a_number_out_of_all_bounds_is_refused_on_its_line(stated: Path) -> None
     every = fields(stated)
     assert len(every) > 150
     accepted = []
-    for field in every:
-        for value in OUT_OF_ALL_BOUNDS:
+    for number, field in enumerate(every):
+        for value in (OUT_OF_ALL_BOUNDS * 2)[number % 5 :][:2]:  # each field two of the five, in turn
             with Changed(stated, field, value) as line:
                 try:
                     load_workspace(stated)
@@ -153,7 +153,7 @@ def test_a_number_out_of_all_bounds_is_refused_on_its_line(stated: Path) -> None
     assert accepted == []
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_an_extreme_number_is_refused_or_ranked_soundly(
     data: st.DataObject, stated: Path, sqrp: Callable[..., Any]
